@@ -1,0 +1,1 @@
+"""Everything that knows GTSAM: the factors of the joint adjustment."""

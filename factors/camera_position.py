@@ -1,0 +1,43 @@
+"""GNSS positions and attitudes of photographs.
+
+The projection centre is C = GNSS + offset. The offset (antenna, datum of the base station, height system) is one unknown
+per flight, with its own prior. The attitude of a gimbal is a rotation with one sigma about every axis.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from photogram.factors.variables import GNSS_OFFSET, POSE, key
+from photogram.survey import FloatArray
+
+
+def gnss_position(photograph: int, gnss_world_m: FloatArray, sigma_m: FloatArray, flight: int | None) -> gtsam.NonlinearFactor:
+    """Return the factor of a GNSS position (3,) with sigmas (3,) in m; ``flight`` names its offset, None when it has none.
+
+    Residual C − offset − GNSS; Jacobians [0 R] on the pose's tangent (ω, v) and −I on the offset.
+    """
+    noise = gtsam.noiseModel.Diagonal.Sigmas(sigma_m)
+    if flight is None:
+        return gtsam.GPSFactor(key(POSE, photograph), gnss_world_m, noise)
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        pose = values.atPose3(factor.keys()[0])
+        if jacobians is not None:
+            jacobians[0] = np.hstack([np.zeros((3, 3)), pose.rotation().matrix()])
+            jacobians[1] = -np.eye(3)
+        return np.asarray(pose.translation() - values.atPoint3(factor.keys()[1]) - gnss_world_m)
+
+    return gtsam.CustomFactor(noise, [key(POSE, photograph), key(GNSS_OFFSET, flight)], error)
+
+
+def offset_prior(flight: int, sigma_m: FloatArray) -> gtsam.NonlinearFactor:
+    """Return the prior of a flight's GNSS offset: zero with sigmas (3,) in m."""
+    return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), gtsam.noiseModel.Diagonal.Sigmas(sigma_m))
+
+
+def measured_attitude(photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float) -> gtsam.NonlinearFactor:
+    """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera."""
+    rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
+    return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad))

@@ -1,0 +1,311 @@
+"""The joint adjustment as a factor graph: state, cost, linearisation and the Levenberg–Marquardt step that GTSAM solves.
+
+This is the reference: every tie point is a variable and every observation a factor of the linear graph. The few factors on
+poses, control points, offsets and calibrations are GTSAM's own and are linearised by GTSAM; image observations are linearised
+together by one compiled kernel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from photogram.factors.calibration import calibration_prior
+from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
+from photogram.factors.ground_control import surveyed_position
+from photogram.factors.reprojection import (
+    Linearisation,
+    Observations,
+    calibration_scale,
+    linearise,
+    reprojection_factors,
+    residuals,
+)
+from photogram.factors.variables import (
+    CALIBRATION,
+    CONTROL_POINT,
+    GNSS_OFFSET,
+    POSE,
+    TIE_POINT,
+    indeterminate_variable,
+    key,
+    kind_and_index,
+)
+from photogram.survey import Block, FloatArray, IntArray
+
+RobustLoss = Literal["none", "huber", "cauchy"]
+
+
+class IndeterminateError(ArithmeticError):
+    """The linear system has no unique solution; ``variable`` is the kind and index that GTSAM names, None when it names none."""
+
+    def __init__(self, variable: tuple[str, int] | None) -> None:
+        super().__init__("the linear system has no unique solution")
+        self.variable = variable
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras, 8),
+    ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
+
+    rotation: FloatArray
+    position: FloatArray
+    parameters: FloatArray
+    tie_point: FloatArray
+    control: FloatArray
+    offset: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is adjusted: observations of tie points and of control points, and the block with its priors.
+
+    All photographs of ``block`` are oriented; ``control`` are its points of role control; ``flights`` names the GNSS offsets.
+    """
+
+    block: Block
+    tie: Observations
+    marks: Observations
+    control_world_m: FloatArray
+    control_sigma_m: FloatArray
+    flights: tuple[str, ...]
+    robust_loss: RobustLoss
+    robust_threshold: float
+
+    @property
+    def free(self) -> tuple[IntArray, ...]:
+        """Return per camera the indices of its free parameters."""
+        return tuple(np.flatnonzero(camera.sigmas > 0) for camera in self.block.cameras)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Return per camera the units (cameras, 8) of its calibration variable."""
+        return np.array([calibration_scale(camera.focal_px) for camera in self.block.cameras])
+
+    def with_tie_observations(self, tie: Observations) -> Problem:
+        """Return the same problem with other observations of tie points."""
+        return replace(self, tie=tie)
+
+
+def robust_cost_and_weight(whitened: FloatArray, loss: RobustLoss, threshold: float) -> tuple[FloatArray, FloatArray]:
+    """Return cost ρ (N,) and weight (N,) of whitened residuals (N, 2), applied to their norm s.
+
+    Huber (1964): ρ = s² or 2ks − k², w = min(1, k/s). Cauchy: ρ = k² ln(1 + s²/k²), w = 1/(1 + s²/k²).
+    """
+    square = np.einsum("ij,ij->i", whitened, whitened)
+    if loss == "none":
+        return square, np.ones_like(square)
+    if loss == "cauchy":
+        ratio = square / threshold**2
+        return threshold**2 * np.log1p(ratio), 1.0 / (1.0 + ratio)
+    norm = np.sqrt(square)
+    outer = norm > threshold
+    cost = np.where(outer, 2.0 * threshold * norm - threshold**2, square)
+    return cost, np.where(outer, threshold / np.maximum(norm, threshold), 1.0)
+
+
+def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
+    """Return the factors on control points, GNSS positions, offsets, attitudes and calibrations."""
+    graph = gtsam.NonlinearFactorGraph()
+    block = problem.block
+    for g in range(len(problem.control_world_m)):
+        graph.add(surveyed_position(g, problem.control_world_m[g], problem.control_sigma_m[g]))
+    for i, photograph in enumerate(block.photographs):
+        if photograph.gnss_world_m is not None and photograph.gnss_sigma_m is not None:
+            flight = problem.flights.index(photograph.flight) if problem.flights else None
+            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight))
+        if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
+            graph.add(measured_attitude(i, photograph.attitude_world_from_camera, photograph.attitude_sigma_rad))
+    for f in range(len(problem.flights)):
+        graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, 1e-6)))
+    for c, camera in enumerate(block.cameras):
+        free, scale = problem.free[c], problem.scale[c]
+        if len(free):
+            prior = calibration_prior(c, (camera.parameters / scale)[free], (camera.sigmas / scale)[free])
+            if prior is not None:
+                graph.add(prior)
+    return graph
+
+
+def ground_values(problem: Problem, state: State) -> gtsam.Values:
+    """Return the values of all variables but the tie points."""
+    values = gtsam.Values()
+    for i in range(len(state.rotation)):
+        values.insert(key(POSE, i), gtsam.Pose3(gtsam.Rot3(state.rotation[i]), state.position[i]))
+    for g in range(len(state.control)):
+        values.insert(key(CONTROL_POINT, g), state.control[g])
+    for f in range(len(state.offset)):
+        values.insert(key(GNSS_OFFSET, f), state.offset[f])
+    for c, free in enumerate(problem.free):
+        if len(free):
+            values.insert(key(CALIBRATION, c), (state.parameters[c] / problem.scale[c])[free])
+    return values
+
+
+def cost(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> float:
+    """Return half the sum of squared whitened residuals, those of tie points under the robust loss."""
+    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    if not (np.isfinite(tie).all() and np.isfinite(marks).all()):
+        return float("inf")
+    robust, _ = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
+    return 0.5 * float(robust.sum() + np.sum(marks**2)) + float(graph.error(ground_values(problem, state)))
+
+
+def variable_size(problem: Problem, variable: int) -> int:
+    """Return the number of unknowns of a variable."""
+    kind, index = kind_and_index(variable)
+    if kind == CALIBRATION:
+        return len(problem.free[index])
+    return 6 if kind == POSE else 3
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """One linearisation: the linear graph, its elimination order, and the diagonal of its normal equations per variable."""
+
+    graph: gtsam.GaussianFactorGraph
+    ordering: gtsam.Ordering
+    diagonal: dict[int, FloatArray]
+    variables: tuple[int, ...]
+
+
+def _weighted(linear: Linearisation, weight: FloatArray) -> Linearisation:
+    root = np.sqrt(weight)[:, None]
+    return Linearisation(
+        linear.residual * root,
+        linear.pose * root[:, None],
+        linear.calibration * root[:, None],
+        linear.point * root[:, None],
+    )
+
+
+def linearise_tie_points(problem: Problem, state: State) -> Linearisation:
+    """Return the residuals and Jacobians of the tie points' observations, robust weights applied, calibration in its units."""
+    linear = linearise(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    _, weight = robust_cost_and_weight(linear.residual, problem.robust_loss, problem.robust_threshold)
+    weighted = _weighted(linear, weight)
+    return replace(weighted, calibration=weighted.calibration * problem.scale[problem.tie.camera][:, None, :])
+
+
+def linearise_ground(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> gtsam.GaussianFactorGraph:
+    """Return the linear graph of everything but the tie points: GTSAM's factors, and the marks of control points."""
+    linear = graph.linearize(ground_values(problem, state))
+    marks = linearise(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    for factor in reprojection_factors(
+        problem.marks, marks, np.ones(len(problem.marks)), CONTROL_POINT, problem.free, problem.scale
+    ):
+        linear.push_back(factor)
+    return linear
+
+
+def _diagonal(problem: Problem, ground: gtsam.GaussianFactorGraph, tie: Linearisation, state: State) -> dict[int, FloatArray]:
+    """Return the diagonal of the normal equations of every variable."""
+    diagonal: dict[int, FloatArray] = {}
+
+    def add(variable: int, squares: FloatArray) -> None:
+        diagonal[variable] = diagonal[variable] + squares if variable in diagonal else squares
+
+    for i in range(ground.size()):
+        factor = ground.at(i)
+        squares = np.sum(factor.jacobian()[0] ** 2, axis=0)
+        start = 0
+        for variable in factor.keys():
+            size = variable_size(problem, variable)
+            add(variable, squares[start : start + size])
+            start += size
+    o = problem.tie
+    pose, point = np.zeros((len(state.rotation), 6)), np.zeros((len(state.tie_point), 3))
+    np.add.at(pose, o.photograph, np.sum(tie.pose**2, axis=1))
+    np.add.at(point, o.point, np.sum(tie.point**2, axis=1))
+    calibration = np.zeros((len(problem.block.cameras), 8))
+    np.add.at(calibration, o.camera, np.sum(tie.calibration**2, axis=1))
+    for i, squares in enumerate(pose):
+        add(key(POSE, i), squares)
+    for p in np.unique(o.point).tolist():
+        add(key(TIE_POINT, p), point[p])
+    for c, free in enumerate(problem.free):
+        if len(free):
+            add(key(CALIBRATION, c), calibration[c, free])
+    return diagonal
+
+
+def linearise_all(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> LinearSystem:
+    """Linearise the whole graph at ``state``; tie points come first in the elimination order, calibrations last."""
+    linear = linearise_ground(problem, graph, state)
+    tie = linearise_tie_points(problem, state)
+    diagonal = _diagonal(problem, linear, tie, state)
+    unit_scale = np.ones((len(problem.block.cameras), 8))
+    for factor in reprojection_factors(problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale):
+        linear.push_back(factor)
+    variables = (
+        [key(TIE_POINT, int(p)) for p in np.unique(problem.tie.point)]
+        + [key(CONTROL_POINT, g) for g in range(len(state.control))]
+        + [key(GNSS_OFFSET, f) for f in range(len(state.offset))]
+        + [key(POSE, i) for i in range(len(state.rotation))]
+        + [key(CALIBRATION, c) for c, free in enumerate(problem.free) if len(free)]
+    )
+    ordering = gtsam.Ordering()
+    for variable in variables:
+        ordering.push_back(variable)
+    return LinearSystem(linear, ordering, diagonal, tuple(variables))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step in the tangent of a state, and the cost that the linear model says it saves."""
+
+    values: gtsam.VectorValues
+    predicted_decrease: float
+
+
+def damped_step(system: LinearSystem, damping: float) -> Step:
+    """Solve the linear graph with Marquardt's damping (diagonal scaled by 1 + ``damping``); GTSAM eliminates and substitutes.
+
+    Raises IndeterminateError, with the variable that GTSAM names, when there is no unique solution.
+    """
+    damped = gtsam.GaussianFactorGraph()
+    damped.push_back(system.graph)
+    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, 9)}
+    for variable in system.variables:
+        diagonal = system.diagonal[variable]
+        n = len(diagonal)
+        damped.push_back(gtsam.JacobianFactor(variable, np.diag(np.sqrt(damping * diagonal)), np.zeros(n), units[n]))
+    try:
+        values = damped.optimize(system.ordering)
+    except RuntimeError as fault:
+        raise IndeterminateError(indeterminate_variable(str(fault))) from fault
+    zero = gtsam.VectorValues.Zero(values)
+    return Step(values, float(system.graph.error(zero) - system.graph.error(values)))
+
+
+def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | range, size: int) -> FloatArray:
+    return np.array([values.at(key(kind, int(i))) for i in indices]).reshape(-1, size)
+
+
+def retract(problem: Problem, state: State, step: Step) -> State:
+    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else."""
+    v = step.values
+    pose = _gather(v, POSE, range(len(state.rotation)), 6)
+    seen = np.unique(problem.tie.point)
+    tie_point = state.tie_point.copy()
+    if len(seen):
+        tie_point[seen] += _gather(v, TIE_POINT, seen, 3)
+    parameters = state.parameters.copy()
+    for c, free in enumerate(problem.free):
+        if len(free):
+            parameters[c, free] += v.at(key(CALIBRATION, c)) * problem.scale[c][free]
+    return State(
+        state.rotation @ Rotation.from_rotvec(pose[:, :3]).as_matrix(),
+        state.position + np.einsum("nij,nj->ni", state.rotation, pose[:, 3:]),
+        parameters,
+        tie_point,
+        state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),
+        state.offset + _gather(v, GNSS_OFFSET, range(len(state.offset)), 3),
+    )

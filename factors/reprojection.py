@@ -1,0 +1,140 @@
+"""Image measurements of points: residuals and Jacobians of all observations at once, and their GTSAM factors.
+
+Residual = projected − measured, in px, divided by the sigma of the measurement. The pose's tangent is GTSAM's: (ω, v) in
+the camera frame. A calibration variable holds only the parameters that are free, in units of ``calibration_scale`` so that
+a unit of each moves a pixel by about one pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from photogram.camera import project_point, project_point_jacobians
+from photogram.factors.variables import CALIBRATION, POSE, key
+from photogram.survey import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,), ``camera`` (N,)."""
+
+    photograph: IntArray
+    point: IntArray
+    pixel: FloatArray
+    sigma_px: FloatArray
+    camera: IntArray
+
+    def select(self, keep: NDArray[np.bool_]) -> Observations:
+        """Keep the observations of the mask (N,)."""
+        return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep], self.camera[keep])
+
+    def __len__(self) -> int:
+        return len(self.photograph)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Whitened residuals (N, 2) and Jacobians on pose (N, 2, 6), interior orientation (N, 2, 8) and point (N, 2, 3)."""
+
+    residual: FloatArray
+    pose: FloatArray
+    calibration: FloatArray
+    point: FloatArray
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _residuals(
+    photograph: IntArray, point: IntArray, camera: IntArray, pixel: FloatArray, sigma: FloatArray,
+    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
+) -> FloatArray:  # fmt: skip
+    residual = np.empty((len(photograph), 2))
+    for i in range(len(photograph)):
+        p = photograph[i]
+        u, v, depth = project_point(q[camera[i]], R[p], C[p], X[point[i]])
+        if depth > 0.0:
+            residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+        else:
+            residual[i] = np.inf
+    return residual
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _linearise(
+    photograph: IntArray, point: IntArray, camera: IntArray, pixel: FloatArray, sigma: FloatArray,
+    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    count = len(photograph)
+    residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
+    J_camera, J_point = np.empty((count, 2, 8)), np.empty((count, 2, 3))
+    for i in range(count):
+        p = photograph[i]
+        u, v, depth = project_point_jacobians(q[camera[i]], R[p], C[p], X[point[i]], J_pose[i], J_camera[i], J_point[i])
+        if depth > 0.0:
+            residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+        else:
+            residual[i] = np.inf
+        J_pose[i] /= sigma[i]
+        J_camera[i] /= sigma[i]
+        J_point[i] /= sigma[i]
+    return residual, J_pose, J_camera, J_point
+
+
+def residuals(observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
+    """Return whitened residuals (N, 2), infinite for points at or behind the projection centre.
+
+    ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X`` (points, 3) world, m.
+    """
+    o = observations
+    result: FloatArray = _residuals(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X)
+    return result
+
+
+def linearise(observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> Linearisation:
+    """Return whitened residuals and analytic Jacobians of all observations; arguments as in ``residuals``."""
+    o = observations
+    return Linearisation(*_linearise(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X))
+
+
+def calibration_scale(focal_px: float) -> FloatArray:
+    """Return the units (8,) in which calibration variables are solved: 1 px, and 1/f for the distortion coefficients."""
+    return np.array([1.0, 1.0, 1.0] + [1.0 / focal_px] * 5)
+
+
+def reprojection_factors(
+    observations: Observations,
+    linear: Linearisation,
+    weight: FloatArray,
+    point_kind: str,
+    free: tuple[IntArray, ...],
+    scale: FloatArray,
+) -> list[gtsam.JacobianFactor]:
+    """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
+
+    ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free parameters;
+    ``scale`` (cameras, 8) their units.
+    """
+    root = np.sqrt(weight)[:, None]
+    b = -linear.residual * root
+    J_pose, J_point = linear.pose * root[:, None], linear.point * root[:, None]
+    J_camera = linear.calibration * root[:, None] * scale[observations.camera][:, None, :]
+    reduced = [np.ascontiguousarray(J_camera[:, :, indices]) for indices in free]
+    unit = gtsam.noiseModel.Unit.Create(2)
+    poses = [key(POSE, i) for i in range(int(observations.photograph.max(initial=-1)) + 1)]
+    points = [key(point_kind, i) for i in range(int(observations.point.max(initial=-1)) + 1)]
+    calibrations = [key(CALIBRATION, c) for c in range(len(free))]
+    factors = []
+    for i, (p, l, c) in enumerate(
+        zip(observations.photograph.tolist(), observations.point.tolist(), observations.camera.tolist(), strict=True)
+    ):
+        if len(free[c]):
+            factors.append(
+                gtsam.JacobianFactor(points[l], J_point[i], poses[p], J_pose[i], calibrations[c], reduced[c][i], b[i], unit)
+            )
+        else:
+            factors.append(gtsam.JacobianFactor(points[l], J_point[i], poses[p], J_pose[i], b[i], unit))
+    return factors

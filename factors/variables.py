@@ -1,0 +1,38 @@
+"""The variables of the joint adjustment: their GTSAM keys, and their names in a surveyor's words."""
+
+from __future__ import annotations
+
+import re
+
+import gtsam
+
+POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION = "x", "l", "g", "o", "k"
+
+WORDS = {
+    POSE: "photograph",
+    TIE_POINT: "tie point",
+    CONTROL_POINT: "control point",
+    GNSS_OFFSET: "GNSS offset of flight",
+    CALIBRATION: "calibration of camera",
+}
+
+
+def key(kind: str, index: int) -> int:
+    """Return the GTSAM key of variable ``index`` of one of the kinds above."""
+    return int(gtsam.symbol(kind, index))
+
+
+def kind_and_index(variable: int) -> tuple[str, int]:
+    """Return the kind and the index of a GTSAM key."""
+    symbol = gtsam.Symbol(variable)
+    return chr(symbol.chr()), int(symbol.index())
+
+
+def indeterminate_variable(message: str) -> tuple[str, int] | None:
+    """Read kind and index of the variable that GTSAM's indeterminate-system error names, None when it names none."""
+    found = re.search(r"near variable\s+(\d+)", message) or re.search(r"Symbol:\s*([a-z])(\d+)", message)
+    if found is None:
+        return None
+    if len(found.groups()) == 2:
+        return found.group(1), int(found.group(2))
+    return kind_and_index(int(found.group(1)))

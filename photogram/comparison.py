@@ -1,0 +1,196 @@
+"""Point clouds against a reference: nearest distances, height differences, and robust statistics of both.
+
+Agreement with a reference is accuracy only where the reference is known to be better than the cloud.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import map_coordinates
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from photogram.errors import PhotogramError
+from photogram.survey import PointCloud, Raster
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class CloudStatistics:
+    """Differences in figures: ``points`` in all, ``compared`` of them where the reference has data; the rest in m.
+
+    ``std_m`` about the mean with n − 1 (NaN of a single difference), ``nmad_m`` the normalised median absolute deviation.
+    """
+
+    points: int
+    compared: int
+    mean_m: float
+    std_m: float
+    median_m: float
+    nmad_m: float
+    rmse_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A cloud against a reference, after the filter.
+
+    ``position_map_m`` (N, 3) the points that were compared; ``surface_difference_m`` (N,) cloud minus reference in height,
+    NaN where the reference has none; ``cloud_distance_m`` (N,) to the nearest point of the reference; ``removed`` the number
+    of points that the SOR filter took away.
+    """
+
+    position_map_m: FloatArray
+    surface_difference_m: FloatArray
+    cloud_distance_m: FloatArray
+    cloud_to_surface: CloudStatistics
+    cloud_to_cloud: CloudStatistics
+    removed: int
+
+
+def statistics(differences_m: FloatArray) -> CloudStatistics:
+    """Return the statistics of differences (N,) in m, NaN left out: NMAD = 1.4826 median|d − median d| (Höhle & Höhle 2009, eq. 1).
+
+    Raises PhotogramError when no difference is left.
+    """
+    d = differences_m[np.isfinite(differences_m)]
+    if len(d) == 0:
+        raise PhotogramError(
+            f"comparison: none of the {len(differences_m)} points lies where the reference has data: "
+            "check that both are of the same site and in the same CRS"
+        )
+    median = float(np.median(d))
+    return CloudStatistics(
+        points=len(differences_m),
+        compared=len(d),
+        mean_m=float(d.mean()),
+        std_m=float(d.std(ddof=1)) if len(d) > 1 else float("nan"),
+        median_m=median,
+        nmad_m=float(1.4826 * np.median(np.abs(d - median))),
+        rmse_m=float(np.sqrt(np.mean(d * d))),
+    )
+
+
+def sor_filter(points_m: FloatArray, neighbours: int = 6, sigma: float = 1.0) -> BoolArray:
+    """Return which points (N, 3) statistical outlier removal keeps (Rusu et al. 2008), point for point as CloudCompare does.
+
+    The mean distance of a point to its nearest points may exceed the mean of these means by at most ``sigma`` of their
+    standard deviations (with n). CloudCompare counts the point itself among the ``neighbours`` and leaves it out of the
+    mean: 6 neighbours are the point and the 5 nearest others.
+    """
+    if neighbours < 2:
+        raise PhotogramError(f"SOR filter: {neighbours} neighbours: the point itself counts, so give at least 2")
+    count = min(neighbours, len(points_m))
+    if count < 2:
+        return np.ones(len(points_m), dtype=bool)
+    centred = points_m - points_m.mean(axis=0)
+    distance, _ = cKDTree(centred).query(centred, count)
+    mean = distance[:, 1:].mean(axis=1)
+    return np.asarray(mean <= mean.mean() + sigma * mean.std())
+
+
+def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
+    """Return the distance (N,) in m of each point to the nearest point of the reference. Raises PhotogramError if that is empty."""
+    if len(reference) == 0:
+        raise PhotogramError("comparison: the reference holds no points")
+    origin = reference.position_map_m[0]
+    tree = cKDTree(reference.position_map_m - origin)
+    distance, _ = tree.query(cloud.position_map_m - origin)
+    return np.asarray(distance, dtype=np.float64)
+
+
+def cloud_to_surface(cloud: PointCloud, reference: Raster | PointCloud, maximum_gap_m: float | None = None) -> FloatArray:
+    """Return the height (N,) in m of each point above (positive) or below the reference; NaN where the reference has no data.
+
+    A raster is interpolated bilinearly between cell centres; all four must hold data. A cloud is triangulated in plan and
+    interpolated linearly; triangles with an edge longer than ``maximum_gap_m`` in plan, by default 10 times the median edge,
+    count as gaps. Raises PhotogramError for a reference cloud of fewer than three points, or of points on one line.
+    """
+    points = cloud.position_map_m
+    if isinstance(reference, Raster):
+        return points[:, 2] - _raster_height(reference, points)
+    return points[:, 2] - _triangulated_height(reference, points, maximum_gap_m)
+
+
+def compare(cloud: PointCloud, reference: Raster | PointCloud, sor: bool = True) -> Comparison:
+    """Compare a cloud with a reference in the same CRS, both ways; ``sor`` first filters the cloud with sor_filter's defaults.
+
+    The points of a raster, for the nearest distances, are its cell centres. Raises PhotogramError when the cloud is empty
+    or does not overlap the reference.
+    """
+    if len(cloud) == 0:
+        raise PhotogramError("comparison: the cloud holds no points")
+    keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
+    kept = PointCloud(cloud.position_map_m[keep])
+    difference = cloud_to_surface(kept, reference)
+    overlap = statistics(difference)
+    if isinstance(reference, Raster):
+        distance = _distance_to_cells(kept, reference)
+    else:
+        distance = cloud_to_cloud(kept, reference)
+    return Comparison(kept.position_map_m, difference, distance, overlap, statistics(distance), int(np.sum(~keep)))
+
+
+def _raster_height(raster: Raster, points_map_m: FloatArray) -> FloatArray:
+    column = (points_map_m[:, 0] - raster.west_map_m) / raster.cell_m - 0.5
+    row = (raster.north_map_m - points_map_m[:, 1]) / raster.cell_m - 0.5
+    # A NaN among the four cells makes the sample NaN, whatever its weight.
+    return np.asarray(
+        map_coordinates(raster.values, np.stack([row, column]), output=np.float64, order=1, mode="constant", cval=np.nan)
+    )
+
+
+def _triangulated_height(reference: PointCloud, points_map_m: FloatArray, maximum_gap_m: float | None) -> FloatArray:
+    if len(reference) < 3:
+        raise PhotogramError(f"comparison: the reference holds {len(reference)} points: a surface needs at least 3")
+    origin = reference.position_map_m.min(axis=0)
+    vertex = reference.position_map_m - origin
+    try:
+        triangulation = Delaunay(vertex[:, :2])
+    except QhullError as fault:
+        raise PhotogramError(f"comparison: the {len(reference)} points of the reference lie on one line in plan") from fault
+    corners = vertex[triangulation.simplices][..., :2]
+    edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    gap_m = 10 * np.median(edge_m) if maximum_gap_m is None else maximum_gap_m
+    query = points_map_m[:, :2] - origin[:2]
+    height = LinearNDInterpolator(triangulation, vertex[:, 2])(query)
+    triangle = triangulation.find_simplex(query)
+    bridged = (triangle >= 0) & (edge_m.max(axis=1)[triangle] > gap_m)
+    return np.where(bridged, np.nan, height + origin[2])
+
+
+def _distance_to_cells(cloud: PointCloud, raster: Raster) -> FloatArray:
+    """Return the distance (N,) to the nearest cell centre with data, reading no more of the raster than it takes.
+
+    A distance found within a margin around the cloud is exact when it is not longer than the margin; the longest distance
+    found bounds every true one, so a second pass with that margin is always exact.
+    """
+    margin_m = 10 * raster.cell_m
+    for _ in range(2):
+        cells = _cell_centres(raster, cloud.position_map_m, margin_m)
+        if len(cells) == 0:
+            cells = _cell_centres(raster, cloud.position_map_m, np.inf)
+            return cloud_to_cloud(cloud, cells)
+        distance = cloud_to_cloud(cloud, cells)
+        if distance.max() <= margin_m:
+            break
+        margin_m = float(distance.max())
+    return distance
+
+
+def _cell_centres(raster: Raster, points_map_m: FloatArray, margin_m: float) -> PointCloud:
+    """Return the centres of the cells with data within a margin of the points' bounding box."""
+    rows, columns = raster.values.shape
+    easting = raster.west_map_m + (np.arange(columns) + 0.5) * raster.cell_m
+    northing = raster.north_map_m - (np.arange(rows) + 0.5) * raster.cell_m
+    low, high = points_map_m[:, :2].min(axis=0) - margin_m, points_map_m[:, :2].max(axis=0) + margin_m
+    column = np.flatnonzero((easting >= low[0]) & (easting <= high[0]))
+    row = np.flatnonzero((northing >= low[1]) & (northing <= high[1]))
+    values = raster.values[np.ix_(row, column)]
+    i, j = np.nonzero(np.isfinite(values))
+    return PointCloud(np.column_stack([easting[column[j]], northing[row[i]], values[i, j].astype(np.float64)]))

@@ -1,0 +1,47 @@
+"""Faults that a user can mend.
+
+    PhotogramError
+    ├── ProjectError        project.yaml says something that cannot be
+    ├── ImageError          a photograph is missing, damaged or unfit
+    ├── ControlPointError   ground points or their marks contradict each other or the photographs
+    ├── FrameError          coordinate reference systems and positions that do not fit together
+    ├── OrientationError    a photograph cannot be oriented
+    ├── AdjustmentError     the adjustment cannot be solved, or did not converge
+    └── WorkspaceError      the folder of intermediate results cannot be used
+
+A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of photogram.
+"""
+
+from __future__ import annotations
+
+
+class PhotogramError(Exception):
+    """Root of all faults that a user can mend."""
+
+
+class ProjectError(PhotogramError, ValueError):
+    """The project file says something that cannot be."""
+
+
+class ImageError(PhotogramError, ValueError):
+    """A photograph is missing, damaged or unfit."""
+
+
+class ControlPointError(PhotogramError, ValueError):
+    """Ground points or their marks contradict each other or the photographs."""
+
+
+class FrameError(PhotogramError, ValueError):
+    """Coordinate reference systems and positions that do not fit together."""
+
+
+class OrientationError(PhotogramError, ValueError):
+    """A photograph cannot be oriented from what is known of it."""
+
+
+class AdjustmentError(PhotogramError, ArithmeticError):
+    """The adjustment cannot be solved, or did not converge."""
+
+
+class WorkspaceError(PhotogramError, OSError):
+    """The folder of intermediate results cannot be read or written."""

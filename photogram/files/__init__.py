@@ -1,0 +1,1 @@
+"""Files that photogram reads and writes: photographs, points, rasters."""

@@ -1,0 +1,235 @@
+"""MATLAB's .mat files: a calibrated camera in, tie points out."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat, savemat
+from scipy.io.matlab import MatReadError
+
+from photogram.camera import Camera
+from photogram.errors import ProjectError
+from photogram.files.images import replacing
+from photogram.survey import FloatArray, IntArray, TiePoints
+
+PixelOrigin = Literal["photogram", "matlab"]
+"""The coordinates of the centre of the top-left pixel: photogram (0, 0), matlab (1, 1)."""
+
+_ORIGIN_PX: Mapping[str, float] = {"photogram": 0.0, "matlab": 1.0}
+_HEADER = b"MATLAB 5.0 MAT-file, written by photogram".ljust(116)
+_RADIAL, _TANGENTIAL, _INTRINSIC = "RadialDistortion", "TangentialDistortion", "IntrinsicMatrix"
+
+
+def _load(path: Path) -> dict[str, object]:
+    if not path.is_file():
+        raise ProjectError(f"camera file {path}: there is no such file: check its path")
+    # matio brings pandas, half a second that only a survey with such a camera pays.
+    from matio import load_from_mat
+
+    try:
+        variables = load_from_mat(str(path))
+    # Of a damaged file the reader raises whatever it trips over: zlib.error, TypeError, OSError and more.
+    except Exception as fault:
+        raise ProjectError(
+            f"camera file {path}: cannot be read as a MATLAB file ({type(fault).__name__}: {fault}): "
+            "save it again in MATLAB with save(FILE, 'K', 'cameraParams')"
+        ) from fault
+    return {str(name): value for name, value in variables.items() if not str(name).startswith("__")}
+
+
+def _fields(value: object) -> dict[str, object]:
+    """Return the fields of a MATLAB object or struct, none for anything else."""
+    properties = getattr(value, "properties", None)
+    if isinstance(properties, Mapping):
+        fields = dict(properties)
+        # MATLAB saves cameraParameters through its own struct, which the reader files under this name.
+        return {**fields, **_fields(fields.pop("any", None))}
+    if isinstance(value, np.ndarray) and value.dtype.names is not None and value.size == 1:
+        record = value.reshape(-1)[0]
+        return {name: record[name] for name in value.dtype.names}
+    if isinstance(value, Mapping):
+        return {str(name): entry for name, entry in value.items()}
+    return {}
+
+
+def _numbers(path: Path, fields: Mapping[str, object], name: str, sizes: tuple[int, ...]) -> FloatArray:
+    """Return the field as numbers; none or another count than ``sizes`` allow raises ProjectError."""
+    if name not in fields:
+        raise ProjectError(
+            f"camera file {path}: {name} is missing, found {', '.join(sorted(fields)) or 'nothing'}: "
+            "save K and the cameraParameters object, or K, RadialDistortion and TangentialDistortion"
+        )
+    try:
+        numbers = np.asarray(fields[name], dtype=np.float64)
+    except (TypeError, ValueError) as fault:
+        raise ProjectError(f"camera file {path}: {name} holds no numbers: save the calibration again") from fault
+    if numbers.size not in sizes or not np.all(np.isfinite(numbers)):
+        expected = " or ".join(str(size) for size in sizes)
+        raise ProjectError(
+            f"camera file {path}: {name} is {numbers.tolist()}, expected {expected} numbers: save the calibration again"
+        )
+    return numbers
+
+
+def _calibration(path: Path, variables: Mapping[str, object]) -> dict[str, object]:
+    """Return the fields of the one calibration in the file, and the file's K."""
+    found = {name: fields for name, value in variables.items() if _RADIAL in (fields := _fields(value))}
+    if _RADIAL in variables:
+        found[_RADIAL] = dict(variables)
+    if len(found) != 1:
+        content = ", ".join(sorted(variables)) or "nothing"
+        raise ProjectError(
+            f"camera file {path}: {len(found)} calibrations, found {content}, one is expected: save K and one "
+            "cameraParameters object, or K, RadialDistortion and TangentialDistortion"
+        )
+    fields = next(iter(found.values()))
+    if "K" in variables:
+        fields["K"] = variables["K"]
+    return fields
+
+
+def _matrix(path: Path, fields: Mapping[str, object]) -> FloatArray:
+    """Return K (3, 3), checked against MATLAB's transposed IntrinsicMatrix where the file holds both."""
+    if "K" not in fields and _INTRINSIC in fields:
+        K = _numbers(path, fields, _INTRINSIC, (9,)).reshape(3, 3).T
+    else:
+        K = _numbers(path, fields, "K", (9,)).reshape(3, 3)
+        if _INTRINSIC in fields:
+            intrinsic = _numbers(path, fields, _INTRINSIC, (9,)).reshape(3, 3)
+            if not np.allclose(K, intrinsic.T, rtol=1e-9, atol=1e-6):
+                raise ProjectError(
+                    f"camera file {path}: K {K.tolist()} contradicts the transposed IntrinsicMatrix "
+                    f"{intrinsic.T.tolist()}: keep the one that belongs to the calibration"
+                )
+    if not np.array_equal(K[2], [0.0, 0.0, 1.0]) or K[1, 0] != 0.0:
+        raise ProjectError(
+            f"camera file {path}: K is {K.tolist()}, expected [[f 0 cx], [0 f cy], [0 0 1]]: "
+            "transpose it if it is MATLAB's IntrinsicMatrix"
+        )
+    if not K[0, 0] > 0:
+        raise ProjectError(f"camera file {path}: the focal length is {K[0, 0]:g} px: save the calibration again")
+    if abs(K[0, 1]) > 1e-6 * K[0, 0]:
+        raise ProjectError(f"camera file {path}: skew {K[0, 1]:g} px: calibrate again without skew, photogram has none")
+    if abs(K[0, 0] - K[1, 1]) > 1e-6 * K[0, 0]:
+        raise ProjectError(
+            f"camera file {path}: focal lengths {K[0, 0]:.4f} and {K[1, 1]:.4f} px differ, photogram's camera has one: "
+            "calibrate again with square pixels"
+        )
+    return K
+
+
+def read_camera(path: Path, name: str, width_px: int, height_px: int, pixel_origin: PixelOrigin) -> Camera:
+    """Return the camera ``name`` from K and a cameraParameters object, a struct of its fields, or the plain variables.
+
+    MATLAB's distortion is Brown–Conrady with k1 k2 [k3] and p1 p2 as photogram's. ``pixel_origin`` says in whose pixel
+    frame the principal point is; from "matlab" 1 px is subtracted. Raises ProjectError where the file is missing or
+    damaged, something is missing or contradicts itself, or photogram has no such camera (skew, two focal lengths).
+    """
+    fields = _calibration(path, _load(path))
+    K = _matrix(path, fields)
+    radial = _numbers(path, fields, _RADIAL, (2, 3)).reshape(-1)
+    tangential = _numbers(path, fields, _TANGENTIAL, (2,)).reshape(-1)
+    size = np.asarray(fields.get("ImageSize", []))
+    if size.size == 2 and tuple(size.reshape(-1).tolist()) != (height_px, width_px):
+        rows, columns = size.reshape(-1).tolist()
+        raise ProjectError(
+            f"camera file {path}: calibrated on {columns:g} × {rows:g} px, but camera {name} has "
+            f"{width_px} × {height_px} px: use the calibration of the full photographs"
+        )
+    return Camera(
+        name,
+        width_px,
+        height_px,
+        float((K[0, 0] + K[1, 1]) / 2),
+        K[:2, 2] - _ORIGIN_PX[pixel_origin],
+        np.pad(radial, (0, 3 - len(radial))),
+        tangential,
+    )
+
+
+def _cells(items: Sequence[object]) -> NDArray[np.object_]:
+    cells = np.empty((len(items), 1), dtype=object)
+    for row, item in enumerate(items):
+        cells[row, 0] = item
+    return cells
+
+
+def _seen_by_all(photographs: int, tie_points: TiePoints) -> tuple[IntArray, IntArray]:
+    """Return the points (C,) observed in every photograph, and their observations (C, F), ordered by photograph."""
+    common = np.flatnonzero(tie_points.rays == photographs)
+    first = tie_points.first_observation[common]
+    observations = first[:, None] + np.arange(photographs)
+    order = np.argsort(tie_points.photograph[observations], axis=1, kind="stable")
+    observations = np.take_along_axis(observations, order, axis=1)
+    complete = (tie_points.photograph[observations] == np.arange(photographs)).all(axis=1)
+    return common[complete].astype(np.int64), observations[complete].astype(np.int64)
+
+
+def write_tie_points(
+    path: Path, photographs: Sequence[str], tie_points: TiePoints, pixel_origin: PixelOrigin = "photogram"
+) -> None:
+    """Write the tie points for MATLAB; whole or not at all, the same points give the same bytes.
+
+    All indices start at 1. Variables, for F photographs, N observations, P points and C points seen in all photographs:
+
+    - ``photographs`` {F×1}: their names; ``pixel_origin``: "photogram" or "matlab", the frame of all pixels here: the
+      centre of the top-left pixel is (0, 0) or (1, 1);
+    - ``pixel`` {F×1}: u, v (C×2) in each photograph, row by row the same points; ``common_point`` (C×1): which;
+    - ``observation_photograph``, ``observation_point``, ``observation_feature``, ``observation_sigma_px`` (N×1),
+      ``observation_pixel`` (N×2), sorted by point;
+    - ``position_world_m`` (P×3), NaN while unknown; ``colour`` (P×3) red, green, blue.
+
+    Raises WorkspaceError where the file cannot be written.
+    """
+    shift = _ORIGIN_PX[pixel_origin]
+    common, observations = _seen_by_all(len(photographs), tie_points)
+    variables = {
+        "photographs": _cells(photographs),
+        "pixel_origin": pixel_origin,
+        "pixel": _cells([tie_points.pixel[column] + shift for column in observations.T]),
+        "common_point": common[:, None] + 1,
+        "observation_photograph": tie_points.photograph[:, None] + 1,
+        "observation_point": tie_points.point[:, None] + 1,
+        "observation_feature": tie_points.feature[:, None] + 1,
+        "observation_pixel": tie_points.pixel + shift,
+        "observation_sigma_px": tie_points.sigma_px[:, None],
+        "position_world_m": tie_points.position_world_m,
+        "colour": tie_points.colour,
+    }
+    with replacing(path) as partial:
+        savemat(partial, variables, appendmat=False, do_compression=True)
+        with partial.open("r+b") as stream:
+            # The writer's own header text carries the time of day.
+            stream.write(_HEADER)
+
+
+def read_tie_points(path: Path) -> tuple[tuple[str, ...], TiePoints]:
+    """Return the photographs' names and the tie points that write_tie_points wrote, in photogram's pixel frame.
+
+    Raises ProjectError where the file is missing, damaged or something else.
+    """
+    if not path.is_file():
+        raise ProjectError(f"tie points {path}: there is no such file: check its path")
+    try:
+        content = loadmat(path)
+        shift = _ORIGIN_PX[str(content["pixel_origin"][0])]
+        index = {name: content[f"observation_{name}"].reshape(-1) - 1 for name in ("photograph", "point", "feature")}
+        tie_points = TiePoints(
+            index["photograph"].astype(np.int64),
+            index["point"].astype(np.int64),
+            index["feature"].astype(np.int64),
+            content["observation_pixel"] - shift,
+            content["observation_sigma_px"].reshape(-1),
+            content["position_world_m"],
+            content["colour"],
+        )
+        return tuple(str(cell[0]) for cell in content["photographs"].reshape(-1)), tie_points
+    except (MatReadError, zlib.error, OSError, LookupError, TypeError, ValueError, NotImplementedError) as fault:
+        raise ProjectError(
+            f"tie points {path}: cannot be read ({type(fault).__name__}: {fault}): write the file again with photogram"
+        ) from fault

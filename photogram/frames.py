@@ -1,0 +1,156 @@
+"""Coordinate reference systems and the local frame in which a survey is adjusted.
+
+The `map` frame is the project's CRS (easting, northing, height). The `world` frame is Cartesian, near the survey:
+
+- ``tangent``: east, north, up of the tangent plane of the ellipsoid at the origin, every point projected exactly
+  (map -> geodetic -> geocentric -> topocentric);
+- ``grid``: the map's own easting, northing and height minus a round origin, the map taken as Cartesian. Its scale error is
+  the map's scale factor (UTM: up to 0.4 ‰ at the central meridian); for exercises and small sites only.
+
+Heights go through unchanged as metres above the ellipsoid of the CRS; a geoid height left in them changes the scale by
+7e-6 for 44 m. This is the only module that uses PROJ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS, Proj, Transformer
+from pyproj.exceptions import CRSError, ProjError
+
+from photogram.errors import FrameError
+
+FloatArray = NDArray[np.float64]
+WorldKind = Literal["tangent", "grid"]
+
+
+def projected_crs(name: str) -> CRS:
+    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in metres."""
+    try:
+        crs = CRS.from_user_input(name)
+    except CRSError as fault:
+        raise FrameError(f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example") from fault
+    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
+    if not horizontal.is_projected:
+        raise FrameError(
+            f"crs: {name!r} ({crs.name}) is not a map grid: the survey needs easting and northing in metres, "
+            "for example the UTM zone of the site"
+        )
+    units = {axis.unit_name for axis in horizontal.axis_info}
+    if units != {"metre"}:
+        raise FrameError(f"crs: {name!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres")
+    return horizontal
+
+
+def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatArray:
+    """Project WGS 84 longitude and latitude in degrees and height in m (N, 3) to the map (N, 3), height unchanged.
+
+    Raises FrameError where the projection is not defined.
+    """
+    lon, lat, height = np.asarray(longitude_latitude_height, dtype=np.float64).T
+    easting, northing = Transformer.from_crs("EPSG:4326", projected_crs(crs), always_xy=True).transform(lon, lat)
+    if not np.all(np.isfinite(easting) & np.isfinite(northing)):
+        raise FrameError(f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site")
+    return np.column_stack([easting, northing, height])
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``."""
+
+    crs: str
+    origin_map_m: tuple[float, float, float]
+    kind: WorldKind = "tangent"
+
+    @classmethod
+    def near(cls, crs: str, points_map_m: FloatArray, kind: WorldKind = "tangent") -> LocalFrame:
+        """Return a frame with its origin at the centre of points (N, 3), rounded to 10 m so that it is stable and readable."""
+        centre = np.round((points_map_m.min(axis=0) + points_map_m.max(axis=0)) / 2, -1)
+        frame = cls(crs, (float(centre[0]), float(centre[1]), float(centre[2])), kind)
+        frame.world_from_map(points_map_m[:1])
+        return frame
+
+    @cached_property
+    def _crs(self) -> CRS:
+        return projected_crs(self.crs)
+
+    @cached_property
+    def _geodetic(self) -> Transformer:
+        geodetic = self._crs.geodetic_crs
+        if geodetic is None:
+            raise FrameError(f"crs: {self.crs} has no geodetic datum")
+        return Transformer.from_crs(self._crs, geodetic, always_xy=True)
+
+    @cached_property
+    def _topocentric(self) -> Transformer:
+        longitude, latitude, height = self._geodetic_from_map(np.array([self.origin_map_m]))[0]
+        ellipsoid = self._crs.ellipsoid
+        if ellipsoid is None:
+            raise FrameError(f"crs: {self.crs} has no ellipsoid")
+        shape = f"+a={ellipsoid.semi_major_metre} +b={ellipsoid.semi_minor_metre}"
+        return Transformer.from_pipeline(
+            f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart {shape} "
+            f"+step +proj=topocentric {shape} +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
+        )
+
+    def _geodetic_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        lon, lat = self._geodetic.transform(points_map_m[:, 0], points_map_m[:, 1])
+        geodetic = np.column_stack([lon, lat, points_map_m[:, 2]])
+        lost = ~np.isfinite(geodetic).all(axis=1)
+        if lost.any():
+            easting, northing = points_map_m[lost][0, :2]
+            raise FrameError(
+                f"position easting {easting:.2f}, northing {northing:.2f} lies outside {self.crs}: check the CRS, "
+                "and that easting and northing are not swapped"
+            )
+        return geodetic
+
+    def world_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        """Transform points (N, 3) from the map to the world frame, exactly. Raises FrameError outside the CRS."""
+        points = np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3)
+        if self.kind == "grid":
+            return points - np.array(self.origin_map_m)
+        if len(points) == 0:
+            return points.copy()
+        geodetic = self._geodetic_from_map(points)
+        return np.column_stack(self._topocentric.transform(geodetic[:, 0], geodetic[:, 1], geodetic[:, 2]))
+
+    def map_from_world(self, points_world_m: FloatArray) -> FloatArray:
+        """Transform points (N, 3) from the world frame to the map, exactly; NaN stays NaN."""
+        points = np.asarray(points_world_m, dtype=np.float64).reshape(-1, 3)
+        if self.kind == "grid":
+            return points + np.array(self.origin_map_m)
+        known = np.isfinite(points).all(axis=1)
+        result = np.full(points.shape, np.nan)
+        if not known.any():
+            return result
+        east, north, up = points[known].T
+        try:
+            lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
+            easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
+        except ProjError as fault:
+            raise FrameError(f"positions cannot be brought into {self.crs}: {fault}") from fault
+        result[known] = np.column_stack([easting, northing, height])
+        return result
+
+    def rotation_world_from_map(self, position_world_m: FloatArray) -> FloatArray:
+        """Return the rotation (3, 3) whose columns are the map's easting, northing and up axes at a position (3,), in the world.
+
+        Meridian convergence and the tilt of the vertical are counted, the map's scale factor is not.
+        """
+        if self.kind == "grid":
+            return np.eye(3)
+        step = 10.0
+        centre = self.map_from_world(position_world_m[None])[0]
+        ends = self.world_from_map(centre + step * np.vstack([np.eye(3), -np.eye(3)]))
+        U, _, Vt = np.linalg.svd((ends[:3] - ends[3:]).T)
+        return np.asarray(U @ Vt)
+
+    def grid_scale(self, position_map_m: FloatArray) -> float:
+        """Return the map's point scale factor at a position (3,), 1 for a true length."""
+        lon, lat, _ = self._geodetic_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
+        return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)

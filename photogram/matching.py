@@ -1,0 +1,96 @@
+"""Pairs of photographs, candidate matches, and their verification by epipolar geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Camera, undistort
+from photogram.survey import Features, IntArray, Matches
+
+
+@dataclass(frozen=True)
+class MatchingSettings:
+    """How key points are matched and verified."""
+
+    ratio: float = 0.8  # nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1)
+    threshold_px: float = 1.5  # distance from the epipolar line
+    minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
+    neighbours: int = 12  # photographs with which each one is matched, nearest first, when positions are known
+
+
+def _two_nearest(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[IntArray, NDArray[np.float32]]:
+    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two nearest."""
+    nearest = np.empty(len(first), dtype=np.int64)
+    distance = np.empty((len(first), 2), dtype=np.float32)
+    norm = np.einsum("ij,ij->i", second, second)
+    for start in range(0, len(first), 1024):
+        block = first[start : start + 1024]
+        score = norm - 2.0 * (block @ second.T)
+        best = np.argpartition(score, 1, axis=1)[:, :2]
+        value = np.take_along_axis(score, best, axis=1)
+        swap = value[:, 0] > value[:, 1]
+        nearest[start : start + 1024] = np.where(swap, best[:, 1], best[:, 0])
+        own = np.einsum("ij,ij->i", block, block)[:, None]
+        distance[start : start + 1024] = np.sort(value, axis=1) + own
+    return nearest, distance
+
+
+def candidate_matches(first: Features, second: Features, settings: MatchingSettings) -> IntArray:
+    """Match descriptors by ratio test, mutually: returns the indices (M, 2) of candidate matches."""
+    if len(first) < 2 or len(second) < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    a, b = first.descriptor.astype(np.float32), second.descriptor.astype(np.float32)
+    forward, distance = _two_nearest(a, b)
+    backward, _ = _two_nearest(b, a)
+    index = np.arange(len(a))
+    good = (backward[forward] == index) & (distance[:, 0] < settings.ratio**2 * distance[:, 1])
+    return np.column_stack([index[good], forward[good]]).astype(np.int64)
+
+
+def verified_matches(
+    cameras: tuple[Camera, Camera], features: tuple[Features, Features], candidates: IntArray, settings: MatchingSettings
+) -> NDArray[np.bool_]:
+    """Return which candidates (M, 2) obey one fundamental matrix, estimated on undistorted pixels.
+
+    MAGSAC++ (Barath et al. 2020) as OpenCV implements it, with its fixed seed; all False when no matrix is supported by
+    ``minimum_inliers``.
+    """
+    rejected = np.zeros(len(candidates), dtype=bool)
+    if len(candidates) < max(8, settings.minimum_inliers):
+        return rejected
+    first = undistort(cameras[0], features[0].pixel[candidates[:, 0]])
+    second = undistort(cameras[1], features[1].pixel[candidates[:, 1]])
+    matrix, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, settings.threshold_px, 0.9999, 10000)
+    if matrix is None or mask is None:
+        return rejected
+    inlier = mask.ravel().astype(bool)
+    return inlier if int(inlier.sum()) >= settings.minimum_inliers else rejected
+
+
+def match_pair(
+    pair: tuple[int, int], cameras: tuple[Camera, Camera], features: tuple[Features, Features], settings: MatchingSettings
+) -> tuple[Matches, NDArray[np.bool_]]:
+    """Match one pair of photographs: returns the candidates and which of them are verified."""
+    candidates = candidate_matches(*features, settings)
+    return Matches(pair[0], pair[1], candidates), verified_matches(cameras, features, candidates, settings)
+
+
+def select_pairs(positions_world_m: Sequence[NDArray[np.float64] | None], settings: MatchingSettings) -> list[tuple[int, int]]:
+    """Select the pairs to match: each photograph with its nearest ``neighbours`` in plan, or with all where a position is unknown."""
+    count = len(positions_world_m)
+    pairs: set[tuple[int, int]] = set()
+    known = [i for i, p in enumerate(positions_world_m) if p is not None]
+    plan = {i: p[:2] for i, p in enumerate(positions_world_m) if p is not None}
+    for i in range(count):
+        if i in plan:
+            others = sorted((j for j in known if j != i), key=lambda j: (float(np.hypot(*(plan[i] - plan[j]))), j))
+            partners = others[: settings.neighbours] + [j for j in range(count) if j not in plan]
+        else:
+            partners = [j for j in range(count) if j != i]
+        pairs.update((min(i, j), max(i, j)) for j in partners)
+    return sorted(pairs)

@@ -1,0 +1,256 @@
+"""The project file: what a survey consists of, in the map frame, and how it is to be worked out.
+
+read_project checks everything that can be known without opening a photograph and reports every fault at once, with its line.
+Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel is (0, 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.adjustment import AdjustmentSettings
+from photogram.camera import Camera
+from photogram.errors import PhotogramError
+from photogram.features import FeatureSettings
+from photogram.frames import LocalFrame, WorldKind
+from photogram.matching import MatchingSettings
+from photogram.project_checks import camera_of, check_project, photographs_of
+from photogram.project_file import Document, Key, read_entry, read_settings
+from photogram.project_schema import PIXEL_ORIGIN_PX, Attitude, CameraEntry, CameraSigmas, PhotographEntry, ProjectFile
+from photogram.surface_model import SurfaceSettings
+from photogram.survey import ControlPoints, Role, check_shape
+
+FloatArray = NDArray[np.float64]
+ValueT = TypeVar("ValueT")
+
+ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]], Camera]
+"""Reads a camera from (path, name, width_px, height_px, pixel_origin), as files.matlab.read_camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectPhotograph:
+    """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
+
+    ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,) holds
+    for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of the gimbal, DJI's convention.
+    """
+
+    name: str
+    path: Path
+    camera: int
+    flight: str = "1"
+    gnss_map_m: FloatArray | None = None
+    gnss_sigma_m: FloatArray | None = None
+    attitude_deg: tuple[float, float, float] | None = None
+    attitude_sigma_deg: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.gnss_map_m is not None:
+            check_shape("gnss_map_m", self.gnss_map_m, (3,))
+        if self.gnss_sigma_m is not None:
+            check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectControlPoint:
+    """One surveyed point: ``position_map_m`` (3,) with ``sigma_m`` (3,), and its marks.
+
+    ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) in photogram's pixel frame.
+    """
+
+    name: str
+    role: Role
+    position_map_m: FloatArray
+    sigma_m: FloatArray
+    mark_photograph: NDArray[np.int64]
+    mark_pixel: FloatArray
+    mark_sigma_px: FloatArray
+
+    def __post_init__(self) -> None:
+        marks = len(self.mark_photograph)
+        check_shape("position_map_m", self.position_map_m, (3,))
+        check_shape("sigma_m", self.sigma_m, (3,))
+        check_shape("mark_pixel", self.mark_pixel, (marks, 2))
+        check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
+
+    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
+    """
+
+    path: Path
+    crs: str
+    world_kind: WorldKind
+    cameras: tuple[Camera, ...]
+    photographs: tuple[ProjectPhotograph, ...]
+    control_points: tuple[ProjectControlPoint, ...]
+    gnss_offset_sigma_m: FloatArray
+    features: FeatureSettings
+    matching: MatchingSettings
+    adjustment: AdjustmentSettings
+    surface: SurfaceSettings
+    reference: Path | None
+    results: Path
+    work: Path
+
+    def control_points_in(self, frame: LocalFrame) -> ControlPoints:
+        """Return the control and check points with their marks, positions in the world of ``frame``.
+
+        Raises FrameError where a position lies outside the CRS.
+        """
+        points = self.control_points
+        position_map_m = np.array([p.position_map_m for p in points]).reshape(-1, 3)
+        marks = [len(p.mark_photograph) for p in points]
+        return ControlPoints(
+            tuple(p.name for p in points),
+            tuple(p.role for p in points),
+            frame.world_from_map(position_map_m),
+            np.array([p.sigma_m for p in points]).reshape(-1, 3),
+            np.concatenate([np.zeros(0, dtype=np.int64), *(p.mark_photograph for p in points)]),
+            np.repeat(np.arange(len(points), dtype=np.int64), marks),
+            np.concatenate([np.zeros((0, 2)), *(p.mark_pixel for p in points)]),
+            np.concatenate([np.zeros(0), *(p.mark_sigma_px for p in points)]),
+        )
+
+
+def read_project(
+    path: Path, photographs_folder: Path | None = None, *, read_matlab_camera: ReadMatlabCamera
+) -> Project:
+    """Read and check a project file.
+
+    ``photographs_folder`` stands instead of the file's own; ``read_matlab_camera`` reads the cameras that are .mat files.
+    Raises ProjectError with one line for each fault, ``path:line: key: what is wrong``.
+    """
+    document = Document(path)
+    base = path.absolute().parent
+    file = read_entry(document, ProjectFile)
+    features = read_settings(document, "features", FeatureSettings)
+    matching = read_settings(document, "matching", MatchingSettings)
+    adjustment = read_settings(document, "adjustment", AdjustmentSettings)
+    surface = read_settings(document, "surface", SurfaceSettings)
+    folder = photographs_folder
+    if folder is None and file.photographs.folder is not None:
+        folder = base / file.photographs.folder
+    photographs = photographs_of(document, file, folder)
+    check_project(document, file, photographs, folder, base)
+    cameras = [
+        _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
+    ]
+    document.raise_faults()
+    names = list(file.cameras)
+    listed = tuple(_photograph(file, p, _given(folder), names) for p in _given(photographs))
+    return Project(
+        path,
+        _given(file.crs),
+        file.world,
+        tuple(_given(camera) for camera in cameras),
+        listed,
+        _control_points(file, [p.name for p in listed]),
+        np.array(file.gnss.offset_sigma_m),
+        _given(features),
+        _given(matching),
+        _given(adjustment),
+        _given(surface),
+        None if file.comparison.reference is None else base / file.comparison.reference,
+        base / file.results,
+        base / file.work,
+    )
+
+
+def _given(value: ValueT | None) -> ValueT:
+    """Return a value that the checks have found present."""
+    if value is None:
+        raise AssertionError("a key of the project file was used before its absence was reported")
+    return value
+
+
+def _sigmas(sigmas: CameraSigmas) -> FloatArray:
+    s, centre = sigmas, sigmas.principal_point_px
+    return np.array([s.focal_px, centre, centre, s.k1, s.k2, s.k3, s.p1, s.p2])
+
+
+def _camera(
+    document: Document, key: Key, entry: CameraEntry, base: Path, read_matlab: ReadMatlabCamera
+) -> Camera | None:
+    """Return the camera, or None where a fault of the document has left it incomplete."""
+    if entry.width_px is None or entry.height_px is None:
+        return None
+    name = str(key[-1])
+    if entry.matlab is not None:
+        path = base / entry.matlab
+        if not path.is_file() or entry.pixel_origin is None or entry.pixel_origin == "colmap":
+            return None
+        try:
+            camera = read_matlab(path, name, entry.width_px, entry.height_px, entry.pixel_origin)
+        except PhotogramError as fault:
+            document.fault((*key, "matlab"), str(fault))
+            return None
+    elif entry.focal_px is None or entry.principal_point_px is None:
+        return None
+    else:
+        camera = Camera(
+            name,
+            entry.width_px,
+            entry.height_px,
+            entry.focal_px,
+            np.array(entry.principal_point_px) - PIXEL_ORIGIN_PX[entry.pixel_origin or "photogram"],
+            np.array(entry.radial or (0.0, 0.0, 0.0)),
+            np.array(entry.tangential or (0.0, 0.0)),
+        )
+    if not camera.contains(camera.principal_point_px):
+        cx, cy = camera.principal_point_px
+        document.fault(
+            (*key, "principal_point_px" if entry.matlab is None else "matlab"),
+            f"the principal point ({cx:.10g}, {cy:.10g}) lies outside the photograph of {camera.width_px} × "
+            f"{camera.height_px} px: give it in pixels, u right and v down, from the top-left pixel",
+        )
+    return replace(camera, sigmas=_sigmas(entry.sigmas))
+
+
+def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, cameras: list[str]) -> ProjectPhotograph:
+    name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
+    return ProjectPhotograph(
+        name,
+        folder / name,
+        cameras.index(_given(camera_of(file, entry))),
+        entry.flight,
+        None if entry.gnss_m is None else np.array(entry.gnss_m),
+        None if sigma is None else np.array(sigma),
+        None if entry.attitude_deg is None else _angles(entry.attitude_deg),
+        entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
+    )
+
+
+def _angles(attitude: Attitude) -> tuple[float, float, float]:
+    return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
+
+
+def _control_points(file: ProjectFile, photographs: list[str]) -> tuple[ProjectControlPoint, ...]:
+    block = file.control_points
+    origin = PIXEL_ORIGIN_PX[block.pixel_origin]
+    index = {name: i for i, name in enumerate(photographs)}
+    points = []
+    for entry in block.list:
+        marks = len(entry.marks)
+        sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
+        points.append(
+            ProjectControlPoint(
+                _given(entry.name),
+                entry.role,
+                np.array(_given(entry.position_m)),
+                np.array(entry.sigma_m or _given(block.sigma_m)),
+                np.array([index[name] for name in entry.marks], dtype=np.int64),
+                np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
+                np.full(marks, sigma_px),
+            )
+        )
+    return tuple(points)

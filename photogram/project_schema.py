@@ -1,0 +1,188 @@
+"""The keys of project.yaml and what may stand there: one class for each block of the file.
+
+A field that the file must give is None until it is given and carries `Needed`, so that one reading finds every fault of
+a file; after Document.raise_faults none of them is None.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PlainValidator
+
+from photogram.project_file import Entry, Needed, found
+
+PixelOrigin = Literal["photogram", "matlab", "colmap"]
+
+PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
+"""Coordinate of the centre of the top-left pixel, in both directions, in each convention."""
+
+
+def _number(value: object) -> float | None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if number and math.isfinite(value) else None  # type: ignore[arg-type]
+
+
+def _vector(*names: str, above: float | None = None, at_least: float | None = None) -> PlainValidator:
+    """Validate a list of one finite number per name."""
+
+    def read(value: object) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != len(names):
+            raise ValueError(f"needs {len(names)} numbers [{', '.join(names)}], found {found(value)}")
+        numbers = [_number(v) for v in value]
+        wrong = []
+        for name, raw, number in zip(names, value, numbers, strict=True):
+            if number is None:
+                wrong.append(f"{name} must be a finite number, found {found(raw)}")
+            elif above is not None and not number > above:
+                wrong.append(f"{name} must be greater than {above:g}, found {found(raw)}")
+            elif at_least is not None and not number >= at_least:
+                wrong.append(f"{name} must be {at_least:g} or greater, found {found(raw)}")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return tuple(n for n in numbers if n is not None)
+
+    return PlainValidator(read)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    if not isinstance(value, str):
+        quotes = ': write it in quotes, "1.10" for example' if isinstance(value, float | bool) else ""
+        raise ValueError(f"must be a text, found {found(value)}{quotes}")
+    if not value.strip():
+        raise ValueError("must not be empty")
+    return value
+
+
+def _freedom(value: object) -> float:
+    if value == "free":
+        return math.inf
+    number = _number(value)
+    if number is None or number < 0:
+        raise ValueError(f"must be 0 (held fixed), a prior sigma greater than 0, or free, found {found(value)}")
+    return number
+
+
+Text = Annotated[str, PlainValidator(_text)]
+Freedom = Annotated[float, PlainValidator(_freedom)]
+Positive = Annotated[float, Field(gt=0)]
+Size = Annotated[int, Field(gt=0)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+_MAP = ("easting", "northing", "height")
+Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
+Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
+OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
+Pixel = Annotated[tuple[float, float], _vector("u", "v")]
+
+
+class CameraSigmas(Entry):
+    """How far each parameter of a camera may move; 0 holds it fixed, infinity leaves it free."""
+
+    focal_px: Freedom = 0.0
+    principal_point_px: Freedom = 0.0
+    k1: Freedom = 0.0
+    k2: Freedom = 0.0
+    k3: Freedom = 0.0
+    p1: Freedom = 0.0
+    p2: Freedom = 0.0
+
+
+class CameraEntry(Entry):
+    """One camera; ``matlab`` stands instead of the figures."""
+
+    width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
+    height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
+    matlab: Text | None = None
+    focal_px: Positive | None = None
+    principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy")] | None = None
+    radial: Annotated[tuple[float, float, float], _vector("k1", "k2", "k3")] | None = None
+    tangential: Annotated[tuple[float, float], _vector("p1", "p2")] | None = None
+    pixel_origin: PixelOrigin | None = None
+    sigmas: CameraSigmas = CameraSigmas()
+
+
+class Attitude(Entry):
+    """A gimbal's angles, DJI's convention."""
+
+    yaw: Annotated[Angle | None, Needed("the heading in degrees, clockwise from north")] = None
+    pitch: Annotated[Angle | None, Needed("the pitch in degrees, -90 straight down")] = None
+    roll: Annotated[Angle | None, Needed("the roll in degrees, 0 for a level gimbal")] = None
+
+
+class PhotographEntry(Entry):
+    """One photograph."""
+
+    name: Annotated[Text | None, Needed("the photograph's file name")] = None
+    camera: Text | None = None
+    gnss_m: Position | None = None
+    gnss_sigma_m: Sigma3 | None = None
+    attitude_deg: Attitude | None = None
+    attitude_sigma_deg: Positive | None = None
+    flight: Text = "1"
+
+
+class PhotographsEntry(Entry):
+    """The photographs and what holds for all of them."""
+
+    folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
+    camera: Text | None = None
+    gnss_sigma_m: Sigma3 | None = None
+    attitude_sigma_deg: Positive = 2.0
+    list: Sequence[PhotographEntry] | None = None
+
+
+class GnssEntry(Entry):
+    """The offset between GNSS and ground control."""
+
+    offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
+
+
+class ControlPointEntry(Entry):
+    """One ground point."""
+
+    name: Annotated[Text | None, Needed("the point's name")] = None
+    role: Literal["control", "check"] = "control"
+    position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: Positive | None = None
+    marks: dict[str, Pixel] = Field(default_factory=dict)
+
+
+class ControlPointsEntry(Entry):
+    """The ground points and what holds for all of them."""
+
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: Positive | None = None
+    pixel_origin: PixelOrigin = "photogram"
+    list: Sequence[ControlPointEntry] = ()
+
+
+class ComparisonEntry(Entry):
+    """What the results are compared with."""
+
+    reference: Text | None = None
+
+
+class ProjectFile(Entry):
+    """The whole file; the settings are read by read_settings."""
+
+    photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
+    crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
+    world: Literal["tangent", "grid"] = "tangent"
+    cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(
+        default_factory=dict
+    )
+    photographs: PhotographsEntry = PhotographsEntry()
+    gnss: GnssEntry = GnssEntry()
+    control_points: ControlPointsEntry = ControlPointsEntry()
+    features: Any = None
+    matching: Any = None
+    adjustment: Any = None
+    surface: Any = None
+    comparison: ComparisonEntry = ComparisonEntry()
+    results: Text = "results"
+    work: Text = "work"

@@ -1,0 +1,293 @@
+"""The data of a survey: frozen, shapes checked on construction, arrays for everything counted in thousands.
+
+Frames and units are in the names: ``_px`` pixel (centre of the top-left pixel is (0, 0)), ``_world_m`` local east-north-up
+frame of the survey, ``_map_m`` the project's CRS. Photographs, points and cameras are referred to by their index in the block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Camera, Pose
+from photogram.frames import LocalFrame
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ByteArray = NDArray[np.uint8]
+Role = Literal["control", "check"]
+
+
+def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless ``array`` has ``shape``, where None stands for any length."""
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """One photograph and what its tags or the project say of its exterior orientation.
+
+    ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,), both None when there is none;
+    ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes.
+    Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it.
+    """
+
+    name: str
+    camera: int
+    path: Path | None = None
+    flight: str = "1"
+    time: datetime | None = None
+    gnss_world_m: FloatArray | None = None
+    gnss_sigma_m: FloatArray | None = None
+    attitude_world_from_camera: FloatArray | None = None
+    attitude_sigma_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):
+            raise ValueError(f"{self.name}: a GNSS position needs its sigmas, and the reverse")
+        if self.gnss_world_m is not None and self.gnss_sigma_m is not None:
+            check_shape("gnss_world_m", self.gnss_world_m, (3,))
+            check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
+        if self.attitude_world_from_camera is not None:
+            check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Key points of one photograph: ``pixel`` (N, 2), ``size_px`` (N,), ``angle_rad`` (N,), ``descriptor`` (N, D) uint8,
+    ``colour`` (N, 3) uint8 red, green, blue."""
+
+    pixel: FloatArray
+    size_px: FloatArray
+    angle_rad: FloatArray
+    descriptor: ByteArray
+    colour: ByteArray
+
+    def __post_init__(self) -> None:
+        n = len(self.pixel)
+        check_shape("pixel", self.pixel, (n, 2))
+        check_shape("size_px", self.size_px, (n,))
+        check_shape("angle_rad", self.angle_rad, (n,))
+        check_shape("descriptor", self.descriptor, (n, None))
+        check_shape("colour", self.colour, (n, 3))
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Matched key points of photographs ``first`` and ``second``: ``index`` (M, 2) into their features."""
+
+    first: int
+    second: int
+    index: IntArray
+
+    def __post_init__(self) -> None:
+        check_shape("index", self.index, (None, 2))
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True, eq=False)
+class TiePoints:
+    """Image observations of tie points, sorted by point, then photograph.
+
+    ``photograph`` (N,), ``point`` (N,), ``feature`` (N,) index of the key point in its photograph, ``pixel`` (N, 2),
+    ``sigma_px`` (N,); ``position_world_m`` (P, 3), NaN while unknown; ``colour`` (P, 3) uint8.
+    """
+
+    photograph: IntArray
+    point: IntArray
+    feature: IntArray
+    pixel: FloatArray
+    sigma_px: FloatArray
+    position_world_m: FloatArray
+    colour: ByteArray
+
+    def __post_init__(self) -> None:
+        n, p = len(self.photograph), len(self.position_world_m)
+        check_shape("photograph", self.photograph, (n,))
+        check_shape("point", self.point, (n,))
+        check_shape("feature", self.feature, (n,))
+        check_shape("pixel", self.pixel, (n, 2))
+        check_shape("sigma_px", self.sigma_px, (n,))
+        check_shape("position_world_m", self.position_world_m, (p, 3))
+        check_shape("colour", self.colour, (p, 3))
+        if n and (np.any(np.diff(self.point) < 0) or self.point[0] < 0 or self.point[-1] >= p):
+            raise ValueError("observations of tie points must be sorted by point, with points numbered from 0")
+
+    def __len__(self) -> int:
+        return len(self.position_world_m)
+
+    @property
+    def first_observation(self) -> IntArray:
+        """Index (P + 1,) of each point's first observation; the observations of point p are ``[i[p], i[p + 1])``."""
+        return np.searchsorted(self.point, np.arange(len(self) + 1)).astype(np.int64)
+
+    @property
+    def rays(self) -> IntArray:
+        """Number (P,) of observations of each point."""
+        return np.bincount(self.point, minlength=len(self)).astype(np.int64)
+
+    def select(self, points: NDArray[np.bool_], observations: NDArray[np.bool_] | None = None) -> TiePoints:
+        """Keep the points of the mask (P,), and of their observations those of the mask (N,); points are renumbered."""
+        keep = points[self.point] if observations is None else points[self.point] & observations
+        renumbered = np.cumsum(points) - 1
+        return TiePoints(
+            self.photograph[keep],
+            renumbered[self.point[keep]].astype(np.int64),
+            self.feature[keep],
+            self.pixel[keep],
+            self.sigma_px[keep],
+            self.position_world_m[points],
+            self.colour[points],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """Surveyed ground points and their marks in photographs.
+
+    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3); marks: ``mark_photograph`` (M,),
+    ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    """
+
+    name: tuple[str, ...]
+    role: tuple[Role, ...]
+    position_world_m: FloatArray
+    sigma_m: FloatArray
+    mark_photograph: IntArray
+    mark_point: IntArray
+    mark_pixel: FloatArray
+    mark_sigma_px: FloatArray
+
+    def __post_init__(self) -> None:
+        g, m = len(self.name), len(self.mark_photograph)
+        if len(self.role) != g:
+            raise ValueError("every ground point needs a role")
+        check_shape("position_world_m", self.position_world_m, (g, 3))
+        check_shape("sigma_m", self.sigma_m, (g, 3))
+        check_shape("mark_point", self.mark_point, (m,))
+        check_shape("mark_pixel", self.mark_pixel, (m, 2))
+        check_shape("mark_sigma_px", self.mark_sigma_px, (m,))
+
+    def __len__(self) -> int:
+        return len(self.name)
+
+    def with_role(self, role: Role) -> ControlPoints:
+        """Return the points of one role and their marks."""
+        keep = np.array([r == role for r in self.role], dtype=bool)
+        marks = keep[self.mark_point] if len(self.mark_point) else np.zeros(0, dtype=bool)
+        renumbered = np.cumsum(keep) - 1
+        return ControlPoints(
+            tuple(n for n, r in zip(self.name, self.role, strict=True) if r == role),
+            tuple(r for r in self.role if r == role),
+            self.position_world_m[keep],
+            self.sigma_m[keep],
+            self.mark_photograph[marks],
+            renumbered[self.mark_point[marks]].astype(np.int64) if len(keep) else self.mark_point[marks],
+            self.mark_pixel[marks],
+            self.mark_sigma_px[marks],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Photographs that are adjusted together; ``poses[i]`` belongs to ``photographs[i]``, None while it is not oriented.
+
+    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and ground control, one per flight; zero
+    where the offset is known to be none.
+    """
+
+    frame: LocalFrame
+    cameras: tuple[Camera, ...]
+    photographs: tuple[Photograph, ...]
+    poses: tuple[Pose | None, ...]
+    tie_points: TiePoints
+    control_points: ControlPoints
+    gnss_offset_sigma_m: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        if len(self.poses) != len(self.photographs):
+            raise ValueError("one pose, or None, per photograph")
+        check_shape("gnss_offset_sigma_m", self.gnss_offset_sigma_m, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points in the project's CRS: ``position_map_m`` (N, 3), ``colour`` (N, 3) uint8 or None, ``sigma_m`` (N, 3) or None."""
+
+    position_map_m: FloatArray
+    colour: ByteArray | None = None
+    sigma_m: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.position_map_m)
+        check_shape("position_map_m", self.position_map_m, (n, 3))
+        if self.colour is not None:
+            check_shape("colour", self.colour, (n, 3))
+        if self.sigma_m is not None:
+            check_shape("sigma_m", self.sigma_m, (n, 3))
+
+    def __len__(self) -> int:
+        return len(self.position_map_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """A grid in the project's CRS: ``values`` (rows, columns), NaN where there is no data.
+
+    Square cells of ``cell_m``; ``west_map_m`` and ``north_map_m`` are the outer corner of cell (0, 0), rows go south.
+    """
+
+    values: NDArray[np.float32]
+    west_map_m: float
+    north_map_m: float
+    cell_m: float
+
+    def __post_init__(self) -> None:
+        check_shape("values", self.values, (None, None))
+        if not self.cell_m > 0:
+            raise ValueError("the cell size of a raster must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """The result of the joint adjustment.
+
+    ``block`` holds adjusted cameras, poses and tie points: only points and observations that took part. Covariances are
+    a-priori, in the world frame: ``position_covariance_m2`` (N, 3, 3) of the projection centres, ``rotation_covariance_rad2``
+    (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 8, 8), ``tie_point_covariance_m2`` (P, 3, 3).
+    Ground points, control and check, in the order of ``block.control_points``: ``ground_world_m`` (G, 3), NaN where a check
+    point has fewer than two marks, with ``ground_covariance_m2`` (G, 3, 3). ``residual_px`` (observations, 2) and
+    ``mark_residual_px`` (marks, 2) are projected minus measured. ``offset_world_m`` (flights, 3) with its covariance.
+    """
+
+    block: Block
+    sigma0: float
+    redundancy: int
+    residual_px: FloatArray
+    mark_residual_px: FloatArray
+    position_covariance_m2: FloatArray
+    rotation_covariance_rad2: FloatArray
+    calibration_covariance: FloatArray
+    tie_point_covariance_m2: FloatArray
+    ground_world_m: FloatArray
+    ground_covariance_m2: FloatArray
+    flights: tuple[str, ...]
+    offset_world_m: FloatArray
+    offset_covariance_m2: FloatArray
+    iterations: int
+    rounds: int
+    converged: bool
+    cost: float
+    discarded_observations: int
+    discarded_points: int

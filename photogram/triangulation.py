@@ -1,0 +1,183 @@
+"""Intersection of rays: linear from two, three or n views, robust against mismatches, with ray angles and depths.
+
+Linear intersection (DLT; Hartley & Zisserman 2004, sec. 12.2): each ray with ideal image-plane coordinates (x, y) and
+P = [Rᵀ | −Rᵀ C] gives the rows x p₃ − p₁ and y p₃ − p₂; the point is the right singular vector of the smallest singular value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from photogram.camera import Camera, Pose, image_plane, project_point
+from photogram.survey import FloatArray, IntArray, TiePoints
+
+
+def projection_matrices(poses: Sequence[Pose]) -> FloatArray:
+    """Return the matrices (V, 3, 4) that take homogeneous world points to the camera frames of ``poses``."""
+    R = np.array([pose.rotation_world_from_camera.T for pose in poses])
+    C = np.array([pose.position_world_m for pose in poses])
+    return np.concatenate([R, -(R @ C[:, :, None])], axis=2)
+
+
+def intersect_linear(projection: FloatArray, ideal: FloatArray) -> FloatArray:
+    """Intersect rays linearly: ``projection`` (P, V, 3, 4), ideal image-plane coordinates (P, V, 2) -> points (P, 3) in the world, m."""
+    count, views = ideal.shape[:2]
+    rows = ideal[..., :, None] * projection[:, :, 2, None, :] - projection[:, :, :2, :]
+    _, _, Vt = np.linalg.svd(rows.reshape(count, 2 * views, 4), full_matrices=False)
+    solution = Vt[:, -1, :]
+    return np.asarray(solution[:, :3] / solution[:, 3:])
+
+
+def ideal_observations(cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints) -> FloatArray:
+    """Return the ideal image-plane coordinates (N, 2) of all observations; ``camera_of`` (photographs,) names their cameras."""
+    ideal = np.empty_like(tie_points.pixel)
+    camera = camera_of[tie_points.photograph]
+    for index in np.unique(camera):
+        mask = camera == index
+        ideal[mask] = image_plane(cameras[index], tie_points.pixel[mask])
+    return ideal
+
+
+def intersect_tie_points(tie_points: TiePoints, ideal: FloatArray, poses: Sequence[Pose | None], rays: int | None = None) -> FloatArray:
+    """Intersect tie points linearly from their oriented photographs: (P, 3) in the world, NaN with fewer than two rays.
+
+    With ``rays`` given, only points with at least that many rays are intersected, each from its first ``rays`` photographs.
+    """
+    oriented = np.array([pose is not None for pose in poses], dtype=bool)
+    matrices = np.full((len(poses), 3, 4), np.nan)
+    if oriented.any():
+        matrices[oriented] = projection_matrices([pose for pose in poses if pose is not None])
+    usable = np.flatnonzero(oriented[tie_points.photograph])
+    point = tie_points.point[usable]
+    count = np.bincount(point, minlength=len(tie_points))
+    start = np.searchsorted(point, np.arange(len(tie_points)))
+    result = np.full((len(tie_points), 3), np.nan)
+    for views in np.unique(count[count >= 2]):
+        used = int(views) if rays is None else rays
+        if views < used:
+            continue
+        members = np.flatnonzero(count == views)
+        observation = usable[start[members][:, None] + np.arange(used)]
+        result[members] = intersect_linear(matrices[tie_points.photograph[observation]], ideal[observation])
+    return result
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _largest_ray_angles(first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray) -> FloatArray:
+    angle = np.zeros(len(point))
+    for p in range(len(point)):
+        smallest = 1.0
+        for i in range(first[p], first[p + 1]):
+            if not used[i]:
+                continue
+            a = point[p] - centre[photograph[i]]
+            a = a / np.sqrt(np.dot(a, a))
+            for j in range(i + 1, first[p + 1]):
+                if not used[j]:
+                    continue
+                b = point[p] - centre[photograph[j]]
+                smallest = min(smallest, np.dot(a, b) / np.sqrt(np.dot(b, b)))
+        angle[p] = np.arccos(max(-1.0, smallest))
+    return angle
+
+
+def ray_angles(tie_points: TiePoints, used: NDArray[np.bool_], centre_world_m: FloatArray, position_world_m: FloatArray) -> FloatArray:
+    """Return the largest angle (P,) in rad between any two used rays of each point; 0 with fewer than two rays."""
+    angle: FloatArray = _largest_ray_angles(
+        tie_points.first_observation, tie_points.photograph, used, np.ascontiguousarray(centre_world_m), np.ascontiguousarray(position_world_m)
+    )
+    return angle
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _intersect_two(Ra: FloatArray, Ca: FloatArray, a: FloatArray, Rb: FloatArray, Cb: FloatArray, b: FloatArray, X: FloatArray) -> bool:
+    """Midpoint of two rays with ideal coordinates a and b into X; False when they are parallel."""
+    da = np.empty(3)
+    db = np.empty(3)
+    for k in range(3):
+        da[k] = Ra[k, 0] * a[0] + Ra[k, 1] * a[1] + Ra[k, 2]
+        db[k] = Rb[k, 0] * b[0] + Rb[k, 1] * b[1] + Rb[k, 2]
+    base = Cb - Ca
+    aa, ab, bb = np.dot(da, da), np.dot(da, db), np.dot(db, db)
+    determinant = aa * bb - ab * ab
+    if determinant < 1e-12 * aa * bb:
+        return False
+    ta = (bb * np.dot(da, base) - ab * np.dot(db, base)) / determinant
+    tb = (ab * np.dot(da, base) - aa * np.dot(db, base)) / determinant
+    for k in range(3):
+        X[k] = 0.5 * (Ca[k] + ta * da[k] + Cb[k] + tb * db[k])
+    return ta > 0.0 and tb > 0.0
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _consensus(
+    begin: int,
+    end: int,
+    photograph: IntArray,
+    camera_of: IntArray,
+    pixel: FloatArray,
+    ideal: FloatArray,
+    limit: FloatArray,
+    parameters: FloatArray,
+    R: FloatArray,
+    C: FloatArray,
+    best_point: FloatArray,
+    best_inlier: NDArray[np.bool_],
+) -> int:
+    """The best two-ray intersection of one point by number of supporting rays, then by their residuals."""
+    X = np.empty(3)
+    inlier = np.zeros(end - begin, dtype=np.bool_)
+    best, best_cost = 0, np.inf
+    for i in range(begin, end):
+        for j in range(i + 1, end):
+            p, s = photograph[i], photograph[j]
+            if not _intersect_two(R[p], C[p], ideal[i], R[s], C[s], ideal[j], X):
+                continue
+            support, cost = 0, 0.0
+            for k in range(begin, end):
+                t = photograph[k]
+                u, v, depth = project_point(parameters[camera_of[t]], R[t], C[t], X)
+                error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
+                inlier[k - begin] = error < 1.0
+                if error < 1.0:
+                    support += 1
+                    cost += error
+            if support > best or (support == best and cost < best_cost):
+                best, best_cost = support, cost
+                best_point[:] = X
+                best_inlier[begin:end] = inlier
+    return best
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def consensus_intersections(
+    first: IntArray,
+    photograph: IntArray,
+    camera_of: IntArray,
+    pixel: FloatArray,
+    ideal: FloatArray,
+    limit_px: FloatArray,
+    parameters: FloatArray,
+    R: FloatArray,
+    C: FloatArray,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Intersect every tie point from the largest set of rays that agree within ``limit_px`` (N,).
+
+    ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``camera_of`` (photographs,), ``pixel`` and
+    ``ideal`` (N, 2), ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) world.
+    Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). All pairs of rays are tried
+    (RANSAC without the randomness; Fischler & Bolles 1981).
+    """
+    count = len(first) - 1
+    points = np.full((count, 3), np.nan)
+    inlier = np.zeros(len(photograph), dtype=np.bool_)
+    for p in range(count):
+        support = _consensus(first[p], first[p + 1], photograph, camera_of, pixel, ideal, limit_px, parameters, R, C, points[p], inlier)
+        if support < 2:
+            points[p] = np.nan
+            inlier[first[p] : first[p + 1]] = False
+    return points, inlier
