@@ -13,6 +13,7 @@ Pixel frame: the centre of the top-left pixel is (0, 0). The project owns its pr
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import cos, radians, sin
 
 import numpy as np
 from numba import njit
@@ -272,3 +273,40 @@ def unproject(camera: Camera, pixel: FloatArray) -> FloatArray:
     ideal = image_plane(camera, pixel)
     ray = np.column_stack([ideal, np.ones(len(ideal))])
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))
+
+
+def rotation_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> FloatArray:
+    """Return the rotation (3, 3) from the camera (x right, y down, z forward) to east, north, up by DJI gimbal angles.
+
+    Yaw is clockwise from true north, pitch above the horizon (−90 looks straight down, the picture's top then points to
+    the yaw), roll right side down. With body axes forward, right, down and local axes north, east, down (ISO 1151-2):
+
+        R = E Rz(yaw) Ry(pitch) Rx(roll) B,   E: east, north, up from north, east, down;   B: body from camera
+
+    North is true north: for the north of a map grid subtract the meridian convergence from the yaw first.
+    """
+    y, p, r = radians(yaw_deg), radians(pitch_deg), radians(roll_deg)
+    Rz = np.array([[cos(y), -sin(y), 0.0], [sin(y), cos(y), 0.0], [0.0, 0.0, 1.0]])
+    Ry = np.array([[cos(p), 0.0, sin(p)], [0.0, 1.0, 0.0], [-sin(p), 0.0, cos(p)]])
+    Rx = np.array([[1.0, 0.0, 0.0], [0.0, cos(r), -sin(r)], [0.0, sin(r), cos(r)]])
+    E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return np.asarray(E @ Rz @ Ry @ Rx @ B)
+
+
+def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll in degrees of a rotation (3, 3) from the camera to east, north, up: rotation_from_gimbal undone."""
+    E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    M = E.T @ rotation_true_north @ B.T
+    yaw, roll = np.arctan2(M[1, 0], M[0, 0]), np.arctan2(M[2, 1], M[2, 2])
+    return float(np.rad2deg(yaw)), float(np.rad2deg(np.arcsin(np.clip(-M[2, 0], -1.0, 1.0)))), float(np.rad2deg(roll))
+
+
+def omega_phi_kappa_deg(rotation_map_from_camera: FloatArray) -> FloatArray:
+    """Return the photogrammetric angles (3,) in degrees of a rotation from the camera to easting, northing, up.
+
+    R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007, sec. 2.1).
+    """
+    R = rotation_map_from_camera @ np.diag([1.0, -1.0, -1.0])
+    return np.rad2deg([np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1.0, 1.0)), np.arctan2(-R[0, 1], R[0, 0])])

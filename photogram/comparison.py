@@ -24,7 +24,8 @@ BoolArray = NDArray[np.bool_]
 class CloudStatistics:
     """Differences in figures: ``points`` in all, ``compared`` of them where the reference has data; the rest in m.
 
-    ``std_m`` about the mean with n − 1 (NaN of a single difference), ``nmad_m`` the normalised median absolute deviation.
+    ``std_m`` about the mean with n − 1 (NaN of a single difference), ``nmad_m`` the normalised median absolute
+    deviation.
     """
 
     points: int
@@ -40,9 +41,9 @@ class CloudStatistics:
 class Comparison:
     """A cloud against a reference, after the filter.
 
-    ``position_map_m`` (N, 3) the points that were compared; ``surface_difference_m`` (N,) cloud minus reference in height,
-    NaN where the reference has none; ``cloud_distance_m`` (N,) to the nearest point of the reference; ``removed`` the number
-    of points that the SOR filter took away.
+    ``position_map_m`` (N, 3) the points that were compared; ``surface_difference_m`` (N,) cloud minus reference in
+    height, NaN where the reference has none; ``cloud_distance_m`` (N,) to the nearest point of the reference;
+    ``removed`` the number of points that the SOR filter took away.
     """
 
     position_map_m: FloatArray
@@ -54,9 +55,9 @@ class Comparison:
 
 
 def statistics(differences_m: FloatArray) -> CloudStatistics:
-    """Return the statistics of differences (N,) in m, NaN left out: NMAD = 1.4826 median|d − median d| (Höhle & Höhle 2009, eq. 1).
+    """Return the statistics of differences (N,) in m, NaN left out.
 
-    Raises PhotogramError when no difference is left.
+    NMAD = 1.4826 median|d − median d| (Höhle & Höhle 2009, eq. 1). Raises PhotogramError when no difference is left.
     """
     d = differences_m[np.isfinite(differences_m)]
     if len(d) == 0:
@@ -77,11 +78,11 @@ def statistics(differences_m: FloatArray) -> CloudStatistics:
 
 
 def sor_filter(points_m: FloatArray, neighbours: int = 6, sigma: float = 1.0) -> BoolArray:
-    """Return which points (N, 3) statistical outlier removal keeps (Rusu et al. 2008), point for point as CloudCompare does.
+    """Return which points (N, 3) statistical outlier removal keeps, point for point as CloudCompare does.
 
-    The mean distance of a point to its nearest points may exceed the mean of these means by at most ``sigma`` of their
-    standard deviations (with n). CloudCompare counts the point itself among the ``neighbours`` and leaves it out of the
-    mean: 6 neighbours are the point and the 5 nearest others.
+    After Rusu et al. 2008. The mean distance of a point to its nearest points may exceed the mean of these means by
+    at most ``sigma`` of their standard deviations (with n). CloudCompare counts the point itself among the
+    ``neighbours`` and leaves it out of the mean: 6 neighbours are the point and the 5 nearest others.
     """
     if neighbours < 2:
         raise PhotogramError(f"SOR filter: {neighbours} neighbours: the point itself counts, so give at least 2")
@@ -89,13 +90,16 @@ def sor_filter(points_m: FloatArray, neighbours: int = 6, sigma: float = 1.0) ->
     if count < 2:
         return np.ones(len(points_m), dtype=bool)
     centred = points_m - points_m.mean(axis=0)
-    distance, _ = cKDTree(centred).query(centred, count)
+    distance = np.asarray(cKDTree(centred).query(centred, count)[0], dtype=np.float64)
     mean = distance[:, 1:].mean(axis=1)
     return np.asarray(mean <= mean.mean() + sigma * mean.std())
 
 
 def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
-    """Return the distance (N,) in m of each point to the nearest point of the reference. Raises PhotogramError if that is empty."""
+    """Return the distance (N,) in m of each point to the nearest point of the reference.
+
+    Raises PhotogramError when the reference is empty.
+    """
     if len(reference) == 0:
         raise PhotogramError("comparison: the reference holds no points")
     origin = reference.position_map_m[0]
@@ -104,12 +108,15 @@ def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
     return np.asarray(distance, dtype=np.float64)
 
 
-def cloud_to_surface(cloud: PointCloud, reference: Raster | PointCloud, maximum_gap_m: float | None = None) -> FloatArray:
-    """Return the height (N,) in m of each point above (positive) or below the reference; NaN where the reference has no data.
+def cloud_to_surface(
+    cloud: PointCloud, reference: Raster | PointCloud, maximum_gap_m: float | None = None
+) -> FloatArray:
+    """Return the height (N,) in m of each point above (positive) or below the reference.
 
-    A raster is interpolated bilinearly between cell centres; all four must hold data. A cloud is triangulated in plan and
-    interpolated linearly; triangles with an edge longer than ``maximum_gap_m`` in plan, by default 10 times the median edge,
-    count as gaps. Raises PhotogramError for a reference cloud of fewer than three points, or of points on one line.
+    NaN where the reference has no data. A raster is interpolated bilinearly between cell centres; all four must hold
+    data. A cloud is triangulated in plan and interpolated linearly; triangles with an edge longer than
+    ``maximum_gap_m`` in plan, by default 10 times the median edge, count as gaps. Raises PhotogramError for a
+    reference cloud of fewer than three points, or of points on one line.
     """
     points = cloud.position_map_m
     if isinstance(reference, Raster):
@@ -118,10 +125,10 @@ def cloud_to_surface(cloud: PointCloud, reference: Raster | PointCloud, maximum_
 
 
 def compare(cloud: PointCloud, reference: Raster | PointCloud, sor: bool = True) -> Comparison:
-    """Compare a cloud with a reference in the same CRS, both ways; ``sor`` first filters the cloud with sor_filter's defaults.
+    """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
 
-    The points of a raster, for the nearest distances, are its cell centres. Raises PhotogramError when the cloud is empty
-    or does not overlap the reference.
+    ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are
+    its cell centres. Raises PhotogramError when the cloud is empty or does not overlap the reference.
     """
     if len(cloud) == 0:
         raise PhotogramError("comparison: the cloud holds no points")
@@ -129,10 +136,7 @@ def compare(cloud: PointCloud, reference: Raster | PointCloud, sor: bool = True)
     kept = PointCloud(cloud.position_map_m[keep])
     difference = cloud_to_surface(kept, reference)
     overlap = statistics(difference)
-    if isinstance(reference, Raster):
-        distance = _distance_to_cells(kept, reference)
-    else:
-        distance = cloud_to_cloud(kept, reference)
+    distance = _distance_to_cells(kept, reference) if isinstance(reference, Raster) else cloud_to_cloud(kept, reference)
     return Comparison(kept.position_map_m, difference, distance, overlap, statistics(distance), int(np.sum(~keep)))
 
 
@@ -141,7 +145,9 @@ def _raster_height(raster: Raster, points_map_m: FloatArray) -> FloatArray:
     row = (raster.north_map_m - points_map_m[:, 1]) / raster.cell_m - 0.5
     # A NaN among the four cells makes the sample NaN, whatever its weight.
     return np.asarray(
-        map_coordinates(raster.values, np.stack([row, column]), output=np.float64, order=1, mode="constant", cval=np.nan)
+        map_coordinates(
+            raster.values, np.stack([row, column]), output=np.float64, order=1, mode="constant", cval=np.nan
+        )
     )
 
 
@@ -153,7 +159,9 @@ def _triangulated_height(reference: PointCloud, points_map_m: FloatArray, maximu
     try:
         triangulation = Delaunay(vertex[:, :2])
     except QhullError as fault:
-        raise PhotogramError(f"comparison: the {len(reference)} points of the reference lie on one line in plan") from fault
+        raise PhotogramError(
+            f"comparison: the {len(reference)} points of the reference lie on one line in plan"
+        ) from fault
     corners = vertex[triangulation.simplices][..., :2]
     edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     gap_m = 10 * np.median(edge_m) if maximum_gap_m is None else maximum_gap_m
@@ -167,8 +175,8 @@ def _triangulated_height(reference: PointCloud, points_map_m: FloatArray, maximu
 def _distance_to_cells(cloud: PointCloud, raster: Raster) -> FloatArray:
     """Return the distance (N,) to the nearest cell centre with data, reading no more of the raster than it takes.
 
-    A distance found within a margin around the cloud is exact when it is not longer than the margin; the longest distance
-    found bounds every true one, so a second pass with that margin is always exact.
+    A distance found within a margin around the cloud is exact when it is not longer than the margin; the longest
+    distance found bounds every true one, so a second pass with that margin is always exact.
     """
     margin_m = 10 * raster.cell_m
     for _ in range(2):

@@ -58,6 +58,13 @@ def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatA
     return np.column_stack([easting, northing, height])
 
 
+def geodetic_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
+    """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height unchanged."""
+    easting, northing, height = np.asarray(points_map_m, dtype=np.float64).T
+    lon, lat = Transformer.from_crs(projected_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
+    return np.column_stack([lon, lat, height])
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``."""
@@ -149,6 +156,16 @@ class LocalFrame:
         ends = self.world_from_map(centre + step * np.vstack([np.eye(3), -np.eye(3)]))
         U, _, Vt = np.linalg.svd((ends[:3] - ends[3:]).T)
         return np.asarray(U @ Vt)
+
+    def rotation_world_from_true(self, position_world_m: FloatArray) -> FloatArray:
+        """Return the rotation (3, 3) from true east, true north and up at a position (3,) to the world frame.
+
+        The identity in a tangent frame, but for the curvature of the Earth within the survey; meridian convergence in a grid frame.
+        """
+        if self.kind == "tangent":
+            return np.eye(3)
+        tangent = LocalFrame(self.crs, self.origin_map_m, "tangent")
+        return tangent.rotation_world_from_map(position_world_m).T
 
     def grid_scale(self, position_map_m: FloatArray) -> float:
         """Return the map's point scale factor at a position (3,), 1 for a true length."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, undistort
@@ -23,20 +24,36 @@ class MatchingSettings:
     neighbours: int = 12  # photographs with which each one is matched, nearest first, when positions are known
 
 
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _two_smallest(score: NDArray[np.float32], index: IntArray, value: NDArray[np.float32]) -> None:
+    """For each row of ``score``: the column of the smallest entry, and the two smallest entries."""
+    for i in range(score.shape[0]):
+        best, second, column = np.float32(np.inf), np.float32(np.inf), 0
+        for j in range(score.shape[1]):
+            s = score[i, j]
+            if s < second:
+                if s < best:
+                    second, best, column = best, s, j
+                else:
+                    second = s
+        index[i], value[i, 0], value[i, 1] = column, best, second
+
+
 def _two_nearest(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[IntArray, NDArray[np.float32]]:
-    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two nearest."""
+    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two nearest.
+
+    Descriptors are whole numbers up to 255, so every product is exact in float32 and the result is the same on any machine.
+    """
     nearest = np.empty(len(first), dtype=np.int64)
     distance = np.empty((len(first), 2), dtype=np.float32)
     norm = np.einsum("ij,ij->i", second, second)
+    doubled = np.ascontiguousarray(-2.0 * second.T)
     for start in range(0, len(first), 1024):
-        block = first[start : start + 1024]
-        score = norm - 2.0 * (block @ second.T)
-        best = np.argpartition(score, 1, axis=1)[:, :2]
-        value = np.take_along_axis(score, best, axis=1)
-        swap = value[:, 0] > value[:, 1]
-        nearest[start : start + 1024] = np.where(swap, best[:, 1], best[:, 0])
-        own = np.einsum("ij,ij->i", block, block)[:, None]
-        distance[start : start + 1024] = np.sort(value, axis=1) + own
+        rows = slice(start, start + 1024)
+        score = first[rows] @ doubled
+        score += norm
+        _two_smallest(score, nearest[rows], distance[rows])
+    distance += np.einsum("ij,ij->i", first, first)[:, None]
     return nearest, distance
 
 
@@ -46,10 +63,12 @@ def candidate_matches(first: Features, second: Features, settings: MatchingSetti
         return np.zeros((0, 2), dtype=np.int64)
     a, b = first.descriptor.astype(np.float32), second.descriptor.astype(np.float32)
     forward, distance = _two_nearest(a, b)
-    backward, _ = _two_nearest(b, a)
-    index = np.arange(len(a))
-    good = (backward[forward] == index) & (distance[:, 0] < settings.ratio**2 * distance[:, 1])
-    return np.column_stack([index[good], forward[good]]).astype(np.int64)
+    distinct = np.flatnonzero(distance[:, 0] < settings.ratio**2 * distance[:, 1])
+    if not len(distinct):
+        return np.zeros((0, 2), dtype=np.int64)
+    backward, _ = _two_nearest(b[forward[distinct]], a)
+    mutual = distinct[backward == distinct]
+    return np.column_stack([mutual, forward[mutual]]).astype(np.int64)
 
 
 def verified_matches(

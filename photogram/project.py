@@ -1,6 +1,6 @@
 """The project file: what a survey consists of, in the map frame, and how it is to be worked out.
 
-read_project checks everything that can be known without opening a photograph and reports every fault at once, with its line.
+read_project checks everything that can be known without opening a photograph and reports every fault at once.
 Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel is (0, 0).
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -37,8 +38,9 @@ ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]
 class ProjectPhotograph:
     """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
 
-    ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,) holds
-    for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of the gimbal, DJI's convention.
+    ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,)
+    holds for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
+    writes them.
     """
 
     name: str
@@ -61,7 +63,7 @@ class ProjectPhotograph:
 class ProjectControlPoint:
     """One surveyed point: ``position_map_m`` (3,) with ``sigma_m`` (3,), and its marks.
 
-    ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) in photogram's pixel frame.
+    ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
     """
 
     name: str
@@ -127,7 +129,7 @@ def read_project(
 ) -> Project:
     """Read and check a project file.
 
-    ``photographs_folder`` stands instead of the file's own; ``read_matlab_camera`` reads the cameras that are .mat files.
+    ``photographs_folder`` stands instead of the file's own; ``read_matlab_camera`` reads cameras that are .mat files.
     Raises ProjectError with one line for each fault, ``path:line: key: what is wrong``.
     """
     document = Document(path)
@@ -187,7 +189,7 @@ def _camera(
     name = str(key[-1])
     if entry.matlab is not None:
         path = base / entry.matlab
-        if not path.is_file() or entry.pixel_origin is None or entry.pixel_origin == "colmap":
+        if not isfile(path) or entry.pixel_origin is None or entry.pixel_origin == "colmap":
             return None
         try:
             camera = read_matlab(path, name, entry.width_px, entry.height_px, entry.pixel_origin)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os.path import isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +73,14 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
     if document.at(_LIST) is not None or folder is None:
         return None
     key: Key = ("photographs", "folder")
-    if not folder.is_dir():
+    if not isdir(folder):
         document.fault(key, f"the folder {folder} does not exist: say where the photographs are with --photographs DIR")
         return None
-    names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+    try:
+        names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+    except OSError as fault:
+        document.fault(key, f"the folder {folder} cannot be read ({fault.strerror})")
+        return None
     if not names:
         document.fault(key, f"no photographs in {folder}: say where they are with --photographs DIR")
     return [PhotographEntry(name=name) for name in names]
@@ -105,7 +110,7 @@ def check_project(
     _check_control_points(document, file, photographs)
     _check_positions(document, file)
     reference = file.comparison.reference
-    if reference is not None and not (base / reference).is_file():
+    if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
     folders = {"photographs": folder, "results": base / file.results}
     for other, path in folders.items():
@@ -123,7 +128,7 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
     for name in figures:
         if document.at((*key, name)) is not None:
             document.fault((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
-    if not (base / camera.matlab).is_file():
+    if not isfile(base / camera.matlab):
         document.fault((*key, "matlab"), f"there is no file {base / camera.matlab}")
     origin: Key = (*key, "pixel_origin")
     if document.at(origin) is None:
@@ -167,9 +172,9 @@ def _check_photographs(document: Document, file: ProjectFile, photographs: Seque
 
 def _check_files(document: Document, photographs: Sequence[PhotographEntry], folder: Path) -> None:
     names = list(dict.fromkeys(p.name for p in photographs if p.name is not None))
-    missing = [name for name in names if not (folder / name).is_file()]
+    missing = [name for name in names if not isfile(folder / name)]
     if missing:
-        place = f"in {folder}" if folder.is_dir() else f"there: the folder {folder} does not exist"
+        place = f"in {folder}" if isdir(folder) else f"there: the folder {folder} does not exist"
         document.fault(
             ("photographs", "folder"),
             f"{len(missing)} of {len(names)} photographs are not {place}: {', '.join(missing)}: "
@@ -249,8 +254,8 @@ def _check_plan(
     distance_km = np.zeros(len(plan))
     if not foreign.all():
         middle = np.median(plan[~foreign], axis=0)
-        distance_km = np.linalg.norm(plan - middle, axis=1) / 1000.0
-        swapped |= (distance_km > FARTHEST_KM) & (np.linalg.norm(turned - middle, axis=1) / 1000.0 <= FARTHEST_KM)
+        distance_km = np.hypot(*(plan - middle).T) / 1000.0
+        swapped |= (distance_km > FARTHEST_KM) & (np.hypot(*(turned - middle).T) / 1000.0 <= FARTHEST_KM)
     foreign &= ~swapped
     distant = ~foreign & ~swapped & (distance_km > FARTHEST_KM)
     texts = (
@@ -275,10 +280,12 @@ def _check_plan(
 def _check_heights(document: Document, keys: Sequence[Key], height_m: FloatArray) -> None:
     if not keys:
         return
-    middle = float(np.median(height_m))
+    possible = (height_m >= LOWEST_M) & (height_m <= HIGHEST_M)
+    middle = float(np.median(height_m[possible])) if possible.any() else 0.0
     for key, height in zip(keys, height_m, strict=True):
         away = abs(height - middle)
-        if not LOWEST_M <= height <= HIGHEST_M or (abs(height) in _PLACEHOLDERS_M and away > _PLACEHOLDER_DISTANCE_M):
+        placeholder = abs(height) in _PLACEHOLDERS_M and away > _PLACEHOLDER_DISTANCE_M
+        if placeholder or not LOWEST_M <= height <= HIGHEST_M:
             document.fault(
                 key, f"height {height:.10g} m is no height on Earth or a placeholder: give the surveyed height"
             )

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
 from photogram.errors import PhotogramError, ProjectError
@@ -61,8 +61,9 @@ class Document:
         """Read the file. Raises ProjectError where it cannot be read or is not YAML; other faults are noted."""
         self.path = path
         self._lines: dict[Key, int] = {(): 1}
-        self._faults: dict[tuple[int, str], None] = {}
+        self._faults: dict[tuple[int, Key, str], None] = {}
         self._seen: set[int] = set()
+        self._unread: set[Key] = set()
         node = _compose(path)
         self.value: object = {} if node is None else self._plain(node, ())
 
@@ -70,7 +71,7 @@ class Document:
         line = node.start_mark.line + 1
         self._lines.setdefault(key, line)
         if id(node) in self._seen:
-            self.fault(key, "anchors and aliases (& and *) are not read here: write the values out")
+            self._unreadable(key, "anchors and aliases (& and *) are not read here: write the values out")
             return None
         self._seen.add(id(node))
         if isinstance(node, yaml.SequenceNode):
@@ -78,15 +79,19 @@ class Document:
         if isinstance(node, yaml.MappingNode):
             return self._block(node, key)
         if not node.value.isprintable():
-            self.fault(
+            self._unreadable(
                 key, "holds a line break or a character that cannot be printed: write it in one line of plain text"
             )
             return None
         try:
             return _SCALARS[node.tag](node.value)
         except (KeyError, ValueError):
-            self.fault(key, f"the tag {node.tag} is not read here: write the value without it")
+            self._unreadable(key, f"the tag {node.tag} is not read here: write the value without it")
             return None
+
+    def _unreadable(self, key: Key, text: str) -> None:
+        self.fault(key, text)
+        self._unread.add(key)
 
     def _block(self, node: yaml.MappingNode, key: Key) -> dict[str, object]:
         block: dict[str, object] = {}
@@ -107,6 +112,10 @@ class Document:
         while key not in self._lines:
             key = key[:-1]
         return key
+
+    def unread(self, key: Key) -> bool:
+        """Whether the file has a value at ``key`` that YAML allows and photogram does not read; its fault is noted."""
+        return key in self._unread
 
     def line(self, key: Key) -> int:
         """Return the line of a value, or of the nearest block around it that the file has."""
@@ -134,9 +143,7 @@ class Document:
 
     def fault(self, key: Key, text: str, line: int | None = None) -> None:
         """Note what is wrong with the value at a key."""
-        place = self.line(key) if line is None else line
-        where = self.where(key)
-        self._faults[(place, f"{where}: {text}" if where else text)] = None
+        self._faults[(self.line(key) if line is None else line, key, text)] = None
 
     @property
     def faults(self) -> int:
@@ -147,7 +154,10 @@ class Document:
         """Raise a ProjectError with every fault noted, in the order of the lines; return if there is none."""
         if not self._faults:
             return
-        lines = [f"{self.path}:{line}: {text}" for line, text in sorted(self._faults)]
+        lines = []
+        for line, key, text in sorted(self._faults, key=lambda fault: fault[0]):
+            where = self.where(key)
+            lines.append(f"{self.path}:{line}: {where}: {text}" if where else f"{self.path}:{line}: {text}")
         heading = [f"{self.path} has {len(lines)} faults:"] if len(lines) > 1 else []
         raise ProjectError("\n".join(heading + lines))
 
@@ -230,11 +240,6 @@ class Entry(BaseModel):
     """A block of keys; an empty block is one whose keys are all absent."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, protected_namespaces=())
-
-    @model_validator(mode="before")
-    @classmethod
-    def _empty(cls, value: object) -> object:
-        return {} if value is None else value
 
 
 _WORDS = {
@@ -341,12 +346,15 @@ def read_entry(document: Document, model: type[EntryT], key: Key = ()) -> EntryT
     wording: dict[Key, list[str]] = {}
     for fault in faults:
         place = document.known((*key, *fault["loc"]))
+        if fault["type"] in _BLOCKS and fault["input"] is None:
+            continue  # an empty block: its keys are absent
         text = _unknown(entry, place[len(key) :]) if fault["type"] in _UNKNOWN else _wording(fault)
         wording.setdefault(place, []).append(text)
     for place, texts in wording.items():
-        document.fault(place, ", or ".join(dict.fromkeys(texts)))
+        if not document.unread(place):
+            document.fault(place, ", or ".join(dict.fromkeys(texts)))
     for place, what in _missing(entry, key):
-        if not any(place[:n] in wording for n in range(len(place) + 1)):
+        if not document.unread(place) and not any(place[:n] in wording for n in range(len(place) + 1)):
             document.fault(place, f"is missing: give {what}")
     return entry
 

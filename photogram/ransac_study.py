@@ -1,8 +1,8 @@
 """The textbook experiment: RANSAC on the fundamental matrix with the normalised 8-point algorithm.
 
-For teaching: it shows how the number of inliers varies between iterations, what larger samples cost, and what the threshold
-means. The convention is x2ᵀ F x1 = 0, with pixels of photographs free of distortion. The survey itself is matched with a modern
-robust estimator, not with this.
+For teaching: it shows how the number of inliers varies between iterations, what larger samples cost, and what the
+threshold means. The convention is x2ᵀ F x1 = 0, with pixels of photographs free of distortion. The survey itself is
+matched with a modern robust estimator, not with this.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ BATCH_RESIDUALS = 400_000
 def fundamental_matrix(first_px: FloatArray, second_px: FloatArray) -> FloatArray:
     """Return F (..., 3, 3), of unit Frobenius norm and rank 2, from corresponding pixels (..., s, 2), s at least 8.
 
-    The normalised 8-point algorithm (Hartley 1997, sec. 3; Hartley & Zisserman 2004, alg. 11.1): pixels are shifted and
-    scaled to a mean distance of √2 from their centroid, the epipolar constraints are solved by SVD, the smallest singular
-    value of F is set to zero, and the scaling is undone. Leading axes are a batch.
+    The normalised 8-point algorithm (Hartley 1997, sec. 3; Hartley & Zisserman 2004, alg. 11.1): pixels are shifted
+    and scaled to a mean distance of √2 from their centroid, the epipolar constraints are solved by SVD, the smallest
+    singular value of F is set to zero, and the scaling is undone. Leading axes are a batch.
     """
     x1, T1 = _normalised(first_px)
     x2, T2 = _normalised(second_px)
@@ -55,13 +55,15 @@ def _normalised(pixel: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([offset * scale[..., None, None], np.ones((*offset.shape[:-1], 1))], axis=-1), T
 
 
-def epipolar_residual(F: FloatArray, first_px: FloatArray, second_px: FloatArray, kind: Residual = "sampson") -> FloatArray:
+def epipolar_residual(
+    F: FloatArray, first_px: FloatArray, second_px: FloatArray, kind: Residual = "sampson"
+) -> FloatArray:
     """Return the residuals (..., N) of pixels (N, 2) against F (..., 3, 3).
 
-    ``sampson``: first-order distance to the epipolar constraint, px (root of a term of Hartley & Zisserman 2004, eq. 11.9).
-    ``symmetric``: root of the squared distances to both epipolar lines, px (eq. 11.10). ``algebraic``: |x2ᵀ F x1| for F of
-    unit Frobenius norm; it has no unit of length: it grows with the distance from the epipoles and with the photograph's
-    size, so one threshold on it is a different number of pixels at every point.
+    ``sampson``: first-order distance to the epipolar constraint, px (root of a term of Hartley & Zisserman 2004, eq.
+    11.9). ``symmetric``: root of the squared distances to both epipolar lines, px (eq. 11.10). ``algebraic``: |x2ᵀ F
+    x1| for F of unit Frobenius norm; it has no unit of length: it grows with the distance from the epipoles and with
+    the photograph's size, so one threshold on it is a different number of pixels at every point.
     """
     x1 = np.column_stack([first_px, np.ones(len(first_px))])
     x2 = np.column_stack([second_px, np.ones(len(second_px))])
@@ -92,10 +94,12 @@ def draw_samples(points: int, sample_size: int, iterations: int, generator: np.r
     return sample
 
 
-def needed_iterations(inlier_fraction: float, sample_size: IntArray | int, probability: float = 0.99) -> FloatArray:
-    """Return how many samples hold one free of outliers with ``probability``: N = log(1 − p) / log(1 − wˢ) (Fischler & Bolles 1981).
+def needed_iterations(
+    inlier_fraction: float, sample_size: FloatArray | IntArray | int, probability: float = 0.99
+) -> FloatArray:
+    """Return how many samples it takes for one free of outliers, with ``probability`` p and inlier fraction w.
 
-    At least 1; infinite where no point is an inlier.
+    N = log(1 − p) / log(1 − wˢ) (Fischler & Bolles 1981, sec. II.B). At least 1; infinite where no point is an inlier.
     """
     free = np.clip(np.power(float(inlier_fraction), np.asarray(sample_size, dtype=np.float64)), 0.0, 1.0)
     with np.errstate(divide="ignore"):
@@ -113,8 +117,8 @@ def success_probability(inlier_fraction: float, sample_size: int, iteration: Int
 class RansacStudy:
     """What every iteration found: ``inliers`` (sample sizes S, thresholds T, iterations I).
 
-    ``iterations`` are the numbers of iterations to look at, the largest of them I; ``thresholds_px`` are px, but for the
-    algebraic residual. ``best_fundamental`` (S, T, 3, 3) belongs to the most inliers of each.
+    ``iterations`` are the numbers of iterations to look at, the largest of them I; ``thresholds_px`` are px, but for
+    the algebraic residual. ``best_fundamental`` (S, T, 3, 3) belongs to the most inliers of each.
     """
 
     points: int
@@ -146,7 +150,10 @@ class RansacStudy:
         return np.asarray(self.inliers.max(axis=(0, 2)) / self.points)
 
     def first_reached(self, fraction: float = 0.95) -> IntArray:
-        """Iteration (S, T), counted from 1, at which the running best first came to ``fraction`` of the most of any sample size; 0 if never."""
+        """Iteration (S, T) at which the running best first came to ``fraction`` of the most of any sample size.
+
+        Counted from 1; 0 where it never did.
+        """
         goal = fraction * self.inliers.max(axis=(0, 2))
         reached = self.inliers >= goal[None, :, None]
         return np.where(reached.any(axis=2), reached.argmax(axis=2) + 1, 0).astype(np.int64)
@@ -161,10 +168,11 @@ def study(
     seed: int = 0,
     residual: Residual = "sampson",
 ) -> RansacStudy:
-    """Run RANSAC for each sample size on corresponding pixels (N, 2) of two photographs, and count inliers in each iteration.
+    """Run RANSAC for each sample size on corresponding pixels (N, 2) of two photographs.
 
-    Every threshold judges the same models; every sample size draws its own samples, whatever the others are. Raises
-    PhotogramError for samples below 8, more than there are matches, and for iterations or thresholds that are not positive.
+    Inliers are counted in each iteration. Every threshold judges the same models; every sample size draws its own
+    samples, whatever the others are. Raises PhotogramError for samples below 8, more than there are matches, and for
+    iterations or thresholds that are not positive.
     """
     check_shape("first_px", first_px, (None, 2))
     check_shape("second_px", second_px, first_px.shape)
@@ -184,19 +192,26 @@ def study(
             for t, limit in enumerate(limits):
                 inliers[s, t, part] = np.count_nonzero(distance <= limit, axis=1)
         best[s] = models[inliers[s].argmax(axis=1)]
-    return RansacStudy(len(first_px), tuple(iterations), tuple(sample_sizes), tuple(thresholds_px), residual, inliers, best)
+    return RansacStudy(
+        len(first_px), tuple(iterations), tuple(sample_sizes), tuple(thresholds_px), residual, inliers, best
+    )
 
 
 def _check(
-    points: int, iterations: Sequence[int], sample_sizes: Sequence[int], thresholds_px: Sequence[float], residual: Residual
+    points: int,
+    iterations: Sequence[int],
+    sample_sizes: Sequence[int],
+    thresholds_px: Sequence[float],
+    residual: Residual,
 ) -> None:
     if not iterations or not sample_sizes or not thresholds_px:
         raise PhotogramError("RANSAC study: give at least one number of iterations, one sample size and one threshold")
     if min(iterations) < 1 or not min(thresholds_px) > 0:
         raise PhotogramError("RANSAC study: numbers of iterations and thresholds must be positive")
     if min(sample_sizes) < 8:
-        raise PhotogramError(f"RANSAC study: a sample of {min(sample_sizes)} matches: the 8-point algorithm needs at least 8")
+        raise PhotogramError(f"RANSAC study: a sample of {min(sample_sizes)} matches: the algorithm needs at least 8")
     if max(sample_sizes) > points:
-        raise PhotogramError(f"RANSAC study: a sample of {max(sample_sizes)} out of {points} matches: choose smaller samples")
+        raise PhotogramError(f"RANSAC study: {points} matches: too few for a sample of {max(sample_sizes)}")
     if residual not in get_args(Residual):
-        raise PhotogramError(f"RANSAC study: no residual is called {residual!r}: choose one of {', '.join(get_args(Residual))}")
+        kinds = ", ".join(get_args(Residual))
+        raise PhotogramError(f"RANSAC study: no residual is called {residual!r}: choose one of {kinds}")

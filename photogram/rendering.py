@@ -1,8 +1,8 @@
 """Photographs of a made scene: each pixel's ray, undistorted by the full Brown model, meets the height field exactly.
 
 Within a cell the surface is bilinear, so the height of a ray above it is a quadratic of the ray's parameter and its
-first root is the hit; blocks of cells that lie below the ray are skipped (Amanatides & Woo 1987, on two levels). Nothing
-in here depends on the number of threads.
+first root is the hit; blocks of cells that lie below the ray are skipped (Amanatides & Woo 1987, on two levels).
+Nothing in here depends on the number of threads.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ ByteArray = NDArray[np.uint8]
 
 _COARSEST_WAVELENGTH_M = 20.0
 _ROWS_PER_TASK = 16
+_FINE_OCTAVES = 3
 _ROOF, _WALL = int(Material.ROOF_TILES), int(Material.WALL)
 
 
@@ -205,11 +206,11 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
     for octave in range(f.octaves):
         s = 1.0 / wavelength
         value = gradient_noise(f.seed + octave, x * s, y * s, z * s)
-        grain += value
+        grain += value * (1.6 if octave < _FINE_OCTAVES else 1.0)
         if octave >= f.octaves - 3:
             hue += value
         wavelength *= 2.0
-    grain = np.exp(0.40 * contrast * grain)
+    grain = np.exp(0.36 * contrast * grain)
     rgb[0] *= grain * (1.0 + 0.18 * contrast * hue)
     rgb[1] *= grain
     rgb[2] *= grain * (1.0 - 0.15 * contrast * hue)

@@ -16,6 +16,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from photogram.frames import LocalFrame
+from photogram.survey import Raster
+
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 
@@ -342,13 +345,18 @@ def make_scene(
     )  # fmt: skip
 
 
+def target_reach(scene: Scene, radius_m: float) -> float:
+    """Return how far, in metres from its centre, a target of ``radius_m`` needs open ground."""
+    return 3 * radius_m + 2 * scene.cell_m
+
+
 def paint_targets(scene: Scene, targets: FloatArray, radius_m: float) -> Scene:
-    """Return the scene with targets of ``radius_m``, centred at ``targets`` (T, 2), painted on ground made level for them.
+    """Return the scene with targets of ``radius_m``, centred at ``targets`` (T, 2), painted on ground made level.
 
     Raises ValueError when a target touches a building, a tree or the edge of the site, or when two are too near.
     """
     centres = np.asarray(targets, np.float64).reshape(-1, 2)
-    inner, outer = (RING + 0.2) * radius_m + scene.cell_m, 3 * radius_m + 2 * scene.cell_m
+    inner, outer = (RING + 0.2) * radius_m + scene.cell_m, target_reach(scene, radius_m)
     closed = np.flatnonzero(~scene.open_ground(centres, outer))
     if len(closed):
         raise ValueError(f"target {closed[0]} at {centres[closed[0]]} does not lie on open ground: move it")
@@ -365,3 +373,29 @@ def paint_targets(scene: Scene, targets: FloatArray, radius_m: float) -> Scene:
     painted = replace(scene, height_m=height, targets=centres, target_radius_m=radius_m)
     painted.block_target.setflags(write=False)
     return painted
+
+
+def surface_raster(scene: Scene, frame: LocalFrame, cell_m: float) -> Raster:
+    """Return the surface of a scene in the map frame, exact at the centres of the cells; NaN off the site.
+
+    The vertical of the map is a straight line, slightly tilted, in the world frame: the height on it is found by
+    fixed-point iteration, each step of which shrinks the error by the tilt times the slope of the surface.
+    """
+    west, south, east, north = scene.extent_m
+    outline = np.array([[x, y, 0.0] for x in (west, east) for y in (south, north)])
+    low, high = (f(frame.map_from_world(outline)[:, :2], axis=0) for f in (np.min, np.max))
+    first, last = np.ceil(low / cell_m), np.floor(high / cell_m)
+    columns, rows = (last - first).astype(int)
+    easting = (first[0] + np.arange(columns) + 0.5) * cell_m
+    northing = (last[1] - np.arange(rows) - 0.5) * cell_m
+    level = np.full(rows * columns, frame.origin_map_m[2])
+    foot = np.column_stack([np.tile(easting, rows), np.repeat(northing, columns), level])
+    world = frame.world_from_map(foot)
+    up = (frame.world_from_map(foot + np.array([0.0, 0.0, 100.0])) - world) / 100.0
+    above = np.zeros(len(level))
+    for _ in range(3):
+        place = world + above[:, None] * up
+        above = (scene.height(place[:, :2]) - world[:, 2]) / up[:, 2]
+    off = (world[:, 0] < west) | (world[:, 0] > east) | (world[:, 1] < south) | (world[:, 1] > north)
+    height = np.where(off, np.nan, level + above).reshape(rows, columns).astype(np.float32)
+    return Raster(height, float(first[0] * cell_m), float(last[1] * cell_m), cell_m)

@@ -1,7 +1,7 @@
 """Surveys with known truth: flown, measured and photographed on a made site, from a seed and nothing else.
 
-``simulate`` makes a small survey with a scene that can be rendered; ``simulate_block`` makes the observations of a block
-of hundreds of photographs without rendering, on the bare terrain. Every error added has a stated standard deviation:
+``simulate`` makes a small survey with a scene that can be rendered; ``simulate_block`` makes the observations of a
+block of hundreds of photographs without rendering, on the bare terrain. Every error has a stated standard deviation:
 
     GNSS position      = projection centre − offset of the flight + noise     (projection centre = GNSS + offset)
     measured attitude  = true rotation · Exp(noise), about the camera's axes
@@ -19,21 +19,19 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, image_plane, project, project_point
 from photogram.frames import LocalFrame
 from photogram.rendering import render, visible
-from photogram.scene import Scene, make_scene, paint_targets, terrain_height
+from photogram.scene import Scene, make_scene, paint_targets, surface_raster, target_reach, terrain_height
 from photogram.survey import Block, ControlPoints, Photograph, Raster, Role, TiePoints
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
 _START = datetime(2024, 6, 12, 10, 0, tzinfo=UTC)
-_WHOLE_PIXEL_SIGMA_PX = 12**-0.5
 
 
 @dataclass(frozen=True)
@@ -105,9 +103,14 @@ class SurveyPlan:
         return self.flying_height_m / self.focal_px
 
     @property
+    def frame(self) -> LocalFrame:
+        """Return the world frame of the survey."""
+        return LocalFrame(self.crs, self.origin_map_m)
+
+    @property
     def stated_mark_sigma_px(self) -> float:
         """Return the standard deviation of a mark, rounding included."""
-        return float(np.hypot(self.mark_sigma_px, _WHOLE_PIXEL_SIGMA_PX if self.whole_pixel_marks else 0.0))
+        return float(np.hypot(self.mark_sigma_px, 12**-0.5 if self.whole_pixel_marks else 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSurvey:
-    """A survey with its scene: what a surveyor holds (approximate camera, photographs, control points), and the truth."""
+    """A survey and its scene: what a surveyor holds (approximate camera, photographs, control points) and the truth."""
 
     plan: SurveyPlan
     seed: int
@@ -136,11 +139,7 @@ class SimulatedSurvey:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedBlock:
-    """A block of observations with starting values, and the truth.
-
-    ``tie_point_position_world_m`` (P, 3) and ``mismatch`` (N,), the observations that were displaced, belong to the tie
-    points of the block.
-    """
+    """A block with starting values, and the truth; ``mismatch`` (N,) are the observations that were displaced."""
 
     plan: SurveyPlan
     seed: int
@@ -155,13 +154,46 @@ def demonstration_plan() -> SurveyPlan:
     return SurveyPlan(control_marks_per_photograph=4, mark_sigma_px=0.0, whole_pixel_marks=True)
 
 
+@dataclass(frozen=True, eq=False)
+class _Flight:
+    """A plan as it was flown: the true camera and poses, and what the surveyor has of them."""
+
+    plan: SurveyPlan
+    camera: Camera
+    approximate: Camera
+    poses: tuple[Pose, ...]
+    photographs: tuple[Photograph, ...]
+    gnss_offset: dict[str, FloatArray]
+
+    @property
+    def rotations(self) -> FloatArray:
+        return np.array([pose.rotation_world_from_camera for pose in self.poses])
+
+    @property
+    def centres(self) -> FloatArray:
+        return np.array([pose.position_world_m for pose in self.poses])
+
+    @property
+    def corners(self) -> FloatArray:
+        """Return the ideal image-plane coordinates (4, 2) of the corners of a photograph."""
+        w, h = self.plan.width_px - 1.0, self.plan.height_px - 1.0
+        return image_plane(self.camera, np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
+
+    def contains(self, pixel: FloatArray, ray: FloatArray, margin_px: float) -> BoolArray:
+        """Return which pixels (..., 2), of rays (..., 3) in the camera frame, lie ``margin_px`` within a photograph.
+
+        Far outside of it the distortion polynomial folds back, so that the pixel alone says nothing.
+        """
+        limit = np.array([self.plan.width_px, self.plan.height_px]) - 1 - margin_px
+        near = np.hypot(ray[..., 0], ray[..., 1]) <= 1.02 * np.linalg.norm(self.corners, axis=1).max() * ray[..., 2]
+        return np.asarray(near & np.all((pixel >= margin_px) & (pixel <= limit), axis=-1))
+
+
 def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera]:
     """Return the true and the approximate camera."""
-    centre = (np.array([plan.width_px, plan.height_px]) - 1) / 2
-    camera = Camera(
-        "simulated", plan.width_px, plan.height_px, plan.focal_px, centre + plan.principal_point_offset_px,
-        np.array(plan.radial), np.array(plan.tangential),
-    )  # fmt: skip
+    w, h, radial, tangential = plan.width_px, plan.height_px, np.array(plan.radial), np.array(plan.tangential)
+    centre = np.array([(w - 1) / 2, (h - 1) / 2]) + plan.principal_point_offset_px
+    camera = Camera("simulated", w, h, plan.focal_px, centre, radial, tangential)
     sigmas = np.array(plan.calibration_sigmas)
     error = np.where(np.isfinite(sigmas), sigmas, 0.0) * rng.standard_normal(8)
     return camera, replace(camera.with_parameters(camera.parameters + error), sigmas=sigmas)
@@ -171,7 +203,7 @@ def _turned(rotation: FloatArray, noise_rad: FloatArray) -> FloatArray:
     return np.asarray(rotation @ Rotation.from_rotvec(noise_rad).as_matrix())
 
 
-def _fly(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, IntArray]:
+def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return rotations (N, 3, 3) and projection centres (N, 3), strip after strip, and the strip (N,) of each."""
     base = (1 - plan.forward_overlap) * plan.height_px * plan.gsd_m
     apart = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m
@@ -184,80 +216,62 @@ def _fly(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatA
         heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
         forward = np.array([np.sin(heading), np.cos(heading), 0.0])
         right, down = np.array([forward[1], -forward[0], 0.0]), np.array([0.0, 0.0, -1.0])
-        across = np.array([offset, 0.0, plan.flying_height_m])
-        setback = np.tan(tilt) * plan.flying_height_m
+        across, setback = np.array([offset, 0.0, plan.flying_height_m]), np.tan(tilt) * plan.flying_height_m
         axis = np.cos(tilt) * down + np.sin(tilt) * forward
         rotations += [np.column_stack([right, np.cross(axis, right), axis])] * len(along)
         centres.append(across + (along[:, None] - setback) * forward)
     position = np.concatenate(centres)
     position += plan.position_noise_m * rng.standard_normal(position.shape)
-    noise = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
-    return _turned(np.array(rotations), noise), position, np.repeat(np.arange(len(courses)), len(along))
+    noise_rad = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
+    return _turned(np.array(rotations), noise_rad), position, np.repeat(np.arange(len(courses)), len(along))
 
 
-def _photographs(
-    plan: SurveyPlan, poses: tuple[Pose, ...], strip: IntArray, rng: np.random.Generator
-) -> tuple[tuple[Photograph, ...], dict[str, FloatArray]]:
-    """Return the photographs as their tags describe them, and the true GNSS offset of each flight."""
+def _fly(plan: SurveyPlan, rng: np.random.Generator) -> _Flight:
+    """Fly the plan and measure the positions and attitudes of its photographs."""
+    camera, approximate = _cameras(plan, rng)
+    rotations, centres, strip = _courses(plan, rng)
     offset = np.array(plan.gnss_offset_sigma_m) * rng.standard_normal((plan.flights, 3))
     flight = np.minimum(strip * plan.flights // plan.strips, plan.flights - 1)
-    position = np.array([pose.position_world_m for pose in poses])
-    sigma = np.array(plan.gnss_sigma_m)
-    gnss = position - offset[flight] + sigma * rng.standard_normal(position.shape)
-    rotations = np.array([pose.rotation_world_from_camera for pose in poses])
-    attitude_sigma_rad = float(np.radians(plan.attitude_sigma_deg))
-    attitude = _turned(rotations, attitude_sigma_rad * rng.standard_normal(position.shape))
-    interval = timedelta(seconds=(1 - plan.forward_overlap) * plan.height_px * plan.gsd_m / plan.speed_m_s)
+    sigma, sigma_rad = np.array(plan.gnss_sigma_m), float(np.radians(plan.attitude_sigma_deg))
+    gnss = centres - offset[flight] + sigma * rng.standard_normal(centres.shape)
+    attitude = _turned(rotations, sigma_rad * rng.standard_normal(centres.shape))
+    interval_s = (1 - plan.forward_overlap) * plan.height_px * plan.gsd_m / plan.speed_m_s
+    seconds = np.arange(len(strip)) * interval_s + 20.0 * strip + 1200.0 * flight
     photographs = tuple(
         Photograph(
-            name=f"sim_{i + 1:04d}",
-            camera=0,
-            flight=str(flight[i] + 1),
-            time=_START + i * interval + 20 * strip[i] * timedelta(seconds=1) + flight[i] * timedelta(minutes=20),
-            gnss_world_m=gnss[i],
-            gnss_sigma_m=sigma,
-            attitude_world_from_camera=attitude[i],
-            attitude_sigma_rad=attitude_sigma_rad,
+            name=f"sim_{i + 1:04d}.JPG", camera=0, flight=str(flight[i] + 1),
+            time=_START + timedelta(seconds=float(seconds[i])), gnss_world_m=gnss[i], gnss_sigma_m=sigma,
+            attitude_world_from_camera=attitude[i], attitude_sigma_rad=sigma_rad,
         )
-        for i in range(len(poses))
-    )
-    return photographs, {str(f + 1): offset[f] for f in range(plan.flights)}
+        for i in range(len(strip))
+    )  # fmt: skip
+    poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
+    return _Flight(plan, camera, approximate, poses, photographs, {str(f + 1): v for f, v in enumerate(offset)})
 
 
-def _footprints(plan: SurveyPlan, camera: Camera, poses: tuple[Pose, ...], height_m: float) -> FloatArray:
+def _footprints(flight: _Flight, height_m: float) -> FloatArray:
     """Return where the corners (N, 4, 2) of photographs meet level ground. Raises ValueError above the horizon."""
-    w, h = camera.width_px - 1.0, camera.height_px - 1.0
-    ideal = image_plane(camera, np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
-    ray = np.column_stack([ideal, np.ones(4)])
-    direction = np.array([ray @ pose.rotation_world_from_camera.T for pose in poses])
-    centre = np.array([pose.position_world_m for pose in poses])[:, None]
+    direction = np.column_stack([flight.corners, np.ones(4)]) @ np.swapaxes(flight.rotations, 1, 2)
     if np.any(direction[..., 2] > -0.1 * np.linalg.norm(direction, axis=2)):
-        raise ValueError(f"photographs look above the horizon: reduce oblique_angle_deg = {plan.oblique_angle_deg}")
+        raise ValueError(f"photographs look at the horizon: reduce oblique_angle_deg = {flight.plan.oblique_angle_deg}")
+    centre = flight.centres[:, None]
     return np.asarray((centre + direction * ((height_m - centre[..., 2:]) / direction[..., 2:]))[..., :2])
 
 
-def _seen(
-    camera: Camera, poses: tuple[Pose, ...], points: FloatArray, margin_px: float
-) -> tuple[BoolArray, FloatArray]:
-    """Return which photographs hold which points (N, P) ``margin_px`` or more off their edge, and where (N, P, 2)."""
-    pixel = np.array([project(camera, pose, points) for pose in poses]).reshape(len(poses), len(points), 2)
-    limit = np.array([camera.width_px, camera.height_px]) - 1 - margin_px
-    return np.all((pixel >= margin_px) & (pixel <= limit), axis=2), pixel
+def _seen(flight: _Flight, points: FloatArray, margin_px: float, scene: Scene | None) -> tuple[BoolArray, FloatArray]:
+    """Return which photographs show which points (N, P), and where (N, P, 2); without a scene nothing is hidden."""
+    shape = (len(flight.poses), len(points))
+    pixel = np.array([project(flight.camera, pose, points) for pose in flight.poses]).reshape(*shape, 2)
+    ray = np.array([pose.camera_from_world(points) for pose in flight.poses]).reshape(*shape, 3)
+    seen = flight.contains(pixel, ray, margin_px)
+    if scene is not None:
+        seen &= np.array([visible(scene, pose, points) for pose in flight.poses]).reshape(shape)
+    return seen, pixel
 
 
-def _shown(
-    scene: Scene, camera: Camera, poses: tuple[Pose, ...], points: FloatArray, margin_px: float
-) -> tuple[BoolArray, FloatArray]:
-    """Return the same as _seen, for points that the scene does not hide."""
-    seen, pixel = _seen(camera, poses, points, margin_px)
-    return seen & np.array([visible(scene, pose, points) for pose in poses]).reshape(seen.shape), pixel
-
-
-def _candidates(
-    plan: SurveyPlan, camera: Camera, poses: tuple[Pose, ...], rng: np.random.Generator
-) -> FloatArray:
+def _candidates(flight: _Flight, rng: np.random.Generator) -> FloatArray:
     """Return places (K, 2) in and around the photographed area where a ground point might go."""
-    corners = _footprints(plan, camera, poses, 0.0).reshape(-1, 2)
+    corners = _footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
     spacing = max(1.5, float(np.max(high - low)) / 70)
     x, y = (np.arange(low[k], high[k] + spacing, spacing) for k in (0, 1))
@@ -269,7 +283,8 @@ def _place_control(plan: SurveyPlan, candidate: FloatArray, seen: BoolArray) -> 
     """Choose control, then check points (G, 3) among candidates (K, 3), seen (N, K) by the photographs.
 
     Each point in turn goes where it is farthest from those that stand, corners and edges first; places that help
-    photographs which still lack control marks count for more. Raises ValueError when there is no room.
+    photographs which still lack control marks count for more, and check points keep within the hull of the control.
+    Raises ValueError when there is no room.
     """
     wanted = plan.control_points + plan.check_points
     rays = seen.sum(axis=0)
@@ -277,13 +292,14 @@ def _place_control(plan: SurveyPlan, candidate: FloatArray, seen: BoolArray) -> 
     candidate, seen = candidate[usable], seen[:, usable]
     if len(candidate) < wanted:
         raise ValueError(f"no room for {wanted} control and check points: reduce their number, or photograph more")
-    low = candidate.min(axis=0, initial=np.inf)
-    distance = -np.linalg.norm(candidate[:, :2] - low[:2], axis=1)
-    distance -= distance.min(initial=0.0)
+    distance = 1 / (1 + np.linalg.norm(candidate - candidate.min(axis=0, initial=np.inf), axis=1))
     chosen: list[int] = []
     lacking = np.full(len(seen), plan.control_marks_per_photograph)
     for number in range(wanted):
-        gain = 1 + 0.5 * seen[lacking > 0].sum(axis=0) if number < plan.control_points else np.ones(len(candidate))
+        if number == plan.control_points >= 3:
+            within = Delaunay(candidate[chosen, :2]).find_simplex(candidate[:, :2]) >= 0
+            distance = np.where(within, 1.0, 1e-3) * distance
+        gain = 1 + 0.5 * seen[lacking > 0].sum(axis=0) * (0 < number < plan.control_points)
         chosen.append(int(np.argmax(distance * gain)))
         lacking -= seen[:, chosen[-1]]
         step = np.linalg.norm(candidate[:, :2] - candidate[chosen[-1], :2], axis=1)
@@ -299,16 +315,16 @@ def _measure_control(
     mark = pixel[photograph, point] + plan.mark_sigma_px * rng.standard_normal((len(point), 2))
     sigma = np.array(plan.control_sigma_m)
     surveyed = position + sigma * rng.standard_normal(position.shape)
-    control, check = range(plan.control_points), range(plan.check_points)
-    names = tuple([f"G{i + 1:02d}" for i in control] + [f"C{i + 1:02d}" for i in check])
-    roles: list[Role] = ["control"] * plan.control_points + ["check"] * plan.check_points
+    control: list[Role] = ["control"] * plan.control_points
+    check: list[Role] = ["check"] * plan.check_points
+    names = (*(f"G{i + 1:02d}" for i in range(len(control))), *(f"C{i + 1:02d}" for i in range(len(check))))
     if plan.blunder_point is not None:
         if plan.blunder_point not in names:
             raise ValueError(f"blunder_point: no point is called {plan.blunder_point!r}; they are {', '.join(names)}")
         surveyed[names.index(plan.blunder_point), 2] += plan.control_height_blunder_m
     return ControlPoints(
         name=names,
-        role=tuple(roles),
+        role=(*control, *check),
         position_world_m=surveyed,
         sigma_m=np.tile(sigma, (len(names), 1)),
         mark_photograph=photograph.astype(np.int64),
@@ -318,13 +334,13 @@ def _measure_control(
     )
 
 
-def _require_marks(plan: SurveyPlan, photographs: tuple[Photograph, ...], seen: BoolArray) -> None:
-    marks = seen[:, : plan.control_points].sum(axis=1)
-    fewest = int(np.argmin(marks))
-    if marks[fewest] < plan.control_marks_per_photograph:
+def _require_marks(flight: _Flight, seen: BoolArray) -> None:
+    marks = seen[:, : flight.plan.control_points].sum(axis=1)
+    fewest, wanted = int(np.argmin(marks)), flight.plan.control_marks_per_photograph
+    if marks[fewest] < wanted:
         raise ValueError(
-            f"photograph {photographs[fewest].name} sees {marks[fewest]} of {plan.control_points} control points, "
-            f"the plan asks for {plan.control_marks_per_photograph}: raise control_points"
+            f"photograph {flight.photographs[fewest].name} sees {marks[fewest]} of {flight.plan.control_points} "
+            f"control points, the plan asks for {wanted}: raise control_points"
         )
 
 
@@ -335,108 +351,66 @@ def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
     a photograph sees too few control points for the plan, or looks above the horizon.
     """
     rng = np.random.default_rng([seed, 0])
-    camera, approximate = _cameras(plan, rng)
-    rotations, centres, strip = _fly(plan, rng)
-    poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
-    photographs, offset = _photographs(plan, poses, strip, rng)
-    reach = np.abs(_footprints(plan, camera, poses, -plan.relief_m)).max()
-    bare = make_scene(
-        seed,
-        float(np.ceil(2 * reach / 10 + 1) * 10),
-        plan.cell_m,
-        plan.relief_m,
-        plan.buildings,
-        plan.trees,
-        finest_wavelength_m=2 * plan.gsd_m,
-    )
-    place = _candidates(plan, camera, poses, rng)
-    place = place[bare.open_ground(place, 4 * plan.target_radius_m)]
+    flight = _fly(plan, rng)
+    reach = np.abs(_footprints(flight, -plan.relief_m)).max()
+    site = (float(np.ceil(2 * reach / 10 + 1) * 10), plan.cell_m, plan.relief_m, plan.buildings, plan.trees)
+    bare = make_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m)
+    place = _candidates(flight, rng)
+    place = place[bare.open_ground(place, target_reach(bare, plan.target_radius_m))]
     candidate = np.column_stack([place, bare.height(place)])
-    seen, _ = _shown(bare, camera, poses, candidate, 25.0)
-    ground = _place_control(plan, candidate, seen)
+    ground = _place_control(plan, candidate, _seen(flight, candidate, 25.0, bare)[0])
     scene = paint_targets(bare, ground[:, :2], plan.target_radius_m)
     position = scene.targets_world_m
-    seen, pixel = _shown(scene, camera, poses, position, 1.5 * plan.target_radius_m / plan.gsd_m)
-    _require_marks(plan, photographs, seen)
+    seen, pixel = _seen(flight, position, 1.5 * plan.target_radius_m / plan.gsd_m, scene)
+    _require_marks(flight, seen)
     control = _measure_control(plan, position, seen, pixel, rng)
-    frame = LocalFrame(plan.crs, plan.origin_map_m)
-    truth = Truth(camera, poses, position, offset)
-    return SimulatedSurvey(plan, seed, frame, scene, approximate, photographs, control, truth)
+    truth = Truth(flight.camera, flight.poses, position, flight.gnss_offset)
+    return SimulatedSurvey(plan, seed, plan.frame, scene, flight.approximate, flight.photographs, control, truth)
 
 
 def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Yield the name and the pixels (height_px, width_px, 3), red, green, blue, of each photograph of a survey."""
     for number, (photograph, pose) in enumerate(zip(survey.photographs, survey.truth.poses, strict=True)):
-        seed = survey.seed * 100_003 + number
-        yield photograph.name, render(survey.scene, survey.truth.camera, pose, seed=seed, noise_dn=noise_dn)
+        noise = survey.seed * 100_003 + number
+        yield photograph.name, render(survey.scene, survey.truth.camera, pose, seed=noise, noise_dn=noise_dn)
 
 
 def truth_surface(survey: SimulatedSurvey, cell_m: float) -> Raster:
-    """Return the surface of the whole site, roofs and trees included, at the centres of map cells; NaN off the site.
-
-    The vertical of the map is a straight line, slightly tilted, in the world frame: the height on it is found by
-    fixed-point iteration, each step of which shrinks the error by the tilt times the slope of the surface.
-    """
-    west, south, east, north = survey.scene.extent_m
-    outline = np.array([[x, y, 0.0] for x in (west, east) for y in (south, north)])
-    low, high = (f(survey.frame.map_from_world(outline)[:, :2], axis=0) for f in (np.min, np.max))
-    first, last = np.ceil(low / cell_m), np.floor(high / cell_m)
-    columns, rows = (last - first).astype(int)
-    easting = (first[0] + np.arange(columns) + 0.5) * cell_m
-    northing = (last[1] - np.arange(rows) - 0.5) * cell_m
-    level = np.full(rows * columns, survey.frame.origin_map_m[2])
-    foot = np.column_stack([np.tile(easting, rows), np.repeat(northing, columns), level])
-    world = survey.frame.world_from_map(foot)
-    up = (survey.frame.world_from_map(foot + [0.0, 0.0, 100.0]) - world) / 100.0
-    above = np.zeros(len(level))
-    for _ in range(3):
-        place = world + above[:, None] * up
-        above = (survey.scene.height(place[:, :2]) - world[:, 2]) / up[:, 2]
-    off = (world[:, 0] < west) | (world[:, 0] > east) | (world[:, 1] < south) | (world[:, 1] > north)
-    height = np.where(off, np.nan, level + above).reshape(rows, columns).astype(np.float32)
-    return Raster(height, float(first[0] * cell_m), float(last[1] * cell_m), cell_m)
+    """Return the surface of the whole site in the map frame, roofs and trees included; NaN off the site."""
+    return surface_raster(survey.scene, survey.frame, cell_m)
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _project_pairs(
-    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, photograph: IntArray, point: IntArray
-) -> FloatArray:
-    pixel = np.empty((len(point), 2))
-    for n in range(len(point)):
-        pixel[n, 0], pixel[n, 1], _ = project_point(q, R[photograph[n]], C[photograph[n]], X[point[n]])
+def _project_pairs(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, i: IntArray, p: IntArray) -> FloatArray:
+    pixel = np.empty((len(p), 2))
+    for n in range(len(p)):
+        pixel[n, 0], pixel[n, 1], _ = project_point(q, R[i[n]], C[i[n]], X[p[n]])
     return pixel
 
 
-def _observe(
-    plan: SurveyPlan, camera: Camera, poses: tuple[Pose, ...], points: FloatArray, margin_px: float
-) -> tuple[IntArray, IntArray, FloatArray]:
+def _observe(flight: _Flight, points: FloatArray, margin_px: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Return photograph, point and true pixel of every observation, sorted by point, then photograph."""
-    corners = _footprints(plan, camera, poses, 0.0)
+    corners, relief, height = _footprints(flight, 0.0), flight.plan.relief_m, flight.plan.flying_height_m
     centre = corners.mean(axis=1)
-    climb = plan.flying_height_m / max(plan.flying_height_m - plan.relief_m, 0.2 * plan.flying_height_m)
-    reach = climb * float(np.linalg.norm(corners - centre[:, None], axis=2).max())
+    widening = height / max(height - relief, 0.2 * height)
+    reach = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
     near = cKDTree(points[:, :2]).sparse_distance_matrix(cKDTree(centre), reach, output_type="ndarray")
     order = np.lexsort((near["j"], near["i"]))
     point, photograph = near["i"][order].astype(np.int64), near["j"][order].astype(np.int64)
-    R = np.array([pose.rotation_world_from_camera for pose in poses])
-    C = np.array([pose.position_world_m for pose in poses])
-    pixel = _project_pairs(camera.parameters, R, C, points, photograph, point)
-    limit = np.array([camera.width_px, camera.height_px]) - 1 - margin_px
-    keep = np.all((pixel >= margin_px) & (pixel <= limit), axis=1)
+    R, C = flight.rotations, flight.centres
+    pixel = _project_pairs(flight.camera.parameters, R, C, points, photograph, point)
+    ray = np.einsum("nij,ni->nj", R[photograph], points[point] - C[photograph])
+    keep = flight.contains(pixel, ray, margin_px)
     return photograph[keep], point[keep], pixel[keep]
 
 
-def _displaced(pixel: FloatArray, camera: Camera, mismatch: BoolArray, rng: np.random.Generator) -> FloatArray:
-    """Move the mismatches by 10 to 300 px, log-uniformly, in any direction that stays within the photograph."""
-    count = int(mismatch.sum())
-    size = np.array([camera.width_px, camera.height_px])
-    length = np.exp(rng.uniform(np.log(10.0), np.log(min(300.0, size.min() / 2.5)), count))
-    angle = rng.uniform(0.0, 2 * np.pi, count)
+def _displaced(pixel: FloatArray, camera: Camera, rng: np.random.Generator) -> FloatArray:
+    """Move pixels (N, 2) by 10 to 300 px, log-uniformly, in any direction that stays within the photograph."""
+    last = np.array([camera.width_px, camera.height_px]) - 1.0
+    length = np.exp(rng.uniform(np.log(10.0), np.log(min(300.0, last.min() / 2.5)), len(pixel)))
+    angle = rng.uniform(0.0, 2 * np.pi, len(pixel))
     step = length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    moved = pixel[mismatch] + step
-    result = pixel.copy()
-    result[mismatch] = np.where((moved < 0) | (moved > size - 1), moved - 2 * step, moved)
-    return result
+    return np.asarray(np.where((pixel + step < 0) | (pixel + step > last), pixel - step, pixel + step))
 
 
 def simulate_block(
@@ -459,37 +433,33 @@ def simulate_block(
     does, and when the photographs do not overlap.
     """
     rng = np.random.default_rng([seed, 2])
-    camera, approximate = _cameras(plan, rng)
-    rotations, centres, strip = _fly(plan, rng)
-    poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
-    photographs, offset = _photographs(plan, poses, strip, rng)
-    place = _candidates(plan, camera, poses, rng)
+    flight = _fly(plan, rng)
+    place = _candidates(flight, rng)
     candidate = np.column_stack([place, terrain_height(seed, plan.relief_m, place)])
-    ground = _place_control(plan, candidate, _seen(camera, poses, candidate, 25.0)[0])
-    seen, pixel = _seen(camera, poses, ground, 5 * plan.stated_mark_sigma_px)
-    _require_marks(plan, photographs, seen)
+    ground = _place_control(plan, candidate, _seen(flight, candidate, 25.0, None)[0])
+    seen, pixel = _seen(flight, ground, 5 * plan.stated_mark_sigma_px, None)
+    _require_marks(flight, seen)
     control = _measure_control(plan, ground, seen, pixel, rng)
-    ties, position, mismatch = _tie_points(plan, seed, camera, poses, tie_points, sigma_px, mismatches, detection, rng)
+    ties, position, mismatch = _tie_points(flight, seed, tie_points, sigma_px, mismatches, detection, rng)
     start = replace(ties, position_world_m=position + start_point_sigma_m * rng.standard_normal(position.shape))
-    turned = _turned(rotations, np.radians(start_attitude_sigma_deg) * rng.standard_normal(centres.shape))
-    moved = centres + start_position_sigma_m * rng.standard_normal(centres.shape)
+    moved = flight.centres + start_position_sigma_m * rng.standard_normal((len(flight.poses), 3))
+    noise_rad = np.radians(start_attitude_sigma_deg) * rng.standard_normal(moved.shape)
     block = Block(
-        frame=LocalFrame(plan.crs, plan.origin_map_m),
-        cameras=(approximate,),
-        photographs=photographs,
-        poses=tuple(Pose(R, C) for R, C in zip(turned, moved, strict=True)),
+        frame=plan.frame,
+        cameras=(flight.approximate,),
+        photographs=flight.photographs,
+        poses=tuple(Pose(R, C) for R, C in zip(_turned(flight.rotations, noise_rad), moved, strict=True)),
         tie_points=start,
         control_points=control,
         gnss_offset_sigma_m=np.array(plan.gnss_offset_sigma_m),
     )
-    return SimulatedBlock(plan, seed, block, Truth(camera, poses, ground, offset), position, mismatch)
+    truth = Truth(flight.camera, flight.poses, ground, flight.gnss_offset)
+    return SimulatedBlock(plan, seed, block, truth, position, mismatch)
 
 
 def _tie_points(
-    plan: SurveyPlan,
+    flight: _Flight,
     seed: int,
-    camera: Camera,
-    poses: tuple[Pose, ...],
     wanted: int,
     sigma_px: float,
     mismatches: float,
@@ -497,13 +467,13 @@ def _tie_points(
     rng: np.random.Generator,
 ) -> tuple[TiePoints, FloatArray, BoolArray]:
     """Return tie points of unknown position, their true positions (P, 3), and which observations are mismatches."""
-    corners = _footprints(plan, camera, poses, 0.0).reshape(-1, 2)
+    corners = _footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
     drawn = max(200, int(1.5 * wanted))
     for _ in range(6):
         xy = rng.uniform(low, high, (drawn, 2))
-        points = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
-        photograph, point, pixel = _observe(plan, camera, poses, points, 5 * sigma_px)
+        points = np.column_stack([xy, terrain_height(seed, flight.plan.relief_m, xy)])
+        photograph, point, pixel = _observe(flight, points, 5 * sigma_px)
         keep = rng.random(len(point)) < detection
         photograph, point, pixel = photograph[keep], point[keep], pixel[keep]
         enough = np.flatnonzero(np.bincount(point, minlength=drawn) >= 2)
@@ -517,13 +487,12 @@ def _tie_points(
     keep = number[point] >= 0
     photograph, point, pixel = photograph[keep], number[point[keep]], pixel[keep]
     n = len(point)
-    mismatch = np.zeros(n, dtype=bool)
-    mismatch[rng.choice(n, round(mismatches * n), replace=False)] = True
-    observed = _displaced(pixel + sigma_px * rng.standard_normal((n, 2)), camera, mismatch, rng)
+    mismatch = rng.permutation(n) < round(mismatches * n)
+    observed = pixel + sigma_px * rng.standard_normal((n, 2))
+    observed[mismatch] = _displaced(observed[mismatch], flight.camera, rng)
     feature = np.empty(n, np.int64)
     order = np.argsort(photograph, kind="stable")
-    first = np.searchsorted(photograph[order], np.arange(len(poses)))
-    feature[order] = np.arange(n) - first[photograph[order]]
+    feature[order] = np.arange(n) - np.searchsorted(photograph[order], photograph[order])
     ties = TiePoints(
         photograph, point, feature, observed, np.full(n, float(sigma_px)), np.full((wanted, 3), np.nan),
         np.full((wanted, 3), 128, np.uint8),

@@ -1,8 +1,8 @@
 """Digital surface model (DSM) from irregular points.
 
-Points that stick out of their neighbourhood are taken away, the rest is triangulated in plan (Delaunay), and heights are
-interpolated linearly in the triangles at the cell centres. Nothing is extrapolated: outside the triangulation, and in
-triangles that bridge a gap, a cell has no data.
+Points that stick out of their neighbourhood are taken away, the rest is triangulated in plan (Delaunay), and heights
+are interpolated linearly in the triangles at the cell centres. Nothing is extrapolated: outside the triangulation,
+and in triangles that bridge a gap, a cell has no data.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 NMAD_FACTOR = 1.4826
-"""Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq. 1)."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
+1).
+"""
 
 MAXIMUM_CELLS = 1_000_000_000
 TILE_CELLS = 400_000
@@ -32,11 +34,11 @@ CHUNK_POINTS = 40_000
 class SurfaceSettings:
     """How points become a surface.
 
-    ``cell_m``: size of a cell in m; None takes the mean spacing of the points, rounded to 1, 2 or 5 times a power of ten.
-    ``maximum_gap_m``: no cell lies in a triangle with an edge longer than this in plan, in m; None takes 10 times the
-    median edge. ``spike_nmad``: a point further than this many NMAD from the plane through its neighbours is a spike (0
-    keeps every point). ``spike_minimum_m``: a point nearer than this to that plane, in m, is never a spike.
-    ``spike_neighbours``: number of nearest points in plan that make a neighbourhood.
+    ``cell_m``: size of a cell in m; None takes the mean spacing of the points, rounded to 1, 2 or 5 times a power of
+    ten. ``maximum_gap_m``: no cell lies in a triangle with an edge longer than this in plan, in m; None takes 10
+    times the median edge. ``spike_nmad``: a point further than this many NMAD from the plane through its neighbours
+    is a spike (0 keeps every point). ``spike_minimum_m``: a point nearer than this to that plane, in m, is never a
+    spike. ``spike_neighbours``: number of nearest points in plan that make a neighbourhood.
     """
 
     cell_m: float | None = None
@@ -51,17 +53,17 @@ class SurfaceSettings:
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise PhotogramError(f"surface: {name} is {value}: give a positive length in metres, or leave it out")
         if not self.spike_nmad >= 0 or not self.spike_minimum_m >= 0:
-            raise PhotogramError("surface: spike_nmad and spike_minimum_m cannot be negative: write 0 to keep every point")
+            raise PhotogramError("surface: spike_nmad and spike_minimum_m cannot be negative (0 keeps every point)")
         if self.spike_neighbours < 4:
-            raise PhotogramError(f"surface: spike_neighbours is {self.spike_neighbours}: a neighbourhood needs at least 4 points")
+            raise PhotogramError(f"surface: spike_neighbours is {self.spike_neighbours}: give at least 4")
 
 
 def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = None) -> Raster:
     """Interpolate a DSM from points of the map frame; heights in m, NaN outside the data and in gaps.
 
-    The corner of the grid is a multiple of the cell size, so that surfaces of one cell size fit onto each other. Of points
-    with the same easting and northing one is used. Raises PhotogramError when fewer than three usable points remain, when
-    they lie on one line, or when the settings leave no cell with data.
+    The corner of the grid is a multiple of the cell size, so that surfaces of one cell size fit onto each other. Of
+    points with the same easting and northing one is used. Raises PhotogramError when fewer than three usable points
+    remain, when they lie on one line, or when the settings leave no cell with data.
     """
     settings = settings or SurfaceSettings()
     points_map_m = cloud.position_map_m[np.isfinite(cloud.position_map_m).all(axis=1)]
@@ -81,10 +83,11 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     usable = _usable_triangles(corners, settings.maximum_gap_m)
     cell_m = settings.cell_m or _cell_from_density(corners[usable], len(np.unique(triangulation.simplices[usable])))
     west, north, shape = _grid(corners[usable], origin_map_m, cell_m)
-    values = _interpolate(triangulation, usable, points_m[:, 2], (west - origin_map_m[0], north - origin_map_m[1]), cell_m, shape)
+    corner_m = (west - origin_map_m[0], north - origin_map_m[1])
+    values = _interpolate(triangulation, usable, points_m[:, 2], corner_m, cell_m, shape)
     values += np.float32(origin_map_m[2])
     if np.isnan(values).all():
-        raise PhotogramError(f"surface: no centre of a cell of {cell_m:g} m lies on the surface: choose a smaller cell_m")
+        raise PhotogramError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
     return Raster(values, west, north, cell_m)
 
 
@@ -92,9 +95,9 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
     """Return which points (N, 3), in m, stick out of their neighbourhood.
 
     Through the neighbours of each point, the point itself left out, goes the plane of least absolute deviations
-    (iteratively reweighted least squares; Schlossmacher 1973). A point is a spike when its height above or below that plane
-    exceeds ``spike_nmad`` times the larger of the NMAD of its neighbours about the plane and the NMAD of all points about
-    their planes, and ``spike_minimum_m``. Steps and slopes raise their neighbours' NMAD and survive.
+    (iteratively reweighted least squares; Schlossmacher 1973). A point is a spike when its height above or below that
+    plane exceeds ``spike_nmad`` times the larger of the NMAD of its neighbours about the plane and the NMAD of all
+    points about their planes, and ``spike_minimum_m``. Steps and slopes raise their neighbours' NMAD and survive.
     """
     k = settings.spike_neighbours
     if settings.spike_nmad == 0 or len(points_m) <= k:
@@ -103,7 +106,7 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
     height_m, nmad_m = np.empty(len(points_m)), np.empty(len(points_m))
     for start in range(0, len(points_m), CHUNK_POINTS):
         chunk = slice(start, start + CHUNK_POINTS)
-        _, neighbour = tree.query(points_m[chunk, :2], k + 1)
+        neighbour = np.asarray(tree.query(points_m[chunk, :2], k + 1)[1], dtype=np.int64)
         height_m[chunk], nmad_m[chunk] = _height_over_neighbours(points_m[chunk], points_m[neighbour[:, 1:]])
     overall_m = NMAD_FACTOR * np.median(np.abs(height_m - np.median(height_m)))
     limit_m = np.maximum(settings.spike_nmad * np.maximum(nmad_m, overall_m), settings.spike_minimum_m)
@@ -111,7 +114,9 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
 
 
 def _height_over_neighbours(points_m: FloatArray, neighbours_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the height (N,) of points (N, 3) over the plane of their neighbours (N, k, 3), and the NMAD (N,) about it."""
+    """Return the height (N,) of points (N, 3) over the plane of their neighbours (N, k, 3), and the NMAD (N,) about
+    it.
+    """
     offset = neighbours_m - points_m[:, None]
     reach_m = np.maximum(np.abs(offset[..., :2]).max(axis=(1, 2)), 1e-6)
     design = np.concatenate([np.ones((*offset.shape[:2], 1)), offset[..., :2] / reach_m[:, None, None]], axis=2)
@@ -146,8 +151,8 @@ def _usable_triangles(corners_m: FloatArray, maximum_gap_m: float | None) -> Boo
     usable = (longest_m <= gap_m) & (double_area > 1e-9 * longest_m**2)
     if not usable.any():
         raise PhotogramError(
-            f"surface: every triangle has an edge longer than maximum_gap_m = {gap_m:g} m (the shortest: {longest_m.min():.3g} m): "
-            "choose a larger one"
+            f"surface: every triangle has an edge longer than maximum_gap_m = {gap_m:g} m; in the tightest the longest "
+            f"edge is {longest_m.min():.3g} m: choose a larger gap"
         )
     return np.asarray(usable)
 
@@ -163,7 +168,9 @@ def _cell_from_density(corners_m: FloatArray, points: int) -> float:
 
 
 def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tuple[float, float, tuple[int, int]]:
-    """Return west, north and (rows, columns) of the grid that covers the triangles, its corner a multiple of the cell."""
+    """Return west, north and (rows, columns) of the grid that covers the triangles, its corner a multiple of the
+    cell.
+    """
     low = (corners_m[..., :2].min(axis=(0, 1)) + origin_map_m[:2]) / cell_m
     high = (corners_m[..., :2].max(axis=(0, 1)) + origin_map_m[:2]) / cell_m
     # The tolerance keeps a point on a corner from opening another row; it is far below half a cell.
@@ -171,7 +178,8 @@ def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tup
     columns, rows = (int(n) for n in np.maximum(last - first, 1))
     if rows * columns > MAXIMUM_CELLS:
         raise PhotogramError(
-            f"surface: cells of {cell_m:g} m make a raster of {columns} x {rows}, more than {MAXIMUM_CELLS:,} cells: choose a larger cell_m"
+            f"surface: cells of {cell_m:g} m make a raster of {columns} x {rows}, more than {MAXIMUM_CELLS:,} cells: "
+            "choose a larger cell_m"
         )
     return round(float(first[0]) * cell_m, 9), round(float(first[1] + rows) * cell_m, 9), (rows, columns)
 
@@ -184,7 +192,9 @@ def _interpolate(
     cell_m: float,
     shape: tuple[int, int],
 ) -> NDArray[np.float32]:
-    """Return heights (rows, columns) at the cell centres; ``corner_m`` is the north-west corner in the triangulation's frame."""
+    """Return heights (rows, columns) at the cell centres; ``corner_m`` is the north-west corner in the
+    triangulation's frame.
+    """
     rows, columns = shape
     values = np.full(shape, np.nan, dtype=np.float32)
     x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m

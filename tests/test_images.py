@@ -15,7 +15,7 @@ from photogram.errors import ImageError, WorkspaceError
 from photogram.files.images import (
     Dewarp,
     PhotographTags,
-    attitude_map_from_camera,
+    rotation_from_gimbal,
     check_photograph,
     read_grey,
     read_pixels,
@@ -257,12 +257,12 @@ def test_obvious_attitudes(
     angles: tuple[float, float, float], right: np.ndarray, down: np.ndarray, forward: np.ndarray
 ) -> None:
     expected = np.column_stack([right, down, forward])
-    np.testing.assert_allclose(attitude_map_from_camera(*angles), expected, atol=1e-15)
+    np.testing.assert_allclose(rotation_from_gimbal(*angles), expected, atol=1e-15)
 
 
 @given(st.floats(-360, 360), st.floats(-90, 90), st.floats(-180, 180))
 def test_attitude_is_a_rotation_that_looks_where_the_angles_say(yaw: float, pitch: float, roll: float) -> None:
-    R = attitude_map_from_camera(yaw, pitch, roll)
+    R = rotation_from_gimbal(yaw, pitch, roll)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(R) == pytest.approx(1.0)
     forward = R[:, 2]
@@ -280,7 +280,7 @@ def test_survey_photographs_look_where_the_truth_says() -> None:
         assert tags.gimbal_yaw_deg is not None
         assert tags.gimbal_pitch_deg is not None
         assert tags.gimbal_roll_deg is not None
-        R = attitude_map_from_camera(tags.gimbal_yaw_deg - convergence_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
+        R = rotation_from_gimbal(tags.gimbal_yaw_deg - convergence_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
         difference = R @ np.array(camera["rotation_camera_from_world"])
         angle_deg = np.degrees(np.arccos(min(1.0, (np.trace(difference) - 1.0) / 2.0)))
         assert angle_deg < 6.0

@@ -7,13 +7,11 @@ the calibration stay those of the camera.
 from __future__ import annotations
 
 import io
-import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from math import cos, isfinite, radians, sin
+from math import isfinite
 from pathlib import Path
 from xml.etree.ElementTree import ParseError
 from xml.sax.saxutils import quoteattr
@@ -24,7 +22,8 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IFDRational
 
-from photogram.errors import ImageError, WorkspaceError
+from photogram.errors import ImageError
+from photogram.files.atomic import replacing
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
@@ -56,7 +55,7 @@ class PhotographTags:
 
     ``time`` is the camera's clock, with a zone only where the tags give one. ``height_m`` is above the ellipsoid where
     an RTK drone wrote it (``rtk_flag`` 16 or more), else near sea level. ``gnss_sigma_m`` is east, north, up.
-    ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in attitude_map_from_camera.
+    ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in camera.rotation_from_gimbal.
     """
 
     make: str | None = None
@@ -90,27 +89,6 @@ _XMP_NUMBERS = {
     "flight_pitch_deg": "FlightPitchDegree",
     "flight_roll_deg": "FlightRollDegree",
 }
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside ``path`` to write to; it takes the place of ``path`` only when all went well.
-
-    Raises WorkspaceError where the folder cannot be written.
-    """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        yield partial
-        os.replace(partial, path)
-    except WorkspaceError:
-        raise
-    except OSError as fault:
-        reason = fault.strerror or str(fault)
-        raise WorkspaceError(
-            f"{path}: cannot be written ({reason}): check that the folder exists, may be written to and has free space"
-        ) from fault
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _jpeg_is_whole(data: bytes) -> bool:
@@ -363,25 +341,6 @@ def read_tags(path: Path) -> PhotographTags:
         **_position(xmp, gps, path),
         **{field: _xmp_number(xmp, name, path) for field, name in _XMP_NUMBERS.items()},
     )
-
-
-def attitude_map_from_camera(yaw_deg: float, pitch_deg: float, roll_deg: float) -> FloatArray:
-    """Return the rotation (3, 3) from the camera (x right, y down, z forward) to east, north, up by DJI gimbal angles.
-
-    Yaw is clockwise from true north, pitch above the horizon (−90 looks straight down, the picture's top then points to
-    the yaw), roll right side down. With body axes forward, right, down and local axes north, east, down (ISO 1151-2):
-
-        R = E Rz(yaw) Ry(pitch) Rx(roll) B,   E: east, north, up from north, east, down;   B: body from camera
-
-    North is true north: for the north of a map grid subtract the meridian convergence from the yaw first.
-    """
-    y, p, r = radians(yaw_deg), radians(pitch_deg), radians(roll_deg)
-    Rz = np.array([[cos(y), -sin(y), 0.0], [sin(y), cos(y), 0.0], [0.0, 0.0, 1.0]])
-    Ry = np.array([[cos(p), 0.0, sin(p)], [0.0, 1.0, 0.0], [-sin(p), 0.0, cos(p)]])
-    Rx = np.array([[1.0, 0.0, 0.0], [0.0, cos(r), -sin(r)], [0.0, sin(r), cos(r)]])
-    E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return np.asarray(E @ Rz @ Ry @ Rx @ B)
 
 
 def _rational(value: float, denominator: int) -> IFDRational:

@@ -14,7 +14,7 @@ from scipy.io.matlab import MatReadError
 
 from photogram.camera import Camera
 from photogram.errors import ProjectError
-from photogram.files.images import replacing
+from photogram.files.atomic import replacing
 from photogram.survey import FloatArray, IntArray, TiePoints
 
 PixelOrigin = Literal["photogram", "matlab"]

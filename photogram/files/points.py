@@ -16,7 +16,7 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
 from photogram.errors import ProjectError
-from photogram.files.images import replacing
+from photogram.files.atomic import replacing
 from photogram.frames import projected_crs
 from photogram.survey import ByteArray, FloatArray, PointCloud
 

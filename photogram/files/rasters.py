@@ -12,7 +12,7 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.images import replacing
+from photogram.files.atomic import replacing
 from photogram.frames import projected_crs
 from photogram.survey import Raster
 

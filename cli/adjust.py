@@ -1,0 +1,33 @@
+"""photogram adjust: the whole survey."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+from photogram.cli.terminal import Terminal, bars, console, show_report
+from photogram.pipeline import load_project, run_pipeline
+
+ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
+Photographs = Annotated[
+    Path | None, typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file.")
+]
+
+
+@app.command()
+def adjust(
+    project: ProjectFile,
+    photographs: Photographs = None,
+    start: Annotated[str | None, typer.Option("--from", help="Repeat this stage and all after it.")] = None,
+    until: Annotated[str | None, typer.Option("--until", help="End after this stage.")] = None,
+) -> None:
+    """Orient, match and adjust the photographs of a project jointly, and make its point clouds and surface model."""
+    survey = load_project(project, photographs)
+    with bars() as progress:
+        report = run_pipeline(survey, watcher=Terminal(progress), start=start, until=until)
+    if report:
+        show_report(report)
+        console.print(f"Results: {survey.results}")

@@ -1,0 +1,29 @@
+"""The command `photogram`: runs the application and turns faults into messages and exit codes."""
+
+from __future__ import annotations
+
+import sys
+
+from photogram.cli.app import app
+from photogram.errors import PhotogramError
+
+
+def main() -> None:
+    """Run the command line; exit code 0 done, 1 the survey failed, 2 wrong usage, 130 interrupted."""
+    # The commands register themselves; importing them here keeps `photogram --version` quick.
+    from photogram.cli import adjust, compare, demo, study  # noqa: F401
+
+    try:
+        app()
+    except PhotogramError as fault:
+        if "-vv" in sys.argv:
+            raise
+        sys.stderr.write(f"photogram: {fault}\n")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.stderr.write("photogram: interrupted; what is finished is kept, the next run goes on from there\n")
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""photogram study: experiments for students on the pieces of the chain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from photogram.camera import undistort
+from photogram.cli.adjust import Photographs, ProjectFile
+from photogram.cli.app import app
+from photogram.cli.terminal import Terminal, bars, console
+from photogram.errors import ProjectError
+from photogram.pipeline import load_project, open_run, run_pipeline
+from photogram.project import Project
+from photogram.ransac_study import RansacStudy, needed_iterations
+from photogram.ransac_study import study as study_ransac
+from photogram.report.study_pictures import inliers_against_iteration, inliers_against_sample_size
+from photogram.survey import FloatArray
+from photogram.workspace import write_json
+
+experiments = typer.Typer(help="Experiments for students on the pieces of the chain.", no_args_is_help=True)
+app.add_typer(experiments, name="study")
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as fault:
+        raise typer.BadParameter(f"{option}: {text!r} is not a list of numbers such as 8,10,12") from fault
+    return values
+
+
+def _candidates(project: Project, names: list[str]) -> tuple[str, str, FloatArray, FloatArray]:
+    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, before any verification."""
+    with open_run(project) as run:
+        matches = run.matches()
+        known = {(run.names[m.first], run.names[m.second]): m for m, _ in matches}
+        if names and tuple(sorted(names)) not in known:
+            raise ProjectError(f"the pair {' '.join(names)} is not matched; pairs are: {', '.join(' '.join(p) for p in known)}")
+        first, second = sorted(names) if names else next(iter(known))
+        pair = known[first, second]
+        cameras = [project.cameras[project.photographs[i].camera] for i in (pair.first, pair.second)]
+        pixel = [
+            undistort(camera, run.features(i).pixel[pair.index[:, side]])
+            for side, (camera, i) in enumerate(zip(cameras, (pair.first, pair.second), strict=True))
+        ]
+    return first, second, pixel[0], pixel[1]
+
+
+def _show(result: RansacStudy) -> None:
+    table = Table("sample size", "threshold, px", *(f"best of {n}" for n in result.iterations), "iterations needed (99 %)")
+    for s, size in enumerate(result.sample_sizes):
+        for t, threshold in enumerate(result.thresholds_px):
+            needed = float(needed_iterations(float(result.inlier_fraction[t]), size))
+            best = [str(int(n)) for n in result.best_inliers[s, t]]
+            table.add_row(str(size), f"{threshold:g}", *best, f"{needed:.0f}")
+    console.print(table)
+
+
+@experiments.command()
+def ransac(
+    project: ProjectFile,
+    photographs: Photographs = None,
+    pair: Annotated[tuple[str, str] | None, typer.Option(help="The two photographs; the first matched pair if not given.")] = None,
+    iterations: Annotated[str, typer.Option(help="Numbers of iterations.")] = "10,100,1000",
+    sample_sizes: Annotated[str, typer.Option(help="Matches per sample, 8 and more.")] = "8,10,12,16,24",
+    thresholds: Annotated[str, typer.Option(help="Thresholds in px.")] = "0.5,1,2,4",
+    residual: Annotated[Literal["sampson", "symmetric", "algebraic"], typer.Option(help="Distance that is tested.")] = "sampson",
+    seed: Annotated[int, typer.Option(help="Seed of the random samples.")] = 0,
+) -> None:
+    """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
+    survey = load_project(project, photographs)
+    with bars() as progress:
+        run_pipeline(survey, watcher=Terminal(progress), until="matches")
+    first, second, first_px, second_px = _candidates(survey, list(pair) if pair else [])
+    sizes = [int(n) for n in _numbers(sample_sizes, "--sample-sizes")]
+    result = study_ransac(
+        first_px,
+        second_px,
+        [int(n) for n in _numbers(iterations, "--iterations")],
+        sizes,
+        _numbers(thresholds, "--thresholds"),
+        seed,
+        residual,
+    )
+    console.print(f"{first} and {second}: {result.points} candidate matches, {residual} distance")
+    _show(result)
+    folder = survey.results / "study"
+    folder.mkdir(parents=True, exist_ok=True)
+    inliers_against_iteration(folder / "ransac_iterations.png", result)
+    inliers_against_sample_size(folder / "ransac_sample_size.png", result)
+    write_json(
+        folder / "ransac.json",
+        {
+            "pair": [first, second],
+            "candidates": result.points,
+            "residual": residual,
+            "iterations": result.iterations,
+            "sample_sizes": result.sample_sizes,
+            "thresholds_px": result.thresholds_px,
+            "best_inliers": result.best_inliers,
+            "inlier_fraction": result.inlier_fraction,
+            "needed_iterations": np.array([[needed_iterations(float(w), n) for w in result.inlier_fraction] for n in sizes]),
+        },
+    )
+    console.print(f"Written: {folder}")

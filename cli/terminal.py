@@ -1,0 +1,126 @@
+"""What the terminal shows: progress per stage, and short tables at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from photogram.demonstration import Judgement
+from photogram.pipeline import Stage
+
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+_CLOUD_TITLES = {"linear_2view": "two views", "linear_3view": "three views", "adjusted": "adjusted"}
+
+
+class Terminal:
+    """Shows a running pipeline: one bar for the stage at work, one line for each stage that is done."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._task: TaskID | None = None
+
+    def begin(self, stage: Stage) -> None:
+        """Start a stage."""
+        self._task = self._progress.add_task(stage.title, total=None, text="")
+
+    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
+        """Report progress within a stage."""
+        if self._task is not None:
+            self._progress.update(self._task, description=stage.title, completed=done, total=total or None, text=text)
+
+    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+        """End a stage."""
+        if self._task is not None:
+            self._progress.remove_task(self._task)
+            self._task = None
+        took = "done before" if seconds is None else f"{seconds:.1f} s"
+        facts = ", ".join(f"{k.replace('_', ' ')} {_short(v)}" for k, v in summary.items() if _is_fact(k, v))
+        self._progress.console.print(f"[bold]{stage.title:<20}[/bold] {took:>12}  [dim]{facts}[/dim]")
+
+
+def _is_fact(name: str, value: object) -> bool:
+    return name not in {"stage", "fingerprint", "format", "seconds"} and isinstance(value, int | float | str | bool)
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+@contextmanager
+def bars() -> Iterator[Progress]:
+    """Show progress bars while the block runs."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:<20}"),
+        BarColumn(),
+        TextColumn("{task.fields[text]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield progress
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _resections(report: Mapping[str, Any]) -> Table | None:
+    resected = {n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})}
+    if not resected or len(resected) > 20:
+        return None
+    table = Table("photograph", "P3P to GNSS, m", "next mark, px", "refined to GNSS, m", "adjusted sigma E N H, m", title="Exterior orientation")
+    for name, resection in resected.items():
+        sigma = " ".join(f"{s:.3f}" for s in report["photographs"][name]["sigma_m"])
+        check = resection["check_px"]
+        refined = resection["refined"]["gnss_difference_m"]
+        table.add_row(name, _metres(resection["gnss_difference_m"]), "–" if check is None else f"{check:.1f}", _metres(refined), sigma)
+    return table
+
+
+def show_report(report: Mapping[str, Any]) -> None:
+    """Print the essentials of report.json."""
+    resections = _resections(report)
+    if resections is not None:
+        console.print(resections)
+    a, check = report["adjustment"], report["check_points"]
+    table = Table("figure", "value", title="Result", show_header=False)
+    table.add_row("tie points, observations", f"{a['tie_points']}, {a['observations']}")
+    table.add_row("discarded observations", str(a["discarded_observations"]))
+    table.add_row("reprojection RMS", f"{a['reprojection_rms_px']:.3f} px")
+    table.add_row("sigma0 (a priori 1)", f"{a['sigma0']:.3f}")
+    table.add_row("converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s")
+    for name, camera in report["cameras"].items():
+        sigma = camera["sigma"]["focal_px"]
+        table.add_row(f"focal length, {name}", f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"))
+    if check["n"]:
+        table.add_row(f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m")
+    else:
+        table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
+    console.print(table)
+    if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
+        table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
+        for name, cloud in report["clouds"].items():
+            table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), _metres(cloud["mean_m"]), _metres(cloud["std_m"]), _metres(cloud["nmad_m"]))
+        console.print(table)
+
+
+def show_judgement(judgement: Judgement) -> None:
+    """Print a simulated survey's result against its truth."""
+    j = judgement
+    table = Table("simulated survey against its truth", "value", "in GSD")
+    table.add_row("ground sampling distance", f"{j.gsd_m:.4f} m", "1")
+    table.add_row(f"{j.check_points} check points, RMSE in plan", f"{j.check_rmse_plan_m:.4f} m", f"{j.check_rmse_plan_m / j.gsd_m:.2f}")
+    table.add_row(f"{j.check_points} check points, RMSE in height", f"{j.check_rmse_height_m:.4f} m", f"{j.check_rmse_height_m / j.gsd_m:.2f}")
+    table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
+    table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
+    for name, nmad in j.nmad_m.items():
+        table.add_row(f"cloud from {_CLOUD_TITLES[name]}, NMAD to the true surface", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
+    table.add_row("adjusted closer to the truth than three views", f"{j.gain:.1f} times", "")
+    console.print(table)

@@ -1,0 +1,180 @@
+"""The built-in simulated survey: photographs, project file and truth written to a folder, and the result judged by that truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogram.camera import gimbal_from_rotation
+from photogram.files.atomic import replacing
+from photogram.files.images import PhotographTags, write_photograph
+from photogram.files.rasters import write_geotiff
+from photogram.frames import geodetic_from_map
+from photogram.simulation import SimulatedSurvey, demonstration_plan, render_photographs, simulate, truth_surface
+from photogram.survey import Photograph
+from photogram.workspace import read_json, write_json
+
+TRUTH_CELL_M = 0.1
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A simulated survey's result against its truth; errors in m, ``gsd_m`` the size of a pixel on the ground.
+
+    Check points took no part in the adjustment; NMAD is that of a cloud's heights over the true surface.
+    """
+
+    gsd_m: float
+    check_points: int
+    check_rmse_plan_m: float
+    check_rmse_height_m: float
+    camera_rmse_m: float
+    focal_error_px: float
+    focal_sigma_px: float
+    nmad_m: dict[str, float]
+
+    @property
+    def gain(self) -> float:
+        """Return how many times closer to the truth the adjusted cloud is than the linear cloud from three views."""
+        return self.nmad_m["linear_3view"] / self.nmad_m["adjusted"]
+
+
+def _tags(survey: SimulatedSurvey, photograph: Photograph) -> PhotographTags:
+    camera = survey.approximate_camera
+    if photograph.gnss_world_m is None or photograph.attitude_world_from_camera is None or photograph.gnss_sigma_m is None:
+        raise ValueError(f"{photograph.name}: a simulated photograph has a GNSS position and an attitude")
+    lon, lat, height = geodetic_from_map(survey.frame.crs, survey.frame.map_from_world(photograph.gnss_world_m[None]))[0]
+    yaw, pitch, roll = gimbal_from_rotation(photograph.attitude_world_from_camera)
+    east, north, up = (float(s) for s in photograph.gnss_sigma_m)
+    return PhotographTags(
+        make="DJI",
+        model="SIMULATED",
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        time=photograph.time,
+        longitude_deg=float(lon),
+        latitude_deg=float(lat),
+        height_m=float(height),
+        gnss_sigma_m=(east, north, up),
+        rtk_flag=50,
+        gimbal_yaw_deg=yaw,
+        gimbal_pitch_deg=pitch,
+        gimbal_roll_deg=roll,
+    )
+
+
+def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], digits: int) -> str:
+    return "[" + ", ".join(f"{v:.{digits}f}" for v in values) + "]"
+
+
+def _sigma(value: float) -> str:
+    return "free" if np.isinf(value) else f"{value:g}"
+
+
+def _project_text(survey: SimulatedSurvey) -> str:
+    camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
+    sigma = camera.sigmas
+    sigmas = ", ".join(f"{n}: {_sigma(s)}" for n, s in zip(("k1", "k2", "k3", "p1", "p2"), sigma[3:], strict=True))
+    lines = [
+        f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
+        "photogram: 1",
+        f"crs: {survey.frame.crs}",
+        "cameras:",
+        f"  {camera.name}:",
+        f"    width_px: {camera.width_px}",
+        f"    height_px: {camera.height_px}",
+        f"    focal_px: {camera.focal_px:.4f}",
+        f"    principal_point_px: {_numbers(camera.principal_point_px, 4)}",
+        f"    radial: {_numbers(camera.radial, 8)}",
+        f"    tangential: {_numbers(camera.tangential, 8)}",
+        "    # what the laboratory says of these figures; 0 holds one fixed",
+        f"    sigmas: {{focal_px: {_sigma(sigma[0])}, principal_point_px: {_sigma(sigma[1])}, {sigmas}}}",
+        "photographs:",
+        "  folder: photographs",
+        f"  camera: {camera.name}",
+        f"  attitude_sigma_deg: {plan.attitude_sigma_deg:g}",
+        "  # GNSS positions, their sigmas and the gimbal's attitude are in the photographs' own tags",
+        "  list:",
+        *(f'    - {{name: {p.name}, flight: "{p.flight}"}}' for p in survey.photographs),
+        "gnss:",
+        f"  offset_sigma_m: {_numbers(np.array(plan.gnss_offset_sigma_m), 3)}",
+        "control_points:",
+        f"  sigma_m: {_numbers(np.array(plan.control_sigma_m), 4)}",
+        f"  mark_sigma_px: {plan.stated_mark_sigma_px:.4f}",
+        "  list:",
+    ]
+    position_map_m = survey.frame.map_from_world(points.position_world_m)
+    for g, name in enumerate(points.name):
+        marks = np.flatnonzero(points.mark_point == g)
+        digits = 0 if plan.whole_pixel_marks else 3
+        seen = ", ".join(
+            f"{survey.photographs[points.mark_photograph[m]].name}: {_numbers(points.mark_pixel[m], digits)}" for m in marks
+        )
+        lines += [
+            f"    - name: {name}",
+            f"      role: {points.role[g]}",
+            f"      position_m: {_numbers(position_map_m[g], 4)}",
+            f"      marks: {{{seen}}}",
+        ]
+    lines += ["comparison:", "  reference: truth_surface.tif", ""]
+    return "\n".join(lines)
+
+
+def _truth(survey: SimulatedSurvey) -> dict[str, object]:
+    camera = survey.truth.camera
+    positions = survey.frame.map_from_world(np.array([pose.position_world_m for pose in survey.truth.poses]))
+    return {
+        "simulated": True,
+        "seed": survey.seed,
+        "gsd_m": survey.plan.gsd_m,
+        "camera": {"name": camera.name, "parameters": camera.parameters.tolist()},
+        "positions_map_m": {p.name: c.tolist() for p, c in zip(survey.photographs, positions, strict=True)},
+        "gnss_offset_m": {flight: offset.tolist() for flight, offset in survey.truth.gnss_offset_world_m.items()},
+    }
+
+
+def write_demonstration(folder: Path, seed: int, progress: Callable[[int, int, str], None]) -> Path:
+    """Simulate the demonstration survey and write photographs, project.yaml and its truth; returns the project file.
+
+    What an earlier run with the same seed has written is kept.
+    """
+    project, truth = folder / "project.yaml", folder / "truth.json"
+    if truth.is_file() and project.is_file() and read_json(truth).get("seed") == seed:
+        return project
+    (folder / "photographs").mkdir(parents=True, exist_ok=True)
+    survey = simulate(demonstration_plan(), seed)
+    count = len(survey.photographs)
+    for done, (photograph, (name, pixels)) in enumerate(zip(survey.photographs, render_photographs(survey), strict=True)):
+        progress(done, count, name)
+        write_photograph(folder / "photographs" / name, pixels, _tags(survey, photograph))
+    write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
+    with replacing(project) as temporary:
+        temporary.write_text(_project_text(survey), encoding="utf-8")
+    write_json(truth, _truth(survey))
+    progress(count, count, "")
+    return project
+
+
+def judge(folder: Path, report: dict[str, Any]) -> Judgement:
+    """Compare report.json of the demonstration in ``folder`` with the truth beside it."""
+    truth = read_json(folder / "truth.json")
+    error = [
+        np.array(report["photographs"][name]["position_map_m"]) - np.array(position)
+        for name, position in truth["positions_map_m"].items()
+    ]
+    camera = report["cameras"][truth["camera"]["name"]]
+    check = report["check_points"]
+    return Judgement(
+        float(truth["gsd_m"]),
+        int(check["n"]),
+        float(check["rmse_h_m"]),
+        float(check["rmse_v_m"]),
+        float(np.sqrt(np.mean(np.sum(np.square(error), axis=1)))),
+        float(camera["focal_px"] - truth["camera"]["parameters"][0]),
+        float(camera["sigma"]["focal_px"]),
+        {name: float(cloud["nmad_m"]) for name, cloud in report["clouds"].items() if cloud["nmad_m"] is not None},
+    )

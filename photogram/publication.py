@@ -1,0 +1,125 @@
+"""The last stage: everything a surveyor takes away, written beside the project file.
+
+Numbers in report.json, point clouds as text and LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written
+whole or not at all; the stage is complete only when all of them are there.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from photogram import __version__
+from photogram.errors import WorkspaceError
+from photogram.files.atomic import replacing
+from photogram.files.images import read_pixels
+from photogram.files.matlab import write_tie_points
+from photogram.files.points import write_laz, write_xyz
+from photogram.report.numbers import report_numbers
+from photogram.report.pictures import (
+    candidate_and_verified_matches,
+    comparison_picture,
+    plan_picture,
+    residual_picture,
+    shaded_surface,
+)
+from photogram.stages import Progress, Run
+from photogram.survey import Adjustment, FloatArray
+from photogram.workspace import write_json, write_record
+
+CLOUDS = ("linear_2view", "linear_3view", "adjusted")
+CLOUD_FILES = {"linear_2view": "points_linear_2view", "linear_3view": "points_linear_3view", "adjusted": "points_adjusted"}
+MATCH_PICTURES = 6
+
+
+def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Write report.json, clouds, DSM, tie points and pictures into the project's folder of results."""
+    results = run.project.results
+    try:
+        (results / "pictures").mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise WorkspaceError(f"{results}: the folder of results cannot be made: {fault.strerror}") from fault
+    products: list[str] = []
+    result = run.adjustment()
+    steps = (_clouds, _tables, _pictures, _match_pictures, _numbers)
+    for number, step in enumerate(steps):
+        progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
+        products += step(run, result, results)
+    progress(len(steps), len(steps), "")
+    return {"products": products}
+
+
+def _clouds(run: Run, _: Adjustment, results: Path) -> list[str]:
+    products = []
+    for name in CLOUDS:
+        cloud = run.cloud(name)
+        write_xyz(results / f"{CLOUD_FILES[name]}.txt", cloud)
+        write_laz(results / f"{CLOUD_FILES[name]}.laz", cloud, run.project.crs)
+        products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
+    return products
+
+
+def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
+    write_record(results / "tie_points.npz", result.block.tie_points)
+    write_tie_points(results / "tie_points.mat", run.names, result.block.tie_points)
+    with replacing(results / "dsm.tif") as temporary:
+        shutil.copyfile(run.workspace.stage("surface") / "dsm.tif", temporary)
+    return ["tie_points.npz", "tie_points.mat", "dsm.tif"]
+
+
+def _grid_residual_map_m(result: Adjustment) -> FloatArray:
+    """Differences adjusted − surveyed (G, 3) in the map frame, NaN where a point has no adjusted position."""
+    frame = result.block.frame
+    surveyed = frame.map_from_world(result.block.control_points.position_world_m)
+    return np.asarray(frame.map_from_world(result.ground_world_m) - surveyed)
+
+
+def _pictures(run: Run, result: Adjustment, results: Path) -> list[str]:
+    pictures, block = results / "pictures", result.block
+    products = ["pictures/surface.png", "pictures/plan.png"]
+    shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
+    _plan(result, pictures / "plan.png")
+    for c, camera in enumerate(block.cameras):
+        seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
+        if seen.any():
+            name = f"residuals_{camera.name}.png"
+            title = f"Residuals of tie points in {camera.name}"
+            residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
+            products.append(f"pictures/{name}")
+    comparisons = run.comparisons()
+    if comparisons:
+        comparison_picture(pictures / "comparison.png", comparisons)
+        products.append("pictures/comparison.png")
+    return products
+
+
+def _match_pictures(run: Run, _: Adjustment, results: Path) -> list[str]:
+    """Picture the pairs with the most verified matches."""
+    products = []
+    matches = sorted(run.matches(), key=lambda m: (-int(m[1].sum()), m[0].first, m[0].second))
+    for candidates, verified in matches[:MATCH_PICTURES]:
+        first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
+        name = f"pictures/matches_{Path(first.name).stem}_{Path(second.name).stem}.png"
+        candidate_and_verified_matches(
+            results / name,
+            read_pixels(first.path),
+            read_pixels(second.path),
+            run.features(candidates.first).pixel[candidates.index[:, 0]],
+            run.features(candidates.second).pixel[candidates.index[:, 1]],
+            verified,
+            f"{first.name} and {second.name}",
+        )
+        products.append(name)
+    return products
+
+
+def _numbers(run: Run, result: Adjustment, results: Path) -> list[str]:
+    clouds = {name: run.cloud(name) for name in CLOUDS}
+    stages = ("photographs", "orientation", "features", "matches", "tie_points", "intersection", "adjustment", "surface", "comparison")
+    seconds = {name: float(run.workspace.summary(name)["seconds"]) for name in stages}
+    value = report_numbers(result, run.orientation(), clouds, run.comparisons(), version=__version__, seconds=seconds)
+    write_json(results / "report.json", value)
+    return ["report.json"]

@@ -1,0 +1,502 @@
+"""Pictures of a finished survey: matches, surface, comparisons, residuals, plan.
+
+Every function writes one PNG, whole or not at all, the same bytes for the same data. Colours are told apart with
+every kind of colour vision (Okabe & Ito 2008; diverging scale of Brewer). Figures are drawn through matplotlib's
+object interface: no global state, no display.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LightSource, Normalize
+from matplotlib.figure import Figure
+from matplotlib.offsetbox import AnchoredOffsetbox, AnchoredText, AuxTransformBox, TextArea, VPacker
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from photogram.camera import Camera
+from photogram.comparison import Comparison
+from photogram.errors import WorkspaceError
+from photogram.survey import ByteArray, FloatArray, Raster, Role, check_shape
+
+BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
+GREY = "#666666"
+PAGE_DPI = 130
+MAXIMUM_LINES = 300
+MAXIMUM_ARROWS = 400
+MAXIMUM_NAMES = 60
+MAXIMUM_DOTS = 20_000
+MAXIMUM_RASTER_PX = 1400
+AROUND = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+HALO = [withStroke(linewidth=2, foreground="white")]
+PLACES_PT = tuple((dx * far, dy * far) for far in (5, 12) for dx, dy in AROUND)
+"""Offsets of a label from its point, tried in this order."""
+SIDES = {1: ("left", "bottom"), -1: ("right", "top"), 0: ("center", "center")}
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty figure of this size whose parts make room for each other."""
+    figure = Figure(figsize=(width_in, height_in), dpi=PAGE_DPI, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_picture(figure: Figure, path: Path) -> None:
+    """Write the figure as PNG, whole or not at all, without date or program name. Raises WorkspaceError if it cannot
+    be written.
+    """
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            figure.savefig(stream, format="png", metadata={"Software": None})
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as fault:
+        raise WorkspaceError(
+            f"{path}: the picture cannot be written ({fault.strerror}): free the path, or choose another"
+        ) from fault
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that does not exceed a positive length."""
+    decade = 10.0 ** np.floor(np.log10(length) + 1e-12)
+    return float(f"{max(step * decade for step in (1, 2, 5) if step * decade <= length * (1 + 1e-12)):.1g}")
+
+
+def length_label(length_m: float) -> str:
+    """Return a length with a unit that suits it: 2 mm, 5 cm, 20 m, 1 km."""
+    for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01)):
+        if length_m >= size * (1 - 1e-9):
+            return f"{length_m / size:.3g} {unit}"
+    return f"{length_m * 1000:.3g} mm"
+
+
+def map_axes(axes: Axes) -> None:
+    """Make axes a map: metres without an offset, equal scales, few ticks, a north arrow and a scale bar."""
+    axes.set_aspect("equal", adjustable="box")
+    label = FuncFormatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
+    width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], integer=True))
+        axis.set_major_formatter(label)
+    axes.tick_params(labelsize=8)
+    axes.tick_params(axis="y", labelrotation=90)
+    for tick in axes.get_yticklabels():
+        tick.set_verticalalignment("center")
+    axes.set_xlabel("easting, m", fontsize=9)
+    axes.set_ylabel("northing, m", fontsize=9)
+    bar_m = round_length(width / 4)
+    bar = AuxTransformBox(axes.transData)
+    bar.add_artist(Rectangle((0, 0), bar_m, 0.006 * height, facecolor="black"))
+    packed = VPacker(children=[bar, TextArea(length_label(bar_m), textprops={"size": 8})], align="center", pad=0, sep=3)
+    axes.add_artist(AnchoredOffsetbox("lower left", child=packed, pad=0.4, borderpad=0.6))
+    arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
+    axes.annotate(
+        "N", (0.95, 0.98), (0, -24), "axes fraction", "offset points", arrow, ha="center", va="top", fontweight="bold"
+    )
+
+
+def _evenly(count: int, maximum: int) -> NDArray[np.int64]:
+    """Return at most ``maximum`` indices below ``count``, spread evenly over the order the data came in."""
+    return (
+        np.unique(np.linspace(0, count - 1, min(count, maximum)).round().astype(np.int64))
+        if count
+        else np.zeros(0, np.int64)
+    )
+
+
+def candidate_and_verified_matches(
+    path: Path,
+    left_rgb: ByteArray,
+    right_rgb: ByteArray,
+    left_px: FloatArray,
+    right_px: FloatArray,
+    verified_mask: NDArray[np.bool_],
+    title: str,
+) -> None:
+    """Draw two photographs (rows, columns, 3) side by side with their candidate matches, the verified ones on top.
+
+    ``left_px`` and ``right_px`` (M, 2) are pixels of the photographs as given, ``verified_mask`` (M,). At most
+    MAXIMUM_LINES are drawn, rejected and verified in their true proportion. Raises WorkspaceError when the file
+    cannot be written.
+    """
+    scale = min(1.0, 900 / max(left_rgb.shape[1], right_rgb.shape[1]))
+    left, right = _reduced(left_rgb, scale), _reduced(right_rgb, scale)
+    gap = 12
+    shift = np.array([left.shape[1] + gap, 0])
+    canvas = np.full((max(len(left), len(right)), shift[0] + right.shape[1], 3), 255, dtype=np.uint8)
+    canvas[: len(left), : left.shape[1]] = left
+    canvas[: len(right), shift[0] :] = right
+    segments = np.stack([(left_px + 0.5) * scale - 0.5, (right_px + 0.5) * scale - 0.5 + shift], axis=1)
+
+    figure = new_figure(13, 13 * canvas.shape[0] / canvas.shape[1] + 0.9)
+    axes = figure.add_subplot()
+    axes.imshow(canvas, interpolation="none")
+    total, verified = len(segments), int(verified_mask.sum())
+    drawn = min(total, MAXIMUM_LINES)
+    rejected_lines = round(drawn * (total - verified) / max(1, total))
+    for name, mask, count, colour in (
+        ("rejected", ~verified_mask, rejected_lines, ORANGE),
+        ("verified", verified_mask, drawn - rejected_lines, SKY),
+    ):
+        chosen = segments[mask][_evenly(int(mask.sum()), count)]
+        axes.add_collection(LineCollection(list(chosen), colors=colour, linewidths=0.9, alpha=0.75, label=name))
+        axes.plot(*chosen.reshape(-1, 2).T, ".", color=colour, markersize=3, markeredgewidth=0)
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=12)
+    percent = f" ({verified / total:.0%})" if total else ""
+    legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, frameon=False, fontsize=9)
+    legend.set_title(
+        f"{total} candidate matches: {verified} verified{percent}, {total - verified} rejected; {drawn} drawn"
+    )
+    for line in legend.get_lines():
+        line.set(linewidth=3, alpha=1)
+    save_picture(figure, path)
+
+
+def _reduced(rgb: ByteArray, scale: float) -> ByteArray:
+    size = (max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale)))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def shaded_surface(path: Path, raster: Raster, title: str) -> None:
+    """Draw a surface lit from the north-west, tinted by height, with a colour bar; cells without data stay grey.
+
+    Raises WorkspaceError when the file cannot be written.
+    """
+    values, cell_m = _thinned(raster)
+    known = np.isfinite(values)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    filled = values[tuple(nearest)] if known.any() else np.zeros_like(values)
+    low, high = np.percentile(filled[known], [0.5, 99.5]) if known.any() else (0.0, 1.0)
+    tint = ScalarMappable(Normalize(low, max(high, low + 1e-3)), "viridis")
+    colours = tint.to_rgba(filled)[..., :3]
+    light = LightSource(azdeg=315, altdeg=45)
+    shaded = light.shade_rgb(colours, filled, blend_mode="soft", vert_exag=2.5, dx=cell_m, dy=cell_m)
+    rows, columns = values.shape
+    east, south = raster.west_map_m + columns * cell_m, raster.north_map_m - rows * cell_m
+
+    width = float(np.clip(9.0 * columns / rows, 3.0, 8.5))
+    figure = new_figure(width + 1.6, max(width * rows / columns, 2.0) + 0.9)
+    axes = figure.add_subplot(facecolor="#dddddd")
+    picture = np.dstack([shaded, known.astype(np.float64)])
+    axes.imshow(picture, extent=(raster.west_map_m, east, south, raster.north_map_m), interpolation="nearest")
+    map_axes(axes)
+    axes.set_title(title, fontsize=12)
+    bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02)
+    bar.set_label("height, m (grey: no data)", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    save_picture(figure, path)
+
+
+def _thinned(raster: Raster) -> tuple[FloatArray, float]:
+    """Return the values as means of blocks, few enough for a picture, and the size of a block in m."""
+    block = int(np.ceil(max(raster.values.shape) / MAXIMUM_RASTER_PX))
+    values = raster.values.astype(np.float64)
+    if block == 1:
+        return values, raster.cell_m
+    rows, columns = (-(-n // block) for n in values.shape)
+    spare = ((0, rows * block - values.shape[0]), (0, columns * block - values.shape[1]))
+    blocks = np.pad(values, spare, constant_values=np.nan).reshape(rows, block, columns, block)
+    count = np.isfinite(blocks).sum(axis=(1, 3))
+    total = np.nansum(blocks, axis=(1, 3))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan), raster.cell_m * block
+
+
+def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> None:
+    """Draw height differences of clouds to their reference: a map and a histogram each, on one scale for all.
+
+    Raises ValueError without a comparison, WorkspaceError when the file cannot be written.
+    """
+    if not comparisons:
+        raise ValueError("no comparison to draw")
+    reach_m = max(float(np.nanpercentile(np.abs(c.surface_difference_m), 95)) for c in comparisons.values())
+    limit_m = _round_up(max(reach_m, 1e-3))
+    every = np.concatenate([c.position_map_m[:, :2] for c in comparisons.values()])
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin = 0.03 * (high - low).max() + 1e-3
+    aspect = float(np.clip((high - low + 2 * margin)[1] / (high - low + 2 * margin)[0], 0.4, 1.8))
+
+    figure = new_figure(4.3 * len(comparisons) + 1.0, 4.0 * aspect + 3.8)
+    panels = figure.subplots(2, len(comparisons), squeeze=False, height_ratios=[4.0 * aspect, 2.4])
+    scale = ScalarMappable(Normalize(-limit_m, limit_m), "RdBu_r")
+    for column, (name, comparison) in enumerate(comparisons.items()):
+        top, bottom = panels[:, column]
+        _difference_map(top, comparison, scale)
+        top.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+        map_axes(top)
+        top.set_title(name, fontsize=12)
+        _difference_histogram(bottom, comparison, limit_m)
+        if column:
+            top.set_ylabel("")
+            bottom.set_ylabel("")
+    bar = figure.colorbar(scale, ax=panels[0, :].tolist(), extend="both", shrink=0.85, pad=0.02)
+    bar.set_label("cloud minus reference, m", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    save_picture(figure, path)
+
+
+def _round_up(length: float) -> float:
+    """Return the least of 1, 1.5, 2, 3, 4, 6, 8 times a power of ten that is not below a positive length."""
+    decade = 10.0 ** np.floor(np.log10(length))
+    return float(decade * min(step for step in (1, 1.5, 2, 3, 4, 6, 8, 10) if step * decade >= length * (1 - 1e-9)))
+
+
+def _difference_map(axes: Axes, comparison: Comparison, scale: ScalarMappable) -> None:
+    known = np.flatnonzero(np.isfinite(comparison.surface_difference_m))
+    shown = known[_evenly(len(known), MAXIMUM_DOTS)]
+    size = float(np.clip(20_000 / max(len(shown), 1), 1.5, 16.0))
+    axes.set_facecolor("#c8c8c8")
+    easting, northing = comparison.position_map_m[shown, :2].T
+    colours = scale.to_rgba(comparison.surface_difference_m[shown])
+    axes.scatter(easting, northing, s=size, color=colours, linewidths=0)
+
+
+def _difference_histogram(axes: Axes, comparison: Comparison, limit_m: float) -> None:
+    figures = comparison.cloud_to_surface
+    known = comparison.surface_difference_m[np.isfinite(comparison.surface_difference_m)]
+    inside = known[np.abs(known) <= limit_m]
+    axes.hist(inside, bins=60, range=(-limit_m, limit_m), color=SKY, edgecolor="none")
+    axes.axvline(figures.median_m, color=VERMILION, linewidth=1.2)
+    axes.set_xlim(-limit_m, limit_m)
+    axes.set_ylim(top=axes.get_ylim()[1] * 1.05)
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("cloud minus reference, m", fontsize=9)
+    axes.set_ylabel("points", fontsize=9)
+    outside = 1 - len(inside) / len(known)
+    text = (
+        f"{figures.compared} of {figures.points} points\nmean {figures.mean_m:+.3f} m\nstd {figures.std_m:.3f} m\n"
+        f"median {figures.median_m:+.3f} m\nNMAD {figures.nmad_m:.3f} m\noff the scale {outside:.1%}"
+    )
+    axes.add_artist(AnchoredText(text.replace("-", "−"), "upper left", prop={"size": 8}, frameon=False, pad=0.2))
+
+
+def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px: FloatArray, title: str) -> None:
+    """Draw residuals (N, 2) px at their pixels (N, 2) over the camera's picture plane, enlarged, with a scale arrow.
+
+    More than MAXIMUM_ARROWS residuals are averaged over a grid, which shows what the camera model leaves and hides
+    the noise. Raises WorkspaceError when the file cannot be written.
+    """
+    side_px, averaged = camera.width_px / 24, len(pixel) > MAXIMUM_ARROWS
+    root, vector, count = _grid_means(pixel, residual_px, side_px) if averaged else (pixel, residual_px, np.ones(1))
+    typical_px = float(np.percentile(np.hypot(*vector.T), 95)) if len(vector) else 0.0
+    enlargement = round_length((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
+    figure = new_figure(9.5, 9.2 * camera.height_px / camera.width_px + 1.0)
+    axes = figure.add_subplot()
+    frame = Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY)
+    axes.add_patch(frame)
+    arrows = axes.quiver(
+        *root.T, *vector.T, angles="xy", scale_units="xy", scale=1 / enlargement, color=BLUE, width=0.0022, headwidth=4
+    )
+    axes.plot(*root.T, ".", color=BLUE, markersize=2)
+    axes.plot(*camera.principal_point_px, "+", color=VERMILION, markersize=12, label="principal point")
+    axes.set(xlim=(-side_px, camera.width_px + side_px), ylim=(camera.height_px + side_px, -side_px), aspect="equal")
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("u, px", fontsize=9)
+    axes.set_ylabel("v, px", fontsize=9)
+    rms_px = float(np.sqrt(np.mean(residual_px**2))) if len(residual_px) else 0.0
+    drawn = f"means on a grid of {side_px:.0f} px, about {np.median(count):.0f} each" if averaged else "each drawn"
+    axes.set_title(f"{title}\n{len(pixel)} residuals, RMS {rms_px:.2f} px per coordinate; {drawn}", fontsize=10, pad=24)
+    key_px = round_length(1.5 * side_px / enlargement)
+    label = f"{key_px:g} px (enlarged {enlargement:g} times)"
+    axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    save_picture(figure, path)
+
+
+def _grid_means(
+    pixel: FloatArray, residual_px: FloatArray, side_px: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean pixels (G, 2), mean residuals (G, 2) and counts (G,) of the grid cells that hold any."""
+    cell = np.floor(pixel / side_px).astype(np.int64)
+    _, group, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    columns = (*pixel.T, *residual_px.T)
+    mean = np.column_stack([np.bincount(group, column) / count for column in columns])
+    return mean[:, :2], mean[:, 2:], count.astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanContents:
+    """What a plan shows, in the map frame, m; differences are adjusted minus measured or surveyed.
+
+    ``photograph_map_m`` (N, 3) with ``photograph_names`` and ``gnss_difference_m`` (N, 3), NaN rows without GNSS;
+    ``ground_map_m`` (G, 3) with ``ground_names``, ``ground_roles`` and ``ground_residual_m`` (G, 3);
+    ``tie_point_map_m`` (P, 2 or 3); ``footprints_map_m`` any number of closed outlines (K, 2 or 3).
+    """
+
+    photograph_names: Sequence[str]
+    photograph_map_m: FloatArray
+    gnss_difference_m: FloatArray
+    ground_names: Sequence[str]
+    ground_roles: Sequence[Role]
+    ground_map_m: FloatArray
+    ground_residual_m: FloatArray
+    tie_point_map_m: FloatArray
+    footprints_map_m: Sequence[FloatArray] = ()
+
+    def __post_init__(self) -> None:
+        check_shape("photograph_map_m", self.photograph_map_m, (len(self.photograph_names), 3))
+        check_shape("gnss_difference_m", self.gnss_difference_m, self.photograph_map_m.shape)
+        check_shape("ground_map_m", self.ground_map_m, (len(self.ground_names), 3))
+        check_shape("ground_residual_m", self.ground_residual_m, self.ground_map_m.shape)
+        check_shape("ground_roles", np.asarray(self.ground_roles, dtype=str), (len(self.ground_names),))
+        check_shape("tie_point_map_m", self.tie_point_map_m, (None, None))
+
+
+def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
+    """Draw the survey in plan: photographs, ground points, tie points, and differences as enlarged arrows.
+
+    GNSS differences and ground residuals have a scale each; the height residual stands beside the name of a ground
+    point. Names that find no free place are left out, and counted. Raises ValueError when there is neither a
+    photograph nor a ground point, WorkspaceError when the file cannot be written.
+    """
+    roots = np.vstack([contents.ground_map_m, contents.photograph_map_m])[:, :2]
+    if len(roots) == 0:
+        raise ValueError("no photograph and no ground point to draw")
+    low, high = _plan_extent(contents, roots)
+    span_m = high - low
+    figure = new_figure(10.0, float(np.clip(9.2 * span_m[1] / span_m[0], 4.0, 12.0)) + 1.6)
+    axes = figure.add_subplot()
+    tie_points = contents.tie_point_map_m[_evenly(len(contents.tie_point_map_m), MAXIMUM_DOTS), :2]
+    shown = f" ({len(tie_points)} shown)" if len(tie_points) < len(contents.tie_point_map_m) else ""
+    label = f"{len(contents.tie_point_map_m)} tie points{shown}"
+    axes.plot(*tie_points.T, ".", color="#8a8a8a", markersize=2.2, mew=0, label=label, zorder=1)
+    for outline in contents.footprints_map_m:
+        axes.fill(*outline[:, :2].T, facecolor=(0, 0.45, 0.7, 0.04), edgecolor=SKY, linewidth=0.8, zorder=2)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    map_axes(axes)
+    tips = _plan_vectors(axes, contents, float(span_m.min()) / 8)
+    figure.suptitle(title, fontsize=12)
+    axes.set_title(" ", fontsize=14)  # room for the scales of the arrows
+    legend = figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    for dot in legend.get_lines()[:1]:
+        dot.set_markersize(6)
+    heights = [_height_label(residual) for residual in contents.ground_residual_m]
+    names = [f"{name}{height}" for name, height in zip(contents.ground_names, heights, strict=True)]
+    if len(contents.photograph_names) <= MAXIMUM_NAMES:
+        names += [Path(name).stem for name in contents.photograph_names]
+    left_out = len(roots) - _place_labels(figure, axes, roots[: len(names)], names, np.vstack([roots, tips]))
+    if left_out:
+        note = f"{left_out} of {len(roots)} names left out for want of room"
+        axes.annotate(note, (0.99, 0.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8, color=GREY)
+    save_picture(figure, path)
+
+
+def _plan_extent(contents: PlanContents, roots: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the corners (2,) of the plan; the outermost hundredth of the tie points does not count."""
+    corners = [roots, *(outline[:, :2] for outline in contents.footprints_map_m)]
+    tie_points = contents.tie_point_map_m[np.isfinite(contents.tie_point_map_m).all(axis=1), :2]
+    if len(tie_points):
+        corners.append(np.percentile(tie_points, [0.5, 99.5], axis=0))
+    every = np.vstack(corners)
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin_m = 0.08 * float((high - low).max()) + 1.0
+    # A single flight line would make a plan as thin as a thread.
+    thin = np.maximum(0.35 * (high - low).max() - (high - low), 0.0) / 2
+    return low - thin - margin_m, high + thin + margin_m
+
+
+def _plan_vectors(axes: Axes, contents: PlanContents, longest_m: float) -> FloatArray:
+    """Draw symbols, arrows and their scales; return the tips (V, 2) of the arrows in the map frame."""
+    roles = np.asarray(contents.ground_roles, dtype=str)
+    ground_scale = _enlargement(contents.ground_residual_m, longest_m)
+    gnss_scale = _enlargement(contents.gnss_difference_m, longest_m)
+    control, check = roles == "control", roles == "check"
+    ground = contents.ground_map_m, contents.ground_residual_m
+    layers = (
+        ("photographs", contents.photograph_map_m, contents.gnss_difference_m, gnss_scale, BLUE, "s", 5.0),
+        ("control points", ground[0][control], ground[1][control], ground_scale, VERMILION, "^", 8.0),
+        ("check points", ground[0][check], ground[1][check], ground_scale, GREEN, "o", 7.0),
+    )
+    tips, keys = [np.zeros((0, 2))], {"photographs": "GNSS differences"}
+    place = 0.085
+    for name, root, vector, scale, colour, marker, size in layers:
+        if len(root) == 0:
+            continue
+        axes.plot(*root[:, :2].T, marker, color=colour, markersize=size, mec="white", mew=0.6, label=name, zorder=4)
+        known = np.isfinite(vector).all(axis=1)
+        if scale is None or not known.any():
+            continue
+        arrow: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / scale, "width": 0.003, "zorder": 5}
+        arrows = axes.quiver(*root[known, :2].T, *vector[known, :2].T, color=colour, **arrow)
+        key_m = round_length(0.8 * longest_m / scale)
+        text = f"{length_label(key_m)}, {keys.get(name, name)} (× {scale:g})"
+        axes.quiverkey(arrows, place, 1.025, key_m, text, labelpos="E", fontproperties={"size": 8.5})
+        place += 0.34
+        steps = np.linspace(0.34, 1.0, 3)[:, None, None]
+        tips.append((root[known, :2] + steps * scale * vector[known, :2]).reshape(-1, 2))
+    return np.vstack(tips)
+
+
+def _enlargement(vectors_m: FloatArray, longest_m: float) -> float | None:
+    """Return the round factor that draws the longest of vectors (N, 3) in plan about ``longest_m`` long, None without
+    one.
+    """
+    length_m = np.hypot(vectors_m[:, 0], vectors_m[:, 1])
+    longest = float(np.nanmax(length_m)) if np.isfinite(length_m).any() else 0.0
+    return round_length(longest_m / longest) if longest > 0 else None
+
+
+def _height_label(residual_m: FloatArray) -> str:
+    if not np.isfinite(residual_m[2]):
+        return ""
+    sign = "−" if residual_m[2] < 0 else "+"
+    return f"\nΔh {sign}{abs(residual_m[2]) * 100:.1f} cm"
+
+
+def _place_labels(figure: Figure, axes: Axes, anchors: FloatArray, texts: Sequence[str], obstacles: FloatArray) -> int:
+    """Write each text beside its anchor (N, 2) where it covers no obstacle (M, 2) and no other text.
+
+    Returns how many found a place.
+    """
+    # The layout settles in two passes; then the texts must not move it again.
+    figure.draw_without_rendering()
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    frame = axes.get_window_extent()
+    blocked = axes.transData.transform(obstacles)
+    artists = [child for child in axes.get_children() if isinstance(child, AnchoredOffsetbox | Annotation)]
+    taken = np.array([artist.get_window_extent().extents for artist in artists]).reshape(-1, 4)
+    placed = 0
+    for anchor, text in zip(anchors, texts, strict=True):
+        for dx, dy in PLACES_PT:
+            side: dict[str, Any] = {
+                "ha": SIDES[np.sign(dx)][0],
+                "va": SIDES[np.sign(dy)][1],
+                "fontsize": 7.5,
+                "zorder": 6,
+            }
+            label = axes.annotate(text, tuple(anchor), (dx, dy), "data", "offset points", path_effects=HALO, **side)
+            west, south, east, north = box = label.get_window_extent().padded(1.5).extents
+            covered = (taken[:, :2] < (east, north)).all(axis=1) & (taken[:, 2:] > (west, south)).all(axis=1)
+            hit = (blocked > (west, south)).all(axis=1) & (blocked < (east, north)).all(axis=1)
+            clear = not covered.any() and not hit.any()
+            if clear and frame.x0 < west and frame.x1 > east and frame.y0 < south and frame.y1 > north:
+                taken = np.vstack([taken, box])
+                placed += 1
+                break
+            label.remove()
+    return placed
