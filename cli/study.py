@@ -18,7 +18,7 @@ from photogram.pipeline import load_project, open_run, run_pipeline
 from photogram.project import Project
 from photogram.ransac_study import RansacStudy, needed_iterations
 from photogram.ransac_study import study as study_ransac
-from photogram.report.study_pictures import inliers_against_iteration, inliers_against_sample_size
+from photogram.report.study_pictures import inliers_by_iteration, inliers_by_sample_size
 from photogram.survey import FloatArray
 from photogram.workspace import write_json
 
@@ -91,8 +91,9 @@ def ransac(
     _show(result)
     folder = survey.results / "study"
     folder.mkdir(parents=True, exist_ok=True)
-    inliers_against_iteration(folder / "ransac_iterations.png", result)
-    inliers_against_sample_size(folder / "ransac_sample_size.png", result)
+    for number, threshold in enumerate(result.thresholds_px):
+        inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}px.png", result, number)
+    inliers_by_sample_size(folder / "ransac_sample_size.png", result)
     write_json(
         folder / "ransac.json",
         {

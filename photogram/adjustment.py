@@ -35,6 +35,7 @@ from photogram.triangulation import consensus_intersections, ideal_observations,
 
 Progress = Callable[[str], None]
 MAD_TO_SIGMA = 1.4826
+TWO_RAY_ALLOWANCE = 1.5
 
 
 @dataclass(frozen=True)
@@ -159,16 +160,37 @@ def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
 
 
 def _select(
-    problem: Problem, state: State, ideal: FloatArray, limit_px: FloatArray, settings: AdjustmentSettings
+    problem: Problem, state: State, limit_px: FloatArray, settings: AdjustmentSettings
 ) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Return the observations that agree within ``limit_px`` with the cameras as they stand, and the points they give."""
+    """Return the observations that agree with the cameras as they stand, and where to start their points.
+
+    A point whose observations all lie within ``limit_px`` (N,) of where the adjusted point projects keeps them all. For any other
+    the largest set of rays that meet is found anew; a point from two rays is noisier than the adjusted one, so the limit is wider.
+    """
     block, tie = problem.block, problem.block.tie_points
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
-    points, used = consensus_intersections(
-        tie.first_observation, tie.photograph, camera_of, tie.pixel, ideal, limit_px, state.parameters, state.rotation, state.position
-    )
+    known = np.isfinite(state.tie_point).all(axis=1)
+    whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, np.nan_to_num(state.tie_point))
+    misfit_px = np.linalg.norm(whitened, axis=1) * tie.sigma_px
+    good = known & (np.bincount(tie.point[~(misfit_px < limit_px)], minlength=len(tie)) == 0)
+    used, points = good[tie.point], state.tie_point.copy()
+    rest = tie.select(~good)
+    if len(rest):
+        cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
+        points[~good], used[~used] = consensus_intersections(
+            rest.first_observation,
+            rest.photograph,
+            camera_of,
+            rest.pixel,
+            ideal_observations(cameras, camera_of, rest),
+            TWO_RAY_ALLOWANCE * limit_px[~good[tie.point]],
+            state.parameters,
+            state.rotation,
+            state.position,
+        )
     narrow = ray_angles(tie, used, state.position, points) < np.deg2rad(settings.minimum_ray_angle_deg)
     used &= ~narrow[tie.point]
+    points[np.bincount(tie.point[used], minlength=len(tie)) < 2] = np.nan
     return used, points
 
 
@@ -195,16 +217,13 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
     draft = replace(settings, relative_tolerance=1000.0 * settings.relative_tolerance)
     iterations = 0
     for number in range(1, settings.maximum_rounds + 1):
-        cameras = tuple(c.with_parameters(q) for c, q in zip(whole.block.cameras, state.parameters, strict=True))
-        ideal = ideal_observations(cameras, np.array([p.camera for p in whole.block.photographs], dtype=np.int64), tie)
-        chosen, points = _select(whole, state, ideal, limit, settings)
+        chosen, points = _select(whole, state, limit, settings)
         last = number == settings.maximum_rounds or (number > 2 and _settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
         _check_determined(problem)
         progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
-        start = replace(state, tie_point=np.where(np.isfinite(points), points, 0.0))
-        minimum = minimise(problem, start, settings if last else draft, progress)
+        minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations
         if last:
             break

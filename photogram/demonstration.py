@@ -14,9 +14,9 @@ from photogram.files.atomic import replacing
 from photogram.files.images import PhotographTags, write_photograph
 from photogram.files.rasters import write_geotiff
 from photogram.frames import geodetic_from_map
-from photogram.simulation import SimulatedSurvey, demonstration_plan, render_photographs, simulate, truth_surface
+from photogram.simulation import SimulatedSurvey, SurveyPlan, demonstration_plan, render_photographs, simulate, truth_surface
 from photogram.survey import Photograph
-from photogram.workspace import read_json, write_json
+from photogram.workspace import fingerprint, read_json, write_json
 
 TRUTH_CELL_M = 0.1
 
@@ -120,7 +120,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
             f"      position_m: {_numbers(position_map_m[g], 4)}",
             f"      marks: {{{seen}}}",
         ]
-    lines += ["comparison:", "  reference: truth_surface.tif", ""]
+    lines += ["features:", "  maximum: 2500", "comparison:", "  reference: truth_surface.tif", ""]
     return "\n".join(lines)
 
 
@@ -130,6 +130,7 @@ def _truth(survey: SimulatedSurvey) -> dict[str, object]:
     return {
         "simulated": True,
         "seed": survey.seed,
+        "made_from": fingerprint(survey.plan, survey.seed),
         "gsd_m": survey.plan.gsd_m,
         "camera": {"name": camera.name, "parameters": camera.parameters.tolist()},
         "positions_map_m": {p.name: c.tolist() for p, c in zip(survey.photographs, positions, strict=True)},
@@ -137,16 +138,19 @@ def _truth(survey: SimulatedSurvey) -> dict[str, object]:
     }
 
 
-def write_demonstration(folder: Path, seed: int, progress: Callable[[int, int, str], None]) -> Path:
-    """Simulate the demonstration survey and write photographs, project.yaml and its truth; returns the project file.
+def write_demonstration(
+    folder: Path, seed: int, progress: Callable[[int, int, str], None], plan: SurveyPlan | None = None
+) -> Path:
+    """Simulate the demonstration survey, or another ``plan``, and write photographs, project.yaml and its truth.
 
-    What an earlier run with the same seed has written is kept.
+    Returns the project file. What an earlier run with the same seed and plan has written is kept.
     """
+    plan = plan or demonstration_plan()
     project, truth = folder / "project.yaml", folder / "truth.json"
-    if truth.is_file() and project.is_file() and read_json(truth).get("seed") == seed:
+    if truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed):
         return project
     (folder / "photographs").mkdir(parents=True, exist_ok=True)
-    survey = simulate(demonstration_plan(), seed)
+    survey = simulate(plan, seed)
     count = len(survey.photographs)
     for done, (photograph, (name, pixels)) in enumerate(zip(survey.photographs, render_photographs(survey), strict=True)):
         progress(done, count, name)

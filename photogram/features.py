@@ -7,6 +7,7 @@ that they spread over the whole photograph.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -32,30 +33,57 @@ def _tile_edges(length_px: int, tile_px: int) -> NDArray[np.int64]:
     return np.linspace(0, length_px, count + 1).round().astype(np.int64)
 
 
-def _detect(grey: ByteArray, settings: FeatureSettings) -> tuple[NDArray[np.float64], ByteArray]:
-    """Return key points (N, 5): u, v, size, angle in degrees, response; and RootSIFT descriptors (N, 128) as bytes."""
-    sift = cv2.SIFT_create(contrastThreshold=settings.contrast_threshold, enable_precise_upscale=True)
-    rows = _tile_edges(grey.shape[0], settings.tile_px)
-    columns = _tile_edges(grey.shape[1], settings.tile_px)
-    found: list[NDArray[np.float64]] = []
-    descriptors: list[ByteArray] = []
-    for top, bottom in zip(rows[:-1], rows[1:], strict=True):
-        for left, right in zip(columns[:-1], columns[1:], strict=True):
-            v0, u0 = max(0, top - settings.overlap_px), max(0, left - settings.overlap_px)
-            tile = grey[v0 : bottom + settings.overlap_px, u0 : right + settings.overlap_px]
-            key_points, descriptor = sift.detectAndCompute(np.ascontiguousarray(tile), None)
-            if not key_points:
-                continue
-            table = np.array([(k.pt[0], k.pt[1], k.size, k.angle, k.response) for k in key_points], dtype=np.float64)
-            table[:, :2] += (u0, v0)
-            inside = (table[:, 0] >= left - 0.5) & (table[:, 0] < right - 0.5) & (table[:, 1] >= top - 0.5) & (table[:, 1] < bottom - 0.5)
-            inside &= table[:, 2] < settings.overlap_px
-            share = descriptor[inside] / np.maximum(descriptor[inside].sum(axis=1, keepdims=True), 1e-9)
-            found.append(table[inside])
-            descriptors.append(np.clip(np.round(512.0 * np.sqrt(share)), 0, 255).astype(np.uint8))
-    if not found:
-        return np.zeros((0, 5)), np.zeros((0, 128), dtype=np.uint8)
-    return np.concatenate(found), np.concatenate(descriptors)
+@dataclass(frozen=True)
+class _Tile:
+    """A part of a photograph: the rows and columns it answers for, and the pixels it sees, a margin more on every side."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+    v0: int
+    u0: int
+    grey: ByteArray
+
+    def answers_for(self, table: NDArray[np.float64]) -> NDArray[np.bool_]:
+        u, v = table[:, 0], table[:, 1]
+        return (u >= self.left - 0.5) & (u < self.right - 0.5) & (v >= self.top - 0.5) & (v < self.bottom - 0.5)
+
+
+def _tiles(grey: ByteArray, settings: FeatureSettings) -> list[_Tile]:
+    rows, columns = _tile_edges(grey.shape[0], settings.tile_px), _tile_edges(grey.shape[1], settings.tile_px)
+    margin = settings.overlap_px
+    tiles = []
+    for top, bottom in pairwise(rows.tolist()):
+        for left, right in pairwise(columns.tolist()):
+            v0, u0 = max(0, top - margin), max(0, left - margin)
+            part = np.ascontiguousarray(grey[v0 : bottom + margin, u0 : right + margin])
+            tiles.append(_Tile(top, bottom, left, right, v0, u0, part))
+    return tiles
+
+
+_COLUMNS = 6  # u, v, size, angle in degrees, response, octave
+
+
+def _detect(sift: cv2.SIFT, tile: _Tile, settings: FeatureSettings) -> NDArray[np.float64]:
+    """Return the key points (N, 6) that a tile answers for, in pixels of the photograph."""
+    found = [(k.pt[0] + tile.u0, k.pt[1] + tile.v0, k.size, k.angle, k.response, k.octave) for k in sift.detect(tile.grey, None)]
+    table = np.array(found, dtype=np.float64).reshape(-1, _COLUMNS)
+    return table[tile.answers_for(table) & (table[:, 2] < settings.overlap_px)]
+
+
+def _describe(sift: cv2.SIFT, tile: _Tile, table: NDArray[np.float64]) -> ByteArray:
+    """Return RootSIFT descriptors (N, 128) as bytes of key points (N, 6) in a tile."""
+    if not len(table):
+        return np.zeros((0, 128), dtype=np.uint8)
+    points = [
+        cv2.KeyPoint(u - tile.u0, v - tile.v0, size, angle, response, int(octave)) for u, v, size, angle, response, octave in table.tolist()
+    ]
+    kept, descriptor = sift.compute(tile.grey, points)
+    if len(kept) != len(points):
+        raise AssertionError("SIFT dropped key points that it had found itself")
+    share = descriptor / np.maximum(descriptor.sum(axis=1, keepdims=True), 1e-9)
+    return np.clip(np.round(512.0 * np.sqrt(share)), 0, 255).astype(np.uint8)
 
 
 def _spread(table: NDArray[np.float64], width_px: int, height_px: int, settings: FeatureSettings) -> NDArray[np.int64]:
@@ -76,16 +104,21 @@ def find_features(name: str, pixels: ByteArray, settings: FeatureSettings) -> Fe
 
     Raises ImageError when the photograph shows too little texture to be matched.
     """
-    grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+    grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     height, width = grey.shape
-    table, descriptor = _detect(np.asarray(grey, dtype=np.uint8), settings)
+    sift = cv2.SIFT_create(contrastThreshold=settings.contrast_threshold, enable_precise_upscale=True)
+    tiles = _tiles(grey, settings)
+    table = np.concatenate([_detect(sift, tile, settings) for tile in tiles])
     if len(table) < 8:
         raise ImageError(
             f"{name}: only {len(table)} key points found in {width} x {height} px: the photograph is blank, blurred or black; "
             "leave it out, or lower features.contrast_threshold"
         )
-    keep = _spread(table, width, height, settings)
-    table = table[keep]
+    table = table[_spread(table, width, height, settings)]
+    descriptor = np.zeros((len(table), 128), dtype=np.uint8)
+    for tile in tiles:
+        own = tile.answers_for(table)
+        descriptor[own] = _describe(sift, tile, table[own])
     column = np.clip(np.round(table[:, 0]).astype(np.int64), 0, width - 1)
     row = np.clip(np.round(table[:, 1]).astype(np.int64), 0, height - 1)
-    return Features(table[:, :2].copy(), table[:, 2].copy(), np.deg2rad(table[:, 3]), descriptor[keep], pixels[row, column].copy())
+    return Features(table[:, :2].copy(), table[:, 2].copy(), np.deg2rad(table[:, 3]), descriptor, pixels[row, column].copy())

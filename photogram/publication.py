@@ -20,6 +20,7 @@ from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.report.numbers import report_numbers
 from photogram.report.pictures import (
+    PlanContents,
     candidate_and_verified_matches,
     comparison_picture,
     plan_picture,
@@ -27,7 +28,7 @@ from photogram.report.pictures import (
     shaded_surface,
 )
 from photogram.stages import Progress, Run
-from photogram.survey import Adjustment, FloatArray
+from photogram.survey import Adjustment
 from photogram.workspace import write_json, write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
@@ -70,18 +71,33 @@ def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
     return ["tie_points.npz", "tie_points.mat", "dsm.tif"]
 
 
-def _grid_residual_map_m(result: Adjustment) -> FloatArray:
-    """Differences adjusted − surveyed (G, 3) in the map frame, NaN where a point has no adjusted position."""
-    frame = result.block.frame
-    surveyed = frame.map_from_world(result.block.control_points.position_world_m)
-    return np.asarray(frame.map_from_world(result.ground_world_m) - surveyed)
+def _plan(result: Adjustment) -> PlanContents:
+    """Gather what the plan shows, all in the map frame."""
+    block, frame = result.block, result.block.frame
+    position = frame.map_from_world(np.array([pose.position_world_m for pose in block.poses if pose is not None]))
+    gnss = np.full_like(position, np.nan)
+    for i, photograph in enumerate(block.photographs):
+        if photograph.gnss_world_m is not None:
+            gnss[i] = frame.map_from_world(photograph.gnss_world_m[None])[0]
+    points = block.control_points
+    surveyed = frame.map_from_world(points.position_world_m)
+    return PlanContents(
+        [p.name for p in block.photographs],
+        position,
+        position - gnss,
+        points.name,
+        points.role,
+        surveyed,
+        frame.map_from_world(result.ground_world_m) - surveyed,
+        frame.map_from_world(block.tie_points.position_world_m),
+    )
 
 
 def _pictures(run: Run, result: Adjustment, results: Path) -> list[str]:
     pictures, block = results / "pictures", result.block
     products = ["pictures/surface.png", "pictures/plan.png"]
     shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
-    _plan(result, pictures / "plan.png")
+    plan_picture(pictures / "plan.png", _plan(result), "Photographs, control points and tie points")
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():

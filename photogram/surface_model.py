@@ -45,7 +45,7 @@ class SurfaceSettings:
     maximum_gap_m: float | None = None
     spike_nmad: float = 6.0
     spike_minimum_m: float = 0.05
-    spike_neighbours: int = 16
+    spike_neighbours: int = 20
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "maximum_gap_m"):

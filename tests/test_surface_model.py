@@ -88,6 +88,19 @@ def test_a_spike_vanishes_and_its_surroundings_stay() -> None:
     assert np.nanmax(np.abs(kept.values - 65)) > 50
 
 
+def test_spikes_that_stand_together_do_not_shield_each_other() -> None:
+    x, y = scattered(4000, 40.0, 25.0, seed=6)
+    random = np.random.default_rng(6)
+    z = 60 + 0.2 * x + random.normal(0, 0.02, len(x))
+    centre = random.uniform([2, 2], [38, 23], (12, 2))
+    order = np.argsort(np.hypot(x[:, None] - centre[:, 0], y[:, None] - centre[:, 1]), axis=0)
+    together = np.unique(order[:3])
+    z[together] += 4.0
+    removed = spikes(np.column_stack([x, y, z]), SurfaceSettings())
+    assert removed[together].all()
+    assert removed.sum() - len(together) <= 8
+
+
 def test_a_vertical_wall_is_no_spike() -> None:
     x, y = scattered(5000, 40.0, 25.0, seed=8)
     roof = (np.abs(x - 20) < 8) & (np.abs(y - 12) < 6)

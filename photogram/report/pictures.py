@@ -36,8 +36,7 @@ from photogram.errors import WorkspaceError
 from photogram.survey import ByteArray, FloatArray, Raster, Role, check_shape
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
-GREY = "#666666"
-PAGE_DPI = 130
+GREY, PAGE_DPI = "#666666", 130
 MAXIMUM_LINES = 300
 MAXIMUM_ARROWS = 400
 MAXIMUM_NAMES = 60
@@ -72,7 +71,7 @@ def save_picture(figure: Figure, path: Path) -> None:
         os.replace(temporary, path)
     except OSError as fault:
         raise WorkspaceError(
-            f"{path}: the picture cannot be written ({fault.strerror}): free the path, or choose another"
+            f"{path}: cannot be written ({fault.strerror}): free it, or choose another path"
         ) from fault
     finally:
         if temporary is not None:
@@ -168,9 +167,8 @@ def candidate_and_verified_matches(
     axes.set_title(title, fontsize=12)
     percent = f" ({verified / total:.0%})" if total else ""
     legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, frameon=False, fontsize=9)
-    legend.set_title(
-        f"{total} candidate matches: {verified} verified{percent}, {total - verified} rejected; {drawn} drawn"
-    )
+    counts = f"{verified} verified{percent}, {total - verified} rejected"
+    legend.set_title(f"{total} candidate matches: {counts}; {drawn} drawn")
     for line in legend.get_lines():
         line.set(linewidth=3, alpha=1)
     save_picture(figure, path)
@@ -305,8 +303,7 @@ def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px:
     enlargement = round_length((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
     figure = new_figure(9.5, 9.2 * camera.height_px / camera.width_px + 1.0)
     axes = figure.add_subplot()
-    frame = Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY)
-    axes.add_patch(frame)
+    axes.add_patch(Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY))
     arrows = axes.quiver(
         *root.T, *vector.T, angles="xy", scale_units="xy", scale=1 / enlargement, color=BLUE, width=0.0022, headwidth=4
     )
@@ -388,7 +385,7 @@ def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
         axes.fill(*outline[:, :2].T, facecolor=(0, 0.45, 0.7, 0.04), edgecolor=SKY, linewidth=0.8, zorder=2)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     map_axes(axes)
-    tips = _plan_vectors(axes, contents, float(span_m.min()) / 8)
+    tips = _plan_vectors(figure, axes, contents, float(span_m.min()) / 8)
     figure.suptitle(title, fontsize=12)
     axes.set_title(" ", fontsize=14)  # room for the scales of the arrows
     legend = figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
@@ -419,7 +416,7 @@ def _plan_extent(contents: PlanContents, roots: FloatArray) -> tuple[FloatArray,
     return low - thin - margin_m, high + thin + margin_m
 
 
-def _plan_vectors(axes: Axes, contents: PlanContents, longest_m: float) -> FloatArray:
+def _plan_vectors(figure: Figure, axes: Axes, contents: PlanContents, longest_m: float) -> FloatArray:
     """Draw symbols, arrows and their scales; return the tips (V, 2) of the arrows in the map frame."""
     roles = np.asarray(contents.ground_roles, dtype=str)
     ground_scale = _enlargement(contents.ground_residual_m, longest_m)
@@ -432,7 +429,8 @@ def _plan_vectors(axes: Axes, contents: PlanContents, longest_m: float) -> Float
         ("check points", ground[0][check], ground[1][check], ground_scale, GREEN, "o", 7.0),
     )
     tips, keys = [np.zeros((0, 2))], {"photographs": "GNSS differences"}
-    place = 0.085
+    # The scales stand 14 points above the frame, whatever its height.
+    place, above = 0.085, 1 + 14 / (72 * (figure.get_figheight() - 1.6))
     for name, root, vector, scale, colour, marker, size in layers:
         if len(root) == 0:
             continue
@@ -444,7 +442,7 @@ def _plan_vectors(axes: Axes, contents: PlanContents, longest_m: float) -> Float
         arrows = axes.quiver(*root[known, :2].T, *vector[known, :2].T, color=colour, **arrow)
         key_m = round_length(0.8 * longest_m / scale)
         text = f"{length_label(key_m)}, {keys.get(name, name)} (× {scale:g})"
-        axes.quiverkey(arrows, place, 1.025, key_m, text, labelpos="E", fontproperties={"size": 8.5})
+        axes.quiverkey(arrows, place, above, key_m, text, labelpos="E", fontproperties={"size": 8.5})
         place += 0.34
         steps = np.linspace(0.34, 1.0, 3)[:, None, None]
         tips.append((root[known, :2] + steps * scale * vector[known, :2]).reshape(-1, 2))

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter
 
 from photogram.ransac_study import RansacStudy, needed_iterations, success_probability
@@ -53,7 +54,7 @@ def inliers_by_iteration(path: Path, study: RansacStudy, threshold: int) -> None
     above.set_ylabel("inliers (dots: of each iteration; lines: best so far)", fontsize=9)
     # The legend stands outside: the lines end anywhere inside.
     legend = above.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
-    legend.set_title("sample size", prop={"size": 9})
+    legend.set_title("sample size", prop=FontProperties(size=9))
     limit = f"{study.residual.capitalize()} residual up to {_threshold_label(study, threshold)}"
     above.set_title(f"RANSAC on the fundamental matrix: {limit}", fontsize=12)
     below.axhline(0.99, color=GREY, linewidth=0.8, linestyle="--")
@@ -113,7 +114,7 @@ def inliers_by_sample_size(path: Path, study: RansacStudy) -> None:
     right.set_ylabel("iterations", fontsize=9)
     handles, labels = left.get_legend_handles_labels()
     legend = figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    legend.set_title(f"{study.residual.capitalize()} residual up to", prop={"size": 9})
+    legend.set_title(f"{study.residual.capitalize()} residual up to", prop=FontProperties(size=9))
     save_picture(figure, path)
 
 

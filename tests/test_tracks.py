@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from photogram.survey import Features, Matches
+from photogram.tracks import join_matches, seen_in_all
+
+Key = tuple[int, int]
+
+
+def features(photograph: int, count: int) -> Features:
+    """Key points that say whose they are: u is the photograph, v the number of the key point."""
+    pixel = np.column_stack([np.full(count, float(photograph)), np.arange(float(count))])
+    colour = np.column_stack([np.full(count, photograph), np.arange(count), np.full(count, 7)]).astype(np.uint8)
+    return Features(pixel, np.ones(count), np.zeros(count), np.zeros((count, 128), np.uint8), colour)
+
+
+def reference(matches: list[Matches]) -> tuple[list[list[Key]], int]:
+    """Union–find with dictionaries: the sets without contradiction, sorted, and the number of those with one."""
+    parent: dict[Key, Key] = {}
+
+    def root(node: Key) -> Key:
+        while parent[node] != node:
+            node = parent[node]
+        return node
+
+    for m in matches:
+        for a, b in m.index.tolist():
+            one, other = (m.first, a), (m.second, b)
+            parent.setdefault(one, one)
+            parent.setdefault(other, other)
+            parent[root(one)] = root(other)
+    sets: dict[Key, list[Key]] = {}
+    for node in parent:
+        sets.setdefault(root(node), []).append(node)
+    good = [sorted(s) for s in sets.values() if len({photograph for photograph, _ in s}) == len(s)]
+    return sorted(good), len(sets) - len(good)
+
+
+@st.composite
+def surveys(draw: st.DrawFn) -> tuple[list[Features], list[Matches]]:
+    counts = draw(st.lists(st.integers(0, 6), min_size=2, max_size=5))
+    pairs = [(i, j) for i in range(len(counts)) for j in range(i + 1, len(counts)) if counts[i] and counts[j]]
+    matches = []
+    for i, j in pairs:
+        index = draw(st.lists(st.tuples(st.integers(0, counts[i] - 1), st.integers(0, counts[j] - 1)), max_size=4))
+        matches.append(Matches(i, j, np.array(index, dtype=np.int64).reshape(-1, 2)))
+    return [features(i, n) for i, n in enumerate(counts)], draw(st.permutations(matches))
+
+
+@settings(max_examples=300, deadline=None)
+@given(survey=surveys())
+def test_joined_points_are_the_connected_sets_without_contradiction(survey: tuple[list[Features], list[Matches]]) -> None:
+    found, matches = survey
+    joined = join_matches(found, matches, 0.7)
+    ties = joined.tie_points
+    expected, conflicts = reference(matches)
+    assert joined.conflicts == conflicts
+    first = ties.first_observation
+    actual = [
+        list(zip(ties.photograph[a:b].tolist(), ties.feature[a:b].tolist(), strict=True)) for a, b in zip(first[:-1], first[1:], strict=True)
+    ]
+    # Sorted by their first key point, observations by photograph: the reference is sorted the same way.
+    assert actual == expected
+    np.testing.assert_array_equal(ties.pixel, np.column_stack([ties.photograph, ties.feature]))
+    assert ties.sigma_px.tolist() == [0.7] * len(ties.point)
+    assert np.isnan(ties.position_world_m).all()
+    assert ties.colour.tolist() == [[*points[0], 7] for points in expected]
+
+
+@settings(max_examples=200, deadline=None)
+@given(survey=surveys(), data=st.data())
+def test_points_seen_in_all(survey: tuple[list[Features], list[Matches]], data: st.DataObject) -> None:
+    found, matches = survey
+    wanted = data.draw(st.lists(st.integers(0, len(found) - 1), min_size=1, unique=True))
+    kept = seen_in_all(join_matches(found, matches, 0.5).tie_points, wanted)
+    expected = [[key for key in points if key[0] in wanted] for points in reference(matches)[0]]
+    expected = [points for points in expected if len(points) == len(wanted)]
+    assert kept.rays.tolist() == [len(wanted)] * len(expected)
+    assert list(zip(kept.photograph.tolist(), kept.feature.tolist(), strict=True)) == [key for points in expected for key in points]
+
+
+def test_a_chain_over_three_photographs_is_one_point() -> None:
+    found = [features(i, 4) for i in range(3)]
+    matches = [Matches(0, 1, np.array([[3, 1], [0, 2]])), Matches(1, 2, np.array([[1, 0]]))]
+    ties = join_matches(found, matches, 0.5).tie_points
+    assert ties.rays.tolist() == [2, 3]
+    assert ties.feature.tolist() == [0, 2, 3, 1, 0]
+    all_three = seen_in_all(ties, [0, 1, 2])
+    assert (len(all_three), all_three.feature.tolist()) == (1, [3, 1, 0])
+
+
+def test_two_key_points_of_one_photograph_drop_their_whole_set_and_no_other() -> None:
+    found = [features(i, 4) for i in range(3)]
+    contradicting = [Matches(0, 1, np.array([[0, 0], [2, 2]])), Matches(1, 2, np.array([[0, 0]])), Matches(0, 2, np.array([[1, 0]]))]
+    joined = join_matches(found, contradicting, 0.5)
+    assert joined.conflicts == 1
+    assert joined.tie_points.feature.tolist() == [2, 2]
+    assert joined.tie_points.photograph.tolist() == [0, 1]
+
+
+def test_nothing_matched_gives_no_points() -> None:
+    joined = join_matches([features(0, 3), features(1, 0)], [Matches(0, 1, np.zeros((0, 2), np.int64))], 0.5)
+    assert (len(joined.tie_points), joined.conflicts) == (0, 0)
+    assert len(seen_in_all(joined.tie_points, [0, 1])) == 0
