@@ -16,7 +16,7 @@ from photogram.pipeline import Stage
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
-_CLOUD_TITLES = {"linear_2view": "two views", "linear_3view": "three views", "adjusted": "adjusted"}
+_CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 
 
 class Terminal:
@@ -75,12 +75,15 @@ def _resections(report: Mapping[str, Any]) -> Table | None:
     resected = {n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})}
     if not resected or len(resected) > 20:
         return None
-    table = Table("photograph", "P3P to GNSS, m", "next mark, px", "refined to GNSS, m", "adjusted sigma E N H, m", title="Exterior orientation")
+    table = Table(title="Exterior orientation: P3P, refined resection, sigmas after the adjustment")
+    table.add_column("photograph", no_wrap=True)
+    for title in ("P3P–GNSS m", "check px", "refined–GNSS m", "σE m", "σN m", "σH m"):
+        table.add_column(title, justify="right")
     for name, resection in resected.items():
-        sigma = " ".join(f"{s:.3f}" for s in report["photographs"][name]["sigma_m"])
+        sigma = [_metres(s) for s in report["photographs"][name]["sigma_m"]]
         check = resection["check_px"]
         refined = resection["refined"]["gnss_difference_m"]
-        table.add_row(name, _metres(resection["gnss_difference_m"]), "–" if check is None else f"{check:.1f}", _metres(refined), sigma)
+        table.add_row(name, _metres(resection["gnss_difference_m"]), "–" if check is None else f"{check:.1f}", _metres(refined), *sigma)
     return table
 
 
@@ -121,6 +124,6 @@ def show_judgement(judgement: Judgement) -> None:
     table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
     table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
     for name, nmad in j.nmad_m.items():
-        table.add_row(f"cloud from {_CLOUD_TITLES[name]}, NMAD to the true surface", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
-    table.add_row("adjusted closer to the truth than three views", f"{j.gain:.1f} times", "")
+        table.add_row(f"{_CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
+    table.add_row("adjusted closer to the truth than three-view", f"{j.gain:.1f} times", "")
     console.print(table)

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from photogram.camera import Camera, Pose, image_plane
 from photogram.errors import AdjustmentError
@@ -30,11 +31,10 @@ from photogram.factors.graph import (
 )
 from photogram.factors.reprojection import Observations, linearise, residuals
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, WORDS
-from photogram.survey import Adjustment, Block, FloatArray, IntArray
+from photogram.survey import Adjustment, Block, FloatArray, IntArray, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
 Progress = Callable[[str], None]
-MAD_TO_SIGMA = 1.4826
 TWO_RAY_ALLOWANCE = 1.5
 
 
@@ -50,7 +50,7 @@ class AdjustmentSettings:
     minimum_ray_angle_deg: float = 1.0
     maximum_rounds: int = 6
     maximum_iterations: int = 50  # per round
-    relative_tolerance: float = 1e-9  # of the cost, between accepted steps; a thousand times looser before the last round
+    relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,19 +144,30 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     )
 
 
-def _redundancy_share(point: IntArray, count: int) -> FloatArray:
-    """Mean redundancy (N,) of an image coordinate of a point with n rays: (2n − 3)/2n."""
-    rays = np.bincount(point, minlength=count)[point]
-    return (2.0 * rays - 3.0) / (2.0 * rays)
-
-
 def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
-    """Return the robust sigma of whitened residuals (N, 2) against what was stated, corrected for the points' own freedom.
+    """Return the robust sigma of whitened residuals (N, 2) of tie points against what was stated.
 
-    Never below 0.3: matches that are far better than stated are no reason to reject those that are merely as good as stated.
+    The squares of a point with n rays sum to χ² with 2n − 3 degrees of freedom; their ratio to its median is 1 for half of the
+    points when the noise is as stated, whatever n, and a few mismatches do not move the median of the ratios. Never below 0.3:
+    matches far better than stated are no reason to reject those that are as good as stated.
     """
-    corrected = whitened / np.sqrt(_redundancy_share(point, count))[:, None]
-    return float(max(0.3, MAD_TO_SIGMA * np.median(np.abs(corrected)))) if len(corrected) else 1.0
+    rays = np.bincount(point, minlength=count)
+    squares = np.bincount(point, weights=np.einsum("ij,ij->i", whitened, whitened), minlength=count)
+    seen = rays >= 2
+    if not seen.any():
+        return 1.0
+    return max(0.3, float(np.sqrt(np.median(squares[seen] / chi2.ppf(0.5, 2 * rays[seen] - 3)))))
+
+
+def _outlier_limit_px(tie: TiePoints, scale: float, threshold: float) -> FloatArray:
+    """Return the largest residual (N,) in px of an observation that is no mismatch.
+
+    The threshold is for a point of many rays. With n rays a residual is smaller than the noise by sqrt((2n − 3)/2n); with two all of
+    it lies across the epipolar line, in one dimension, where 0.64 of the threshold is exceeded as rarely.
+    """
+    rays = tie.rays[tie.point].astype(np.float64)
+    share = np.sqrt(np.maximum(2.0 * rays - 3.0, 1.0) / (2.0 * rays))
+    return threshold * scale * tie.sigma_px * np.maximum(share, 0.64)
 
 
 def _select(
@@ -214,7 +225,7 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
     tie = whole.block.tie_points
     limit = np.full(len(tie.photograph), settings.first_outlier_threshold_px)
     used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
-    draft = replace(settings, relative_tolerance=1000.0 * settings.relative_tolerance)
+    draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
     iterations = 0
     for number in range(1, settings.maximum_rounds + 1):
         chosen, points = _select(whole, state, limit, settings)
@@ -230,8 +241,7 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         state = minimum.state
         whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
         scale = noise_scale(whitened, problem.tie.point, len(tie))
-        share = np.sqrt(_redundancy_share(tie.point, len(tie)))
-        limit = settings.outlier_threshold * scale * tie.sigma_px * np.maximum(share, 0.5)
+        limit = _outlier_limit_px(tie, scale, settings.outlier_threshold)
     return Solved(problem, minimum, used, number, iterations)
 
 

@@ -185,7 +185,8 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
 
 
 def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
-    positions = [p.position_map_m for p in project.control_points]
+    # not the check points: they take no part in anything, the origin of the frame included
+    positions = [p.position_map_m for p in project.control_points if p.role == "control"]
     positions += [np.array(t["gnss_map_m"]) for t in tags if t["gnss_map_m"] is not None]
     if not positions:
         raise ProjectError(

@@ -117,7 +117,7 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                 "surveyed_map_m": surveyed.tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
-                "sigma_m": _sigma_map_m(frame, points.position_world_m[g], result.ground_covariance_m2[g]) if known else None,
+                "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g]) if known else None,
                 "marks": [
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,

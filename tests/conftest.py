@@ -1,0 +1,131 @@
+"""A small simulated survey, made and adjusted once for all tests, and the command run as a user runs it."""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from photogram.cli.main import main
+from photogram.demonstration import write_demonstration
+from photogram.pipeline import load_project, run_pipeline
+from photogram.simulation import SurveyPlan
+
+PLAN = SurveyPlan(
+    width_px=400,
+    height_px=300,
+    focal_px=600.0,
+    principal_point_offset_px=(1.0, -0.7),
+    calibration_sigmas=(2.0, 1.0, 1.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    flying_height_m=40.0,
+    forward_overlap=0.75,
+    side_overlap=0.7,
+    strips=2,
+    photographs_per_strip=2,
+    relief_m=4.0,
+    buildings=2,
+    trees=6,
+    target_radius_m=0.3,
+    control_points=8,
+    check_points=4,
+    control_marks_per_photograph=4,
+    mark_sigma_px=0.0,
+    whole_pixel_marks=True,
+)
+SEED = 3
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended, and what it said."""
+
+    code: int
+    out: str
+    err: str
+
+
+@contextmanager
+def _made_once(factory: pytest.TempPathFactory, name: str) -> Iterator[tuple[Path, bool]]:
+    """Give a folder that all processes of this test run share, and whether it is still to be made, one at a time."""
+    parallel = hasattr(sys, "_called_from_worker") or factory.getbasetemp().name.startswith("popen-")
+    root = factory.getbasetemp().parent if parallel else factory.getbasetemp()
+    folder, done = root / name, root / f"{name}.done"
+    with (root / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield folder, not done.exists()
+        done.touch()
+
+
+def _edit(project: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    values = yaml.safe_load(project.read_text(encoding="utf-8"))
+    change(values)
+    project.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def _small(values: dict[str, Any]) -> None:
+    values["features"] = {"maximum": 800}
+    values["matching"] = {"neighbours": 2}
+
+
+@pytest.fixture(scope="session")
+def pristine_survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of four photographs of 400 × 300 px with project.yaml and its truth; not to be written to."""
+    with _made_once(tmp_path_factory, "pristine") as (folder, missing):
+        if missing:
+            project = write_demonstration(folder, SEED, lambda *_: None, PLAN)
+            _edit(project, _small)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished_survey(pristine_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the same survey, adjusted without interruption; not to be written to."""
+    with _made_once(tmp_path_factory, "finished") as (folder, missing):
+        if missing:
+            shutil.copytree(pristine_survey, folder)
+            run_pipeline(load_project(folder / "project.yaml"))
+    return folder
+
+
+@pytest.fixture
+def survey(pristine_survey: Path, tmp_path: Path) -> Path:
+    """A copy of the survey, not adjusted, for one test."""
+    return Path(shutil.copytree(pristine_survey, tmp_path / "survey"))
+
+
+@pytest.fixture
+def adjusted_survey(finished_survey: Path, tmp_path: Path) -> Path:
+    """A copy of the adjusted survey, for one test."""
+    return Path(shutil.copytree(finished_survey, tmp_path / "survey"))
+
+
+@pytest.fixture(scope="session")
+def edit() -> Callable[[Path, Callable[[dict[str, Any]], object]], None]:
+    """Change the values of a project file: ``edit(project, lambda values: …)``."""
+    return _edit
+
+
+@pytest.fixture
+def photogram(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """The command line, run within this process: ``photogram("adjust", path)``."""
+
+    def run(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["photogram", *map(str, arguments)])
+        capfd.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+        said = capfd.readouterr()
+        return Outcome(code, said.out, said.err)
+
+    return run

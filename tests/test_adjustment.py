@@ -1,0 +1,328 @@
+"""The joint adjustment against simulated truth, from both sides, and against GTSAM's own factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, noise_scale, start_state
+from photogram.camera import Camera
+from photogram.errors import AdjustmentError
+from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.graph import State, robust_cost_and_weight
+from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.survey import Adjustment, Block, FloatArray
+
+PLAN = SurveyPlan(
+    strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+)  # fmt: skip
+SEEDS = range(50)
+SETTINGS = AdjustmentSettings()
+
+
+@cache
+def simulated(seed: int, mismatches: float = 0.0) -> SimulatedBlock:
+    return simulate_block(
+        PLAN, seed, tie_points=150, mismatches=mismatches, start_position_sigma_m=0.5, start_attitude_sigma_deg=0.5
+    )
+
+
+@cache
+def adjusted(seed: int, mismatches: float = 0.0) -> Adjustment:
+    return adjust(simulated(seed, mismatches).block, SETTINGS)
+
+
+def position_error(block: SimulatedBlock, result: Adjustment) -> FloatArray:
+    pairs = zip(result.block.poses, block.truth.poses, strict=True)
+    return np.array([p.position_world_m - q.position_world_m for p, q in pairs if p is not None])
+
+
+def state_of(result: Adjustment) -> State:
+    control = [g for g, role in enumerate(result.block.control_points.role) if role == "control"]
+    poses = [p for p in result.block.poses if p is not None]
+    return State(
+        np.array([p.rotation_world_from_camera for p in poses]),
+        np.array([p.position_world_m for p in poses]),
+        np.array([c.parameters for c in result.block.cameras]),
+        result.block.tie_points.position_world_m,
+        result.ground_world_m[control],
+        result.offset_world_m,
+    )
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Errors of all reduced variables, in the tangent of the solution, and their joint covariance."""
+
+    error: FloatArray
+    found: Covariances
+
+    @property
+    def squared(self) -> float:
+        return float(self.error @ np.linalg.solve(self.found.reduced, self.error))
+
+
+def joint(seed: int) -> Joint:
+    block, result = simulated(seed), adjusted(seed)
+    state = state_of(result)
+    problem = make_problem(replace(block.block, poses=result.block.poses, tie_points=result.block.tie_points), SETTINGS)
+    found = covariances(problem, state)
+    error = np.zeros(found.columns.size)
+    for i, truth in enumerate(block.truth.poses):
+        R = state.rotation[i]
+        error[6 * i : 6 * i + 3] = Rotation.from_matrix(R.T @ truth.rotation_world_from_camera).as_rotvec()
+        error[6 * i + 3 : 6 * i + 6] = R.T @ (truth.position_world_m - state.position[i])
+    control = [g for g, role in enumerate(block.block.control_points.role) if role == "control"]
+    difference = block.truth.control_position_world_m[control] - state.control
+    error[found.control_column : found.offset_column] = difference.ravel()
+    error[found.offset_column : found.offset_column + 3] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
+    camera = block.block.cameras[0]
+    free = np.flatnonzero(camera.sigmas > 0)
+    error[found.columns.calibration[0, free]] = (block.truth.camera.parameters - state.parameters[0])[free]
+    return Joint(error, found)
+
+
+def within_99(total: float, degrees: int) -> bool:
+    low, high = chi2.ppf([0.005, 0.995], degrees)
+    return bool(low < total < high)
+
+
+def truth_of_points(block: SimulatedBlock, result: Adjustment) -> FloatArray:
+    """True positions of the tie points that took part, found by their first observations."""
+    tie, kept = block.block.tie_points, result.block.tie_points
+    point_at = {(p, f): q for p, f, q in zip(tie.photograph, tie.feature, tie.point, strict=True)}
+    first = kept.first_observation[:-1]
+    index = [point_at[p, f] for p, f in zip(kept.photograph[first], kept.feature[first], strict=True)]
+    return block.tie_point_position_world_m[index]
+
+
+def test_all_variables_scatter_as_their_joint_covariance_predicts() -> None:
+    errors = [joint(seed) for seed in SEEDS]
+    assert within_99(sum(e.squared for e in errors), sum(len(e.error) for e in errors))
+
+
+def test_cameras_scatter_as_predicted() -> None:
+    # One camera of each survey: the cameras of one survey share the errors of its control.
+    total = 0.0
+    for seed in SEEDS:
+        i = seed % 6
+        error = position_error(simulated(seed), adjusted(seed))[i]
+        total += float(error @ np.linalg.solve(adjusted(seed).position_covariance_m2[i], error))
+    assert within_99(total, 3 * len(SEEDS))
+
+
+def test_tie_points_scatter_as_predicted() -> None:
+    total = 0.0
+    for seed in SEEDS:
+        result = adjusted(seed)
+        error = result.block.tie_points.position_world_m - truth_of_points(simulated(seed), result)
+        p = (7 * seed) % len(error)
+        total += float(error[p] @ np.linalg.solve(result.tie_point_covariance_m2[p], error[p]))
+    assert within_99(total, 3 * len(SEEDS))
+
+
+def test_check_points_scatter_as_predicted() -> None:
+    total, points = 0.0, 0
+    for seed in SEEDS:
+        block, result = simulated(seed), adjusted(seed)
+        for g, role in enumerate(block.block.control_points.role):
+            if role == "check" and np.isfinite(result.ground_world_m[g]).all():
+                error = result.ground_world_m[g] - block.truth.control_position_world_m[g]
+                total += float(error @ np.linalg.solve(result.ground_covariance_m2[g], error))
+                points += 1
+                break
+    assert points > 40
+    assert within_99(total, 3 * points)
+
+
+def test_sigma0_is_one_when_the_stated_noise_is_the_true_noise() -> None:
+    sigma0 = np.array([adjusted(seed).sigma0 for seed in SEEDS])
+    assert np.all(np.abs(sigma0 - 1.0) < 0.1)
+    assert abs(sigma0.mean() - 1.0) < 0.01
+
+
+def test_ten_percent_mismatches_leave_the_result_within_1_2_times_the_clean_one() -> None:
+    clean = [np.sum(position_error(simulated(seed), adjusted(seed)) ** 2) for seed in SEEDS]
+    spoilt = [np.sum(position_error(simulated(seed, 0.1), adjusted(seed, 0.1)) ** 2) for seed in SEEDS]
+    assert np.sqrt(np.mean(spoilt)) < 1.2 * np.sqrt(np.mean(clean))
+    assert abs(np.mean([adjusted(seed, 0.1).sigma0 for seed in SEEDS]) - 1.0) < 0.1
+
+
+def test_mismatches_are_discarded_and_good_observations_kept() -> None:
+    block, result = simulated(3, 0.1), adjusted(3, 0.1)
+    kept = {(p, f) for p, f in zip(result.block.tie_points.photograph, result.block.tie_points.feature, strict=True)}
+    tie = block.block.tie_points
+    took_part = np.array([(p, f) in kept for p, f in zip(tie.photograph, tie.feature, strict=True)])
+    assert np.mean(took_part[block.mismatch]) < 0.1
+    assert np.mean(took_part[~block.mismatch]) > 0.9
+
+
+def test_the_same_input_gives_the_same_result_bit_for_bit() -> None:
+    again = adjust(simulated(1).block, SETTINGS)
+    np.testing.assert_array_equal(again.block.tie_points.position_world_m, adjusted(1).block.tie_points.position_world_m)
+    np.testing.assert_array_equal(again.position_covariance_m2, adjusted(1).position_covariance_m2)
+
+
+def test_check_points_take_no_part() -> None:
+    block = simulated(2).block
+    points = block.control_points
+    check = np.array([role == "check" for role in points.role])
+    moved = points.position_world_m + np.where(check[:, None], 3.0, 0.0)
+    other = adjust(replace(block, control_points=replace(points, position_world_m=moved)), SETTINGS)
+    np.testing.assert_array_equal(other.ground_world_m, adjusted(2).ground_world_m)
+    assert other.sigma0 == adjusted(2).sigma0
+
+
+# ---- GTSAM's own factors as referee --------------------------------------------------------------------------------
+
+
+def referee(block: Block) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """The same adjustment without k3 and GNSS, of GTSAM's native factors alone, at the start values of ``block``."""
+    camera = block.cameras[0]
+    q = camera.parameters
+    K = gtsam.Cal3DS2(q[0], q[0], 0.0, q[1], q[2], q[3], q[4], q[6], q[7])
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    tie, control = block.tie_points, block.control_points.with_role("control")
+    for i in range(len(tie.photograph)):
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, tie.sigma_px[i])
+        graph.add(
+            gtsam.GenericProjectionFactorCal3DS2(
+                tie.pixel[i], noise, gtsam.symbol("x", tie.photograph[i]), gtsam.symbol("l", tie.point[i]), K
+            )
+        )
+    for m in range(len(control.mark_point)):
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, control.mark_sigma_px[m])
+        x, g = gtsam.symbol("x", control.mark_photograph[m]), gtsam.symbol("g", control.mark_point[m])
+        graph.add(gtsam.GenericProjectionFactorCal3DS2(control.mark_pixel[m], noise, x, g, K))
+    for g in range(len(control)):
+        noise = gtsam.noiseModel.Diagonal.Sigmas(control.sigma_m[g])
+        graph.add(gtsam.PriorFactorPoint3(gtsam.symbol("g", g), control.position_world_m[g], noise))
+        values.insert(gtsam.symbol("g", g), control.position_world_m[g])
+    for i, pose in enumerate(block.poses):
+        assert pose is not None
+        values.insert(gtsam.symbol("x", i), gtsam.Pose3(gtsam.Rot3(pose.rotation_world_from_camera), pose.position_world_m))
+    for p, X in enumerate(tie.position_world_m):
+        values.insert(gtsam.symbol("l", p), X)
+    return graph, values
+
+
+def control_only(block: SimulatedBlock) -> Block:
+    """The block at its true poses and points, with a fixed camera without k3, no GNSS and no attitudes."""
+    camera = block.block.cameras[0]
+    fixed = Camera(
+        camera.name, camera.width_px, camera.height_px, camera.focal_px, camera.principal_point_px,
+        np.array([*camera.radial[:2], 0.0]), camera.tangential,
+    )  # fmt: skip
+    photographs = tuple(
+        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for p in block.block.photographs
+    )
+    tie_points = replace(block.block.tie_points, position_world_m=block.tie_point_position_world_m)
+    return replace(
+        block.block, cameras=(fixed,), photographs=photographs, poses=block.truth.poses, tie_points=tie_points
+    )
+
+
+def test_equals_gtsams_native_graph_in_minimum_and_covariance() -> None:
+    block = control_only(simulate_block(PLAN, 5, tie_points=60))
+    settings = AdjustmentSettings(robust_loss="none", relative_tolerance=1e-14)
+    problem = make_problem(block, settings)
+    found = minimise(problem, start_state(block, ()), settings)
+    graph, values = referee(block)
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(1e-15)
+    parameters.setAbsoluteErrorTol(1e-12)
+    optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+    assert found.cost == pytest.approx(graph.error(optimum), rel=1e-9)
+    covariance = covariances(problem, found.state)
+    marginals = gtsam.Marginals(graph, optimum)
+    for i in range(len(block.poses)):
+        expected = marginals.marginalCovariance(gtsam.symbol("x", i))
+        np.testing.assert_allclose(covariance.pose(i), expected, atol=1e-5 * np.abs(expected).max())
+        sigma = np.sqrt(np.diag(expected)[3:])
+        centre = optimum.atPose3(gtsam.symbol("x", i)).translation()
+        np.testing.assert_allclose(found.state.position[i], centre, atol=1e-4 * sigma.min())
+    for p in (0, 20, 41):
+        expected = marginals.marginalCovariance(gtsam.symbol("l", p))
+        np.testing.assert_allclose(covariance.tie_point[p], expected, atol=1e-5 * np.abs(expected).max())
+
+
+# ---- graphs that cannot be solved ----------------------------------------------------------------------------------
+
+
+def test_a_block_without_any_datum_says_so() -> None:
+    block = control_only(simulated(0))
+    points = block.control_points.with_role("check")
+    with pytest.raises(AdjustmentError, match="nothing fixes the block"):
+        adjust(replace(block, control_points=points), SETTINGS)
+
+
+def test_gnss_in_one_line_leaves_the_strip_free_to_turn_and_names_a_photograph() -> None:
+    plan = replace(PLAN, strips=1, photographs_per_strip=4, position_noise_m=0.0, gnss_sigma_m=(1e-3, 1e-3, 1e-3))
+    block = simulate_block(plan, 1, tie_points=150).block
+    line = np.array([[x, 0.0, 80.0] for x in np.linspace(0.0, 60.0, len(block.photographs))])
+    photographs = tuple(
+        replace(p, gnss_world_m=line[i], attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for i, p in enumerate(block.photographs)
+    )
+    control = block.control_points.with_role("check")
+    tie = replace(block.tie_points, position_world_m=np.full_like(block.tie_points.position_world_m, np.nan))
+    free = replace(
+        block, photographs=photographs, control_points=control, tie_points=tie, gnss_offset_sigma_m=np.zeros(3),
+        cameras=(replace(block.cameras[0], sigmas=np.zeros(8)),),
+    )  # fmt: skip
+    with pytest.raises(AdjustmentError):
+        adjust(free, replace(SETTINGS, maximum_rounds=1))
+
+
+def test_a_photograph_without_image_points_is_named() -> None:
+    block = simulated(0).block
+    photographs = (replace(block.photographs[0], attitude_world_from_camera=None, attitude_sigma_rad=None), *block.photographs[1:])
+    tie = block.tie_points
+    elsewhere = tie.photograph != 0
+    rays = np.bincount(tie.point[elsewhere], minlength=len(tie)) >= 2
+    points = block.control_points
+    marks = points.mark_photograph != 0
+    control = replace(
+        points, mark_photograph=points.mark_photograph[marks], mark_point=points.mark_point[marks],
+        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+    )  # fmt: skip
+    with pytest.raises(AdjustmentError, match=block.photographs[0].name):
+        adjust(replace(block, photographs=photographs, tie_points=tie.select(rays, elsewhere), control_points=control), SETTINGS)
+
+
+def test_a_photograph_without_a_pose_is_named() -> None:
+    block = simulated(0).block
+    with pytest.raises(AdjustmentError, match=block.photographs[2].name):
+        adjust(replace(block, poses=(*block.poses[:2], None, *block.poses[3:])), SETTINGS)
+
+
+# ---- pieces --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_weight_is_the_derivative_of_the_cost(loss: str) -> None:
+    norm = np.linspace(0.1, 20.0, 50)
+    step = 1e-6
+
+    def cost(s: FloatArray) -> FloatArray:
+        return robust_cost_and_weight(np.column_stack([s, np.zeros_like(s)]), loss, 3.0)[0]  # type: ignore[arg-type]
+
+    _, weight = robust_cost_and_weight(np.column_stack([norm, np.zeros_like(norm)]), loss, 3.0)  # type: ignore[arg-type]
+    slope = (cost(norm + step) - cost(norm - step)) / (2.0 * step)
+    np.testing.assert_allclose(weight, slope / (2.0 * norm), rtol=1e-5)
+
+
+def test_noise_scale_sees_through_the_freedom_of_the_points() -> None:
+    # Residuals of two-ray points are half as large as the noise; the scale must come out as the noise itself.
+    result = adjusted(4)
+    tie = result.block.tie_points
+    scale = noise_scale(result.residual_px / tie.sigma_px[:, None], tie.point, len(tie))
+    assert scale == pytest.approx(1.0, abs=0.1)

@@ -1,0 +1,276 @@
+"""report.json: its keys, and whether its numbers agree with each other, with the products and with the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import laspy
+import numpy as np
+import pytest
+import rasterio
+from scipy.io import loadmat
+from scipy.spatial.transform import Rotation
+
+from photogram.files.images import read_tags
+from photogram.frames import LocalFrame, map_from_geodetic
+
+Json = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def report(finished_survey: Path) -> Json:
+    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def frame(report: Json) -> LocalFrame:
+    return LocalFrame(report["crs"], tuple(report["world"]["origin_map_m"]), report["world"]["kind"])
+
+
+@pytest.fixture(scope="module")
+def cloud(finished_survey: Path) -> np.ndarray[Any, Any]:
+    return np.loadtxt(finished_survey / "results/points_adjusted.txt", delimiter=",")
+
+
+def numbers(value: object, *shape: int) -> bool:
+    """Whether a value of a report is a list of finite numbers of this shape."""
+    array = np.array(value, dtype=object)
+    return array.shape == shape and all(type(x) is float and np.isfinite(x) for x in array.ravel())
+
+
+def test_keys_of_photographs(report: Json) -> None:
+    assert list(report["photographs"]) == [f"sim_000{i}.JPG" for i in range(1, 5)]
+    for photograph in report["photographs"].values():
+        assert photograph["camera"] == "simulated"
+        for key in ("position_map_m", "sigma_m", "omega_phi_kappa_deg"):
+            assert numbers(photograph[key], 3), key
+        assert min(photograph["sigma_m"]) > 0
+        assert numbers(photograph["rotation_camera_from_map"], 3, 3)
+        assert numbers(photograph["resection"]["position_map_m"], 3)
+        assert numbers(photograph["resection"]["gnss_difference_m"])
+
+
+def test_keys_of_cameras(report: Json) -> None:
+    assert list(report["cameras"]) == ["simulated"]
+    camera = report["cameras"]["simulated"]
+    assert numbers(camera["focal_px"])
+    assert numbers(camera["principal_point_px"], 2)
+    assert numbers(camera["radial"], 3)
+    assert numbers(camera["tangential"], 2)
+    free = [name for name, sigma in camera["sigma"].items() if sigma is not None]
+    assert free == ["focal_px", "cx_px", "cy_px", "k1"] or len(free) == 4
+    assert all(camera["sigma"][name] > 0 for name in free)
+
+
+def test_keys_of_adjustment(report: Json) -> None:
+    adjustment = report["adjustment"]
+    for key in ("sigma0", "reprojection_rms_px", "seconds"):
+        assert type(adjustment[key]) is float, key
+        assert adjustment[key] > 0, key
+    for key in ("tie_points", "observations", "iterations"):
+        assert type(adjustment[key]) is int, key
+        assert adjustment[key] > 0, key
+    assert adjustment["converged"] is True
+
+
+def test_keys_of_ground_points(report: Json) -> None:
+    points = report["control_points"]
+    assert [p["name"] for p in points] == [f"G0{i}" for i in range(1, 9)] + [f"C0{i}" for i in range(1, 5)]
+    assert [p["role"] for p in points] == ["control"] * 8 + ["check"] * 4
+    for point in points:
+        for key in ("surveyed_map_m", "adjusted_map_m", "residual_m", "sigma_m"):
+            assert numbers(point[key], 3), key
+        assert point["marks"]
+        assert all(m["photograph"] in report["photographs"] and numbers(m["pixel"], 2) for m in point["marks"])
+    check = report["check_points"]
+    assert type(check["n"]) is int
+    assert numbers(check["rmse_m"], 3)
+    assert numbers(check["mean_m"], 3)
+    assert numbers(check["rmse_h_m"])
+    assert numbers(check["rmse_v_m"])
+
+
+def test_keys_of_clouds(report: Json) -> None:
+    assert list(report["clouds"]) == ["linear_2view", "linear_3view", "adjusted"]
+    for statistics in report["clouds"].values():
+        assert type(statistics["points"]) is int
+        assert all(numbers(statistics[key]) for key in ("mean_m", "std_m", "nmad_m"))
+
+
+def test_report_is_strict_json(finished_survey: Path) -> None:
+    def refuse(name: str) -> None:
+        pytest.fail(f"{name} is no JSON number")
+
+    json.loads((finished_survey / "results/report.json").read_text(), parse_constant=refuse)
+
+
+def test_rotation_is_orthonormal_and_that_of_the_angles(report: Json) -> None:
+    for photograph in report["photographs"].values():
+        R = np.array(photograph["rotation_camera_from_map"])
+        assert np.allclose(R @ R.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(R) == pytest.approx(1.0)
+        # Kraus 2007: map from image = Rx(ω) Ry(φ) Rz(κ); the image's axes are x right, y up, z backward
+        image = Rotation.from_euler("XYZ", photograph["omega_phi_kappa_deg"], degrees=True).as_matrix()
+        assert np.allclose(image @ np.diag([1.0, -1.0, -1.0]), R.T, atol=1e-12)
+
+
+def cv2_projection(report: Json, photograph: Json, differences_m: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Project differences (N, 3) to the projection centre along easting, northing and up, by OpenCV."""
+    camera = report["cameras"][photograph["camera"]]
+    (cx, cy), f, (k1, k2, k3) = camera["principal_point_px"], camera["focal_px"], camera["radial"]
+    K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+    lens = np.array([k1, k2, *camera["tangential"], k3])
+    turn = cv2.Rodrigues(np.array(photograph["rotation_camera_from_map"]))[0]
+    pixel, _ = cv2.projectPoints(np.ascontiguousarray(differences_m), turn, np.zeros(3), K, lens)
+    return np.asarray(pixel.reshape(-1, 2))
+
+
+def test_rotation_position_and_camera_project_the_ground_points_to_their_marks(report: Json, frame: LocalFrame) -> None:
+    """The rotation counts the meridian convergence, 1.2 degrees here: without it a mark at the edge is 4 px off."""
+    compared = 0
+    for point in report["control_points"]:
+        for mark in point["marks"]:
+            photograph = report["photographs"][mark["photograph"]]
+            difference = np.array(point["adjusted_map_m"]) - photograph["position_map_m"]
+            difference[:2] /= frame.grid_scale(np.array(point["adjusted_map_m"]))
+            projected = cv2_projection(report, photograph, difference[None])[0]
+            assert projected - mark["pixel"] == pytest.approx(np.array(mark["residual_px"]), abs=0.01)
+            assert np.abs(mark["residual_px"]).max() < 1.5
+            compared += 1
+    assert compared > 30
+
+
+def test_resection_lies_where_the_tags_say_it_does(report: Json, finished_survey: Path) -> None:
+    for name, photograph in report["photographs"].items():
+        tags = read_tags(finished_survey / "photographs" / name)
+        geodetic = np.array([[tags.longitude_deg, tags.latitude_deg, tags.height_m]], dtype=float)
+        difference = np.array(photograph["resection"]["position_map_m"]) - map_from_geodetic(report["crs"], geodetic)[0]
+        assert photograph["resection"]["gnss_difference_m"] == pytest.approx(np.linalg.norm(difference), abs=1e-6)
+
+
+def test_result_agrees_with_the_truth(report: Json, finished_survey: Path) -> None:
+    truth = json.loads((finished_survey / "truth.json").read_text())
+    for name, photograph in report["photographs"].items():
+        error = np.array(photograph["position_map_m"]) - truth["positions_map_m"][name]
+        assert np.all(np.abs(error) < 4 * np.array(photograph["sigma_m"])), name
+    camera = report["cameras"]["simulated"]
+    assert abs(camera["focal_px"] - truth["camera"]["parameters"][0]) < 4 * camera["sigma"]["focal_px"]
+    assert report["check_points"]["rmse_h_m"] < 1.0 * truth["gsd_m"]
+    assert report["check_points"]["rmse_v_m"] < 1.5 * truth["gsd_m"]
+    assert report["clouds"]["adjusted"]["nmad_m"] < report["clouds"]["linear_3view"]["nmad_m"]
+
+
+def test_check_summary_is_that_of_the_check_points_alone(report: Json) -> None:
+    residual = np.array([p["residual_m"] for p in report["control_points"] if p["role"] == "check"])
+    check = report["check_points"]
+    assert check["n"] == len(residual) == 4
+    assert check["rmse_m"] == pytest.approx(np.sqrt((residual**2).mean(axis=0)).tolist())
+    assert check["mean_m"] == pytest.approx(residual.mean(axis=0).tolist())
+    assert check["rmse_h_m"] == pytest.approx(float(np.sqrt((residual[:, :2] ** 2).sum(axis=1).mean())))
+    assert check["rmse_v_m"] == pytest.approx(float(np.sqrt((residual[:, 2] ** 2).mean())))
+    for point in report["control_points"]:
+        difference = np.array(point["adjusted_map_m"]) - point["surveyed_map_m"]
+        assert point["residual_m"] == pytest.approx(difference.tolist(), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["linear_2view", "linear_3view", "adjusted"])
+def test_text_and_laz_hold_the_same_points(report: Json, finished_survey: Path, name: str) -> None:
+    results = finished_survey / "results"
+    text = np.loadtxt(results / f"points_{name}.txt", delimiter=",")
+    laz = laspy.read(results / f"points_{name}.laz")
+    assert text.shape == (report["clouds"][name]["points"], 3)
+    assert laz.xyz == pytest.approx(text, abs=6e-4)
+    crs = laz.header.parse_crs()
+    assert crs is not None
+    assert crs.to_epsg() == 25832
+    assert np.ptp(np.asarray(laz.red, dtype=float)) > 0
+
+
+def test_tie_points_agree_with_the_report_and_the_cloud(
+    report: Json, finished_survey: Path, frame: LocalFrame, cloud: np.ndarray[Any, Any]
+) -> None:
+    with np.load(finished_survey / "results/tie_points.npz") as archive:
+        tie = {name: archive[name] for name in archive.files}
+    assert report["adjustment"]["tie_points"] == len(tie["position_world_m"])
+    assert report["adjustment"]["observations"] == len(tie["pixel"])
+    position_map_m = frame.map_from_world(tie["position_world_m"])
+    assert position_map_m == pytest.approx(cloud, abs=6e-4)
+    squares = []
+    for index, photograph in enumerate(report["photographs"].values()):
+        seen = tie["photograph"] == index
+        assert photograph["tie_points"] == np.count_nonzero(seen)
+        difference = position_map_m[tie["point"][seen]] - photograph["position_map_m"]
+        difference[:, :2] /= frame.grid_scale(np.array(photograph["position_map_m"]))
+        squares.append(((cv2_projection(report, photograph, difference) - tie["pixel"][seen]) ** 2).sum(axis=1))
+    rms_px = np.sqrt(np.concatenate(squares).mean())
+    assert report["adjustment"]["reprojection_rms_px"] == pytest.approx(rms_px, rel=0.02)
+
+
+def test_matlab_file_holds_the_same_observations(finished_survey: Path) -> None:
+    results = finished_survey / "results"
+    matlab = loadmat(results / "tie_points.mat")
+    with np.load(results / "tie_points.npz") as archive:
+        assert np.array_equal(matlab["observation_pixel"], archive["pixel"])
+        assert np.array_equal(matlab["observation_point"].ravel() - 1, archive["point"])
+        assert np.array_equal(matlab["position_world_m"], archive["position_world_m"])
+
+
+def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
+    with rasterio.open(finished_survey / "results/dsm.tif") as raster:
+        assert raster.crs.to_epsg() == 25832
+        assert raster.nodata is not None
+        height = np.array([h for (h,) in raster.sample(cloud[:, :2], masked=True)], dtype=object)
+        bounds = raster.bounds
+    known = np.array([h is not np.ma.masked for h in height])
+    assert known.mean() > 0.6
+    error = height[known].astype(float) - cloud[known, 2]
+    # a cell of 1 m holds the height of its centre, the point lies up to 0.7 m beside it on slopes and walls
+    assert abs(np.median(error)) < 0.03
+    assert np.median(np.abs(error)) < 0.15
+    assert bounds.left >= cloud[:, 0].min() - 1.0
+    assert bounds.top <= cloud[:, 1].max() + 1.0
+
+
+def without_seconds(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: without_seconds(v) for k, v in value.items() if k != "seconds"}
+    return [without_seconds(v) for v in value] if isinstance(value, list) else value
+
+
+def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict | list):
+        for name, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, f"{key}/{name}")
+    else:
+        yield key, value
+
+
+def test_check_points_never_enter_the_adjustment(
+    report: Json, finished_survey: Path, adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
+) -> None:
+    """Moving a check point, by so much that it would pull the whole block, changes its own residual and nothing else."""
+
+    def move(values: Json) -> None:
+        point = next(p for p in values["control_points"]["list"] if p["name"] == "C02")
+        point["position_m"] = [point["position_m"][0] + 400.0, point["position_m"][1] - 300.0, point["position_m"][2] + 50.0]
+
+    edit(adjusted_survey / "project.yaml", move)
+    outcome = photogram("adjust", adjusted_survey / "project.yaml")
+    assert outcome.code == 0, outcome.err
+    moved = json.loads((adjusted_survey / "results/report.json").read_text())
+    before, after = dict(leaves(without_seconds(report))), dict(leaves(without_seconds(moved)))
+    assert before.keys() == after.keys()
+    changed = {key for key in before if before[key] != after[key]}
+    index = next(i for i, p in enumerate(report["control_points"]) if p["name"] == "C02")
+    own = {f"/control_points/{index}/{key}/{axis}" for key in ("surveyed_map_m", "residual_m") for axis in range(3)}
+    assert own <= changed
+    assert all(key in own or key.startswith("/check_points/") for key in changed), changed - own
+    shift = np.array(moved["control_points"][index]["residual_m"]) - report["control_points"][index]["residual_m"]
+    assert shift == pytest.approx([-400.0, 300.0, -50.0], abs=1e-6)
+    for product in sorted((finished_survey / "results").iterdir()):
+        if product.suffix in {".txt", ".laz", ".tif", ".npz", ".mat"}:
+            assert (adjusted_survey / "results" / product.name).read_bytes() == product.read_bytes(), product.name
