@@ -13,7 +13,8 @@ from photogram.pipeline import load_project, run_pipeline
 
 ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
 Photographs = Annotated[
-    Path | None, typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file.")
+    Path | None,
+    typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file."),
 ]
 
 

@@ -15,7 +15,9 @@ from photogram.pipeline import load_project, run_pipeline
 
 @app.command()
 def demo(
-    folder: Annotated[Path, typer.Argument(help="Where the simulated survey and its results are written.")] = Path("demo"),
+    folder: Annotated[Path, typer.Argument(help="Where the simulated survey and its results are written.")] = Path(
+        "demo"
+    ),
     seed: Annotated[int, typer.Option(help="Another seed makes another site.")] = 1,
 ) -> None:
     """Render a small simulated survey, adjust it, and compare the result with the truth."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -35,12 +34,15 @@ def _numbers(text: str, option: str) -> list[float]:
 
 
 def _candidates(project: Project, names: list[str]) -> tuple[str, str, FloatArray, FloatArray]:
-    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, before any verification."""
+    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, before any
+    verification."""
     with open_run(project) as run:
         matches = run.matches()
         known = {(run.names[m.first], run.names[m.second]): m for m, _ in matches}
         if names and tuple(sorted(names)) not in known:
-            raise ProjectError(f"the pair {' '.join(names)} is not matched; pairs are: {', '.join(' '.join(p) for p in known)}")
+            raise ProjectError(
+                f"the pair {' '.join(names)} is not matched; pairs are: {', '.join(' '.join(p) for p in known)}"
+            )
         first, second = sorted(names) if names else next(iter(known))
         pair = known[first, second]
         cameras = [project.cameras[project.photographs[i].camera] for i in (pair.first, pair.second)]
@@ -52,7 +54,9 @@ def _candidates(project: Project, names: list[str]) -> tuple[str, str, FloatArra
 
 
 def _show(result: RansacStudy) -> None:
-    table = Table("sample size", "threshold, px", *(f"best of {n}" for n in result.iterations), "iterations needed (99 %)")
+    table = Table(
+        "sample size", "threshold, px", *(f"best of {n}" for n in result.iterations), "iterations needed (99 %)"
+    )
     for s, size in enumerate(result.sample_sizes):
         for t, threshold in enumerate(result.thresholds_px):
             needed = float(needed_iterations(float(result.inlier_fraction[t]), size))
@@ -65,11 +69,15 @@ def _show(result: RansacStudy) -> None:
 def ransac(
     project: ProjectFile,
     photographs: Photographs = None,
-    pair: Annotated[tuple[str, str] | None, typer.Option(help="The two photographs; the first matched pair if not given.")] = None,
+    pair: Annotated[
+        tuple[str, str] | None, typer.Option(help="The two photographs; the first matched pair if not given.")
+    ] = None,
     iterations: Annotated[str, typer.Option(help="Numbers of iterations.")] = "10,100,1000",
     sample_sizes: Annotated[str, typer.Option(help="Matches per sample, 8 and more.")] = "8,10,12,16,24",
     thresholds: Annotated[str, typer.Option(help="Thresholds in px.")] = "0.5,1,2,4",
-    residual: Annotated[Literal["sampson", "symmetric", "algebraic"], typer.Option(help="Distance that is tested.")] = "sampson",
+    residual: Annotated[
+        Literal["sampson", "symmetric", "algebraic"], typer.Option(help="Distance that is tested.")
+    ] = "sampson",
     seed: Annotated[int, typer.Option(help="Seed of the random samples.")] = 0,
 ) -> None:
     """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
@@ -105,7 +113,9 @@ def ransac(
             "thresholds_px": result.thresholds_px,
             "best_inliers": result.best_inliers,
             "inlier_fraction": result.inlier_fraction,
-            "needed_iterations": np.array([[needed_iterations(float(w), n) for w in result.inlier_fraction] for n in sizes]),
+            "needed_iterations": np.array(
+                [[needed_iterations(float(w), n) for w in result.inlier_fraction] for n in sizes]
+            ),
         },
     )
     console.print(f"Written: {folder}")

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
 
 from photogram.demonstration import Judgement
-from photogram.pipeline import Stage
+from photogram.stages import Stage
 
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
@@ -72,7 +72,9 @@ def _metres(value: float | None) -> str:
 
 
 def _resections(report: Mapping[str, Any]) -> Table | None:
-    resected = {n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})}
+    resected = {
+        n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})
+    }
     if not resected or len(resected) > 20:
         return None
     table = Table(title="Exterior orientation: P3P, refined resection, sigmas after the adjustment")
@@ -83,7 +85,13 @@ def _resections(report: Mapping[str, Any]) -> Table | None:
         sigma = [_metres(s) for s in report["photographs"][name]["sigma_m"]]
         check = resection["check_px"]
         refined = resection["refined"]["gnss_difference_m"]
-        table.add_row(name, _metres(resection["gnss_difference_m"]), "–" if check is None else f"{check:.1f}", _metres(refined), *sigma)
+        table.add_row(
+            name,
+            _metres(resection["gnss_difference_m"]),
+            "–" if check is None else f"{check:.1f}",
+            _metres(refined),
+            *sigma,
+        )
     return table
 
 
@@ -98,19 +106,32 @@ def show_report(report: Mapping[str, Any]) -> None:
     table.add_row("discarded observations", str(a["discarded_observations"]))
     table.add_row("reprojection RMS", f"{a['reprojection_rms_px']:.3f} px")
     table.add_row("sigma0 (a priori 1)", f"{a['sigma0']:.3f}")
-    table.add_row("converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s")
+    table.add_row(
+        "converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s"
+    )
     for name, camera in report["cameras"].items():
         sigma = camera["sigma"]["focal_px"]
-        table.add_row(f"focal length, {name}", f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"))
+        table.add_row(
+            f"focal length, {name}",
+            f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
+        )
     if check["n"]:
-        table.add_row(f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m")
+        table.add_row(
+            f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m"
+        )
     else:
         table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
     console.print(table)
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
         table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
         for name, cloud in report["clouds"].items():
-            table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), _metres(cloud["mean_m"]), _metres(cloud["std_m"]), _metres(cloud["nmad_m"]))
+            table.add_row(
+                _CLOUD_TITLES[name],
+                str(cloud["points"]),
+                _metres(cloud["mean_m"]),
+                _metres(cloud["std_m"]),
+                _metres(cloud["nmad_m"]),
+            )
         console.print(table)
 
 
@@ -119,8 +140,16 @@ def show_judgement(judgement: Judgement) -> None:
     j = judgement
     table = Table("simulated survey against its truth", "value", "in GSD")
     table.add_row("ground sampling distance", f"{j.gsd_m:.4f} m", "1")
-    table.add_row(f"{j.check_points} check points, RMSE in plan", f"{j.check_rmse_plan_m:.4f} m", f"{j.check_rmse_plan_m / j.gsd_m:.2f}")
-    table.add_row(f"{j.check_points} check points, RMSE in height", f"{j.check_rmse_height_m:.4f} m", f"{j.check_rmse_height_m / j.gsd_m:.2f}")
+    table.add_row(
+        f"{j.check_points} check points, RMSE in plan",
+        f"{j.check_rmse_plan_m:.4f} m",
+        f"{j.check_rmse_plan_m / j.gsd_m:.2f}",
+    )
+    table.add_row(
+        f"{j.check_points} check points, RMSE in height",
+        f"{j.check_rmse_height_m:.4f} m",
+        f"{j.check_rmse_height_m / j.gsd_m:.2f}",
+    )
     table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
     table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
     for name, nmad in j.nmad_m.items():

@@ -10,7 +10,8 @@ from photogram.survey import FloatArray
 
 
 def calibration_prior(camera: int, expected: FloatArray, sigmas: FloatArray) -> gtsam.NonlinearFactor | None:
-    """Return the prior on a camera's free parameters, in the units of the calibration variable; None when all are unbounded.
+    """Return the prior on a camera's free parameters, in the units of the calibration variable; None when all are
+    unbounded.
 
     ``expected`` and ``sigmas`` (free,); an infinite sigma says nothing about its parameter.
     """

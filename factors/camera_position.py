@@ -1,7 +1,7 @@
 """GNSS positions and attitudes of photographs.
 
-The projection centre is C = GNSS + offset. The offset (antenna, datum of the base station, height system) is one unknown
-per flight, with its own prior. The attitude of a gimbal is a rotation with one sigma about every axis.
+The projection centre is C = GNSS + offset. The offset (antenna, datum of the base station, height system) is one
+unknown per flight, with its own prior. The attitude of a gimbal is a rotation with one sigma about every axis.
 """
 
 from __future__ import annotations
@@ -13,8 +13,11 @@ from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.survey import FloatArray
 
 
-def gnss_position(photograph: int, gnss_world_m: FloatArray, sigma_m: FloatArray, flight: int | None) -> gtsam.NonlinearFactor:
-    """Return the factor of a GNSS position (3,) with sigmas (3,) in m; ``flight`` names its offset, None when it has none.
+def gnss_position(
+    photograph: int, gnss_world_m: FloatArray, sigma_m: FloatArray, flight: int | None
+) -> gtsam.NonlinearFactor:
+    """Return the factor of a GNSS position (3,) with sigmas (3,) in m; ``flight`` names its offset, None when it has
+    none.
 
     Residual C − offset − GNSS; Jacobians [0 R] on the pose's tangent (ω, v) and −I on the offset.
     """
@@ -37,7 +40,9 @@ def offset_prior(flight: int, sigma_m: FloatArray) -> gtsam.NonlinearFactor:
     return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), gtsam.noiseModel.Diagonal.Sigmas(sigma_m))
 
 
-def measured_attitude(photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float) -> gtsam.NonlinearFactor:
+def measured_attitude(
+    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float
+) -> gtsam.NonlinearFactor:
     """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera."""
     rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
     return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad))

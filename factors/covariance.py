@@ -30,8 +30,8 @@ RANK_TOLERANCE = 1e-13
 class Covariances:
     """A-priori covariances at the solution.
 
-    ``reduced`` (n, n) of poses (tangent ω, v of each), control points, offsets and free calibration parameters (in natural
-    units), laid out by ``columns`` and the two first columns; ``tie_point`` (P, 3, 3) in the world, m².
+    ``reduced`` (n, n) of poses (tangent ω, v of each), control points, offsets and free calibration parameters (in
+    natural units), laid out by ``columns`` and the two first columns; ``tie_point`` (P, 3, 3) in the world, m².
     """
 
     reduced: FloatArray

@@ -1,7 +1,7 @@
 """Tie points eliminated from the normal equations by their 3 × 3 Schur complements.
 
-With the normal equations [U W; Wᵀ V] of cameras and tie points (Triggs et al. 2000, sec. 6.1), the reduced system of the
-cameras is S = U − Σ_p W_p V_p⁻¹ W_pᵀ, and the covariance of a tie point is V_p⁻¹ + V_p⁻¹ W_pᵀ S⁻¹ W_p V_p⁻¹
+With the normal equations [U W; Wᵀ V] of cameras and tie points (Triggs et al. 2000, sec. 6.1), the reduced system of
+the cameras is S = U − Σ_p W_p V_p⁻¹ W_pᵀ, and the covariance of a tie point is V_p⁻¹ + V_p⁻¹ W_pᵀ S⁻¹ W_p V_p⁻¹
 (Förstner & Wrobel 2016, sec. 15.4). W_p has rows only for the photographs and cameras that see the point.
 """
 
@@ -21,8 +21,8 @@ from photogram.survey import FloatArray, IntArray
 class Columns:
     """Where variables sit in the reduced system.
 
-    ``pose`` (photographs,) first column of each pose (6 columns), ``calibration`` (cameras, 8) column of each parameter,
-    −1 where it is fixed; ``size`` of the system.
+    ``pose`` (photographs,) first column of each pose (6 columns), ``calibration`` (cameras, 8) column of each
+    parameter, −1 where it is fixed; ``size`` of the system.
     """
 
     pose: IntArray
@@ -67,7 +67,8 @@ def _eliminate(
     first: IntArray, photograph: IntArray, camera: IntArray, pose_column: IntArray, calibration_column: IntArray,
     J_pose: FloatArray, J_camera: FloatArray, J_point: FloatArray, S: FloatArray, V_inverse: FloatArray,
 ) -> int:  # fmt: skip
-    """Add every tie point's reduced information to S; returns the first point that cannot be intersected, −1 when all can."""
+    """Add every tie point's reduced information to S; returns the first point that cannot be intersected, −1 when all
+    can."""
     longest = 0
     for p in range(len(first) - 1):
         longest = max(longest, first[p + 1] - first[p])
@@ -107,7 +108,8 @@ def _eliminate(
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _point_covariances(
     first: IntArray, photograph: IntArray, camera: IntArray, pose_column: IntArray, calibration_column: IntArray,
-    J_pose: FloatArray, J_camera: FloatArray, J_point: FloatArray, V_inverse: FloatArray, covariance: FloatArray, result: FloatArray,
+    J_pose: FloatArray, J_camera: FloatArray, J_point: FloatArray, V_inverse: FloatArray,
+    covariance: FloatArray, result: FloatArray,
 ) -> None:  # fmt: skip
     column, column2 = np.empty(14, dtype=np.int64), np.empty(14, dtype=np.int64)
     J, J2 = np.empty((2, 14)), np.empty((2, 14))
@@ -140,22 +142,36 @@ def eliminate_tie_points(
     """Add the reduced information of all tie points to S (size, size), in place.
 
     Observations sorted by point, their Jacobians weighted and, for calibration, in the units of the reduced system.
-    Returns the inverses (points, 3, 3) of the points' own normal matrices and the first point that cannot be intersected,
-    −1 when all can.
+    Returns the inverses (points, 3, 3) of the points' own normal matrices and the first point that cannot be
+    intersected, −1 when all can.
     """
     V_inverse = np.zeros((points, 3, 3))
     first = first_observations(observations.point, points)
     o = observations
     failed = _eliminate(
-        first, o.photograph, o.camera, columns.pose, columns.calibration, linear.pose, linear.calibration, linear.point, S, V_inverse
+        first,
+        o.photograph,
+        o.camera,
+        columns.pose,
+        columns.calibration,
+        linear.pose,
+        linear.calibration,
+        linear.point,
+        S,
+        V_inverse,
     )
     return V_inverse, int(failed)
 
 
 def tie_point_covariances(
-    observations: Observations, linear: Linearisation, columns: Columns, V_inverse: FloatArray, covariance: NDArray[np.float64]
+    observations: Observations,
+    linear: Linearisation,
+    columns: Columns,
+    V_inverse: FloatArray,
+    covariance: NDArray[np.float64],
 ) -> FloatArray:
-    """Return the covariance (points, 3, 3) in m² of every tie point, from the covariance (size, size) of the reduced system."""
+    """Return the covariance (points, 3, 3) in m² of every tie point, from the covariance (size, size) of the reduced
+    system."""
     result = np.empty_like(V_inverse)
     first = first_observations(observations.point, len(V_inverse))
     o = observations

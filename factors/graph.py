@@ -1,8 +1,9 @@
-"""The joint adjustment as a factor graph: state, cost, linearisation and the Levenberg–Marquardt step that GTSAM solves.
+"""The joint adjustment as a factor graph: state, cost, linearisation and the Levenberg–Marquardt step that GTSAM
+solves.
 
-This is the reference: every tie point is a variable and every observation a factor of the linear graph. The few factors on
-poses, control points, offsets and calibrations are GTSAM's own and are linearised by GTSAM; image observations are linearised
-together by one compiled kernel.
+This is the reference: every tie point is a variable and every observation a factor of the linear graph. The few
+factors on poses, control points, offsets and calibrations are GTSAM's own and are linearised by GTSAM; image
+observations are linearised together by one compiled kernel.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ RobustLoss = Literal["none", "huber", "cauchy"]
 
 
 class IndeterminateError(ArithmeticError):
-    """The linear system has no unique solution; ``variable`` is the kind and index that GTSAM names, None when it names none."""
+    """The linear system has no unique solution; ``variable`` is the kind and index that GTSAM names, None when it
+    names none."""
 
     def __init__(self, variable: tuple[str, int] | None) -> None:
         super().__init__("the linear system has no unique solution")
@@ -51,8 +53,8 @@ class IndeterminateError(ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras, 8),
-    ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
+    """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters``
+    (cameras, 8), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
 
     rotation: FloatArray
     position: FloatArray
@@ -66,7 +68,8 @@ class State:
 class Problem:
     """What is adjusted: observations of tie points and of control points, and the block with its priors.
 
-    All photographs of ``block`` are oriented; ``control`` are its points of role control; ``flights`` names the GNSS offsets.
+    All photographs of ``block`` are oriented; ``control`` are its points of role control; ``flights`` names the GNSS
+    offsets.
     """
 
     block: Block
@@ -168,7 +171,8 @@ def variable_size(problem: Problem, variable: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """One linearisation: the linear graph, its elimination order, and the diagonal of its normal equations per variable."""
+    """One linearisation: the linear graph, its elimination order, and the diagonal of its normal equations per
+    variable."""
 
     graph: gtsam.GaussianFactorGraph
     ordering: gtsam.Ordering
@@ -187,7 +191,8 @@ def _weighted(linear: Linearisation, weight: FloatArray) -> Linearisation:
 
 
 def linearise_tie_points(problem: Problem, state: State) -> Linearisation:
-    """Return the residuals and Jacobians of the tie points' observations, robust weights applied, calibration in its units."""
+    """Return the residuals and Jacobians of the tie points' observations, robust weights applied, calibration in its
+    units."""
     linear = linearise(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
     _, weight = robust_cost_and_weight(linear.residual, problem.robust_loss, problem.robust_threshold)
     weighted = _weighted(linear, weight)
@@ -205,7 +210,9 @@ def linearise_ground(problem: Problem, graph: gtsam.NonlinearFactorGraph, state:
     return linear
 
 
-def _diagonal(problem: Problem, ground: gtsam.GaussianFactorGraph, tie: Linearisation, state: State) -> dict[int, FloatArray]:
+def _diagonal(
+    problem: Problem, ground: gtsam.GaussianFactorGraph, tie: Linearisation, state: State
+) -> dict[int, FloatArray]:
     """Return the diagonal of the normal equations of every variable."""
     diagonal: dict[int, FloatArray] = {}
 
@@ -216,7 +223,7 @@ def _diagonal(problem: Problem, ground: gtsam.GaussianFactorGraph, tie: Linearis
         factor = ground.at(i)
         squares = np.sum(factor.jacobian()[0] ** 2, axis=0)
         start = 0
-        for variable in factor.keys():
+        for variable in factor.keys():  # noqa: SIM118 - a factor is no dictionary
             size = variable_size(problem, variable)
             add(variable, squares[start : start + size])
             start += size
@@ -242,7 +249,9 @@ def linearise_all(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: St
     tie = linearise_tie_points(problem, state)
     diagonal = _diagonal(problem, linear, tie, state)
     unit_scale = np.ones((len(problem.block.cameras), 8))
-    for factor in reprojection_factors(problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale):
+    for factor in reprojection_factors(
+        problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale
+    ):
         linear.push_back(factor)
     variables = (
         [key(TIE_POINT, int(p)) for p in np.unique(problem.tie.point)]
@@ -266,7 +275,8 @@ class Step:
 
 
 def damped_step(system: LinearSystem, damping: float) -> Step:
-    """Solve the linear graph with Marquardt's damping (diagonal scaled by 1 + ``damping``); GTSAM eliminates and substitutes.
+    """Solve the linear graph with Marquardt's damping (diagonal scaled by 1 + ``damping``); GTSAM eliminates and
+    substitutes.
 
     Raises IndeterminateError, with the variable that GTSAM names, when there is no unique solution.
     """

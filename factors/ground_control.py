@@ -10,4 +10,6 @@ from photogram.survey import FloatArray
 
 def surveyed_position(point: int, position_world_m: FloatArray, sigma_m: FloatArray) -> gtsam.NonlinearFactor:
     """Return the factor of control point ``point`` surveyed at a world position (3,) with sigmas (3,), both in m."""
-    return gtsam.PriorFactorPoint3(key(CONTROL_POINT, point), position_world_m, gtsam.noiseModel.Diagonal.Sigmas(sigma_m))
+    return gtsam.PriorFactorPoint3(
+        key(CONTROL_POINT, point), position_world_m, gtsam.noiseModel.Diagonal.Sigmas(sigma_m)
+    )

@@ -1,8 +1,8 @@
 """Image measurements of points: residuals and Jacobians of all observations at once, and their GTSAM factors.
 
-Residual = projected − measured, in px, divided by the sigma of the measurement. The pose's tangent is GTSAM's: (ω, v) in
-the camera frame. A calibration variable holds only the parameters that are free, in units of ``calibration_scale`` so that
-a unit of each moves a pixel by about one pixel.
+Residual = projected − measured, in px, divided by the sigma of the measurement. The pose's tangent is GTSAM's: (ω, v)
+in the camera frame. A calibration variable holds only the parameters that are free, in units of ``calibration_scale``
+so that a unit of each moves a pixel by about one pixel.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class Observations:
 
     def select(self, keep: NDArray[np.bool_]) -> Observations:
         """Keep the observations of the mask (N,)."""
-        return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep], self.camera[keep])
+        return Observations(
+            self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep], self.camera[keep]
+        )
 
     def __len__(self) -> int:
         return len(self.photograph)
@@ -84,24 +86,30 @@ def _linearise(
     return residual, J_pose, J_camera, J_point
 
 
-def residuals(observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
+def residuals(
+    observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray
+) -> FloatArray:
     """Return whitened residuals (N, 2), infinite for points at or behind the projection centre.
 
-    ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X`` (points, 3) world, m.
+    ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X``
+    (points, 3) world, m.
     """
     o = observations
     result: FloatArray = _residuals(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X)
     return result
 
 
-def linearise(observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> Linearisation:
+def linearise(
+    observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray
+) -> Linearisation:
     """Return whitened residuals and analytic Jacobians of all observations; arguments as in ``residuals``."""
     o = observations
     return Linearisation(*_linearise(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X))
 
 
 def calibration_scale(focal_px: float) -> FloatArray:
-    """Return the units (8,) in which calibration variables are solved: 1 px, and 1/f for the distortion coefficients."""
+    """Return the units (8,) in which calibration variables are solved: 1 px, and 1/f for the distortion
+    coefficients."""
     return np.array([1.0, 1.0, 1.0] + [1.0 / focal_px] * 5)
 
 
@@ -115,8 +123,8 @@ def reprojection_factors(
 ) -> list[gtsam.JacobianFactor]:
     """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
 
-    ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free parameters;
-    ``scale`` (cameras, 8) their units.
+    ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free
+    parameters; ``scale`` (cameras, 8) their units.
     """
     root = np.sqrt(weight)[:, None]
     b = -linear.residual * root
@@ -128,13 +136,15 @@ def reprojection_factors(
     points = [key(point_kind, i) for i in range(int(observations.point.max(initial=-1)) + 1)]
     calibrations = [key(CALIBRATION, c) for c in range(len(free))]
     factors = []
-    for i, (p, l, c) in enumerate(
+    for i, (p, x, c) in enumerate(
         zip(observations.photograph.tolist(), observations.point.tolist(), observations.camera.tolist(), strict=True)
     ):
         if len(free[c]):
             factors.append(
-                gtsam.JacobianFactor(points[l], J_point[i], poses[p], J_pose[i], calibrations[c], reduced[c][i], b[i], unit)
+                gtsam.JacobianFactor(
+                    points[x], J_point[i], poses[p], J_pose[i], calibrations[c], reduced[c][i], b[i], unit
+                )
             )
         else:
-            factors.append(gtsam.JacobianFactor(points[l], J_point[i], poses[p], J_pose[i], b[i], unit))
+            factors.append(gtsam.JacobianFactor(points[x], J_point[i], poses[p], J_pose[i], b[i], unit))
     return factors

@@ -11,7 +11,8 @@ from photogram.survey import FloatArray
 
 @dataclass(frozen=True)
 class CheckAccuracy:
-    """Differences adjusted − surveyed of ``n`` check points, in m: per axis easting, northing, height, in plan and in height.
+    """Differences adjusted − surveyed of ``n`` check points, in m: per axis easting, northing, height, in plan and in
+    height.
 
     With Δ the differences: RMSE = sqrt(ΣΔ²/n) per axis, RMSE_H = sqrt(RMSE_E² + RMSE_N²), RMSE_V that of heights
     (ASPRS 2024, Edition 2, sec. 7.11). Not a number where there are no check points.
@@ -25,7 +26,8 @@ class CheckAccuracy:
 
 
 def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
-    """Summarise differences adjusted − surveyed (n, 3) of check points in the map frame, m; rows with NaN are left out."""
+    """Summarise differences adjusted − surveyed (n, 3) of check points in the map frame, m; rows with NaN are left
+    out."""
     known = difference_map_m[np.isfinite(difference_map_m).all(axis=1)]
     if not len(known):
         nothing = (float("nan"),) * 3

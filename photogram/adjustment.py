@@ -1,7 +1,7 @@
 """The joint adjustment: Levenberg–Marquardt on the factor graph, outlier rounds, covariances.
 
-Poses, calibration, tie points, control points and GNSS offsets are estimated together. Tie points carry a robust loss and are
-tested between rounds, with re-admission; control points, marks and GNSS positions are never down-weighted.
+Poses, calibration, tie points, control points and GNSS offsets are estimated together. Tie points carry a robust loss
+and are tested between rounds, with re-admission; control points, marks and GNSS positions are never down-weighted.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ class Minimum:
     converged: bool
 
 
-def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = lambda _: None) -> Minimum:
+def minimise(
+    problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = lambda _: None
+) -> Minimum:
     """Minimise the cost by Levenberg–Marquardt (Marquardt 1963) with the damping update of Nielsen (1999).
 
     Raises IndeterminateError when the linear system has no unique solution.
@@ -147,9 +149,9 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
 def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
     """Return the robust sigma of whitened residuals (N, 2) of tie points against what was stated.
 
-    The squares of a point with n rays sum to χ² with 2n − 3 degrees of freedom; their ratio to its median is 1 for half of the
-    points when the noise is as stated, whatever n, and a few mismatches do not move the median of the ratios. Never below 0.3:
-    matches far better than stated are no reason to reject those that are as good as stated.
+    The squares of a point with n rays sum to χ² with 2n − 3 degrees of freedom; their ratio to its median is 1 for
+    half of the points when the noise is as stated, whatever n, and a few mismatches do not move the median of the
+    ratios. Never below 0.3: matches far better than stated are no reason to reject those that are as good as stated.
     """
     rays = np.bincount(point, minlength=count)
     squares = np.bincount(point, weights=np.einsum("ij,ij->i", whitened, whitened), minlength=count)
@@ -162,8 +164,9 @@ def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
 def _outlier_limit_px(tie: TiePoints, scale: float, threshold: float) -> FloatArray:
     """Return the largest residual (N,) in px of an observation that is no mismatch.
 
-    The threshold is for a point of many rays. With n rays a residual is smaller than the noise by sqrt((2n − 3)/2n); with two all of
-    it lies across the epipolar line, in one dimension, where 0.64 of the threshold is exceeded as rarely.
+    The threshold is for a point of many rays. With n rays a residual is smaller than the noise by sqrt((2n − 3)/2n);
+    with two all of it lies across the epipolar line, in one dimension, where 0.64 of the threshold is exceeded as
+    rarely.
     """
     rays = tie.rays[tie.point].astype(np.float64)
     share = np.sqrt(np.maximum(2.0 * rays - 3.0, 1.0) / (2.0 * rays))
@@ -175,8 +178,9 @@ def _select(
 ) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return the observations that agree with the cameras as they stand, and where to start their points.
 
-    A point whose observations all lie within ``limit_px`` (N,) of where the adjusted point projects keeps them all. For any other
-    the largest set of rays that meet is found anew; a point from two rays is noisier than the adjusted one, so the limit is wider.
+    A point whose observations all lie within ``limit_px`` (N,) of where the adjusted point projects keeps them all.
+    For any other the largest set of rays that meet is found anew; a point from two rays is noisier than the adjusted
+    one, so the limit is wider.
     """
     block, tie = problem.block, problem.block.tie_points
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
@@ -260,13 +264,15 @@ def _check_determined(problem: Problem) -> None:
     positions = sum(p.gnss_world_m is not None for p in block.photographs)
     if len(problem.control_world_m) < 3 and positions < 3:
         raise AdjustmentError(
-            f"nothing fixes the block in {block.frame.crs}: {len(problem.control_world_m)} control points and {positions} GNSS "
-            "positions; three of either, not in one line, are needed"
+            f"nothing fixes the block in {block.frame.crs}: {len(problem.control_world_m)} control points "
+            f"and {positions} GNSS positions; three of either, not in one line, are needed"
         )
     used = set(problem.tie.camera.tolist()) | set(problem.marks.camera.tolist())
     for c, camera in enumerate(block.cameras):
         if c not in used and np.any(np.isinf(camera.sigmas)):
-            raise AdjustmentError(f"camera {camera.name}: no photograph of it takes part, its free parameters cannot be estimated")
+            raise AdjustmentError(
+                f"camera {camera.name}: no photograph of it takes part, its free parameters cannot be estimated"
+            )
 
 
 def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
@@ -287,7 +293,7 @@ _LACKS = {
     POSE: "its position or attitude is not held by control points, GNSS positions and tie points together",
     CONTROL_POINT: "it has no survey sigma that holds it and too few marks",
     GNSS_OFFSET: "without control points it cannot be told from the block's position: give gnss.offset_sigma_m, or 0",
-    CALIBRATION: "the photographs cannot determine every free parameter: give a prior sigma in place of 'free', or hold it",
+    CALIBRATION: "the photographs cannot determine every free parameter: give a prior sigma, or hold it",
     TIE_POINT: "its rays are too nearly parallel",
 }
 
@@ -316,9 +322,12 @@ def sigma0_and_redundancy(problem: Problem, minimum: Minimum) -> tuple[float, in
 def _check_points(
     problem: Problem, state: State, found: Covariances, ground: FloatArray, covariance: FloatArray
 ) -> None:
-    """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in place."""
+    """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in
+    place."""
     points = problem.block.control_points
-    index = [g for g, role in enumerate(points.role) if role == "check" and np.count_nonzero(points.mark_point == g) >= 2]
+    index = [
+        g for g, role in enumerate(points.role) if role == "check" and np.count_nonzero(points.mark_point == g) >= 2
+    ]
     if not index:
         return
     mask = np.isin(points.mark_point, index)
@@ -326,19 +335,26 @@ def _check_points(
     number = np.searchsorted(index, points.mark_point[order])
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
     photograph = points.mark_photograph[order]
-    observations = Observations(photograph, number, points.mark_pixel[order], points.mark_sigma_px[order], camera_of[photograph])
+    observations = Observations(
+        photograph, number, points.mark_pixel[order], points.mark_sigma_px[order], camera_of[photograph]
+    )
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
     X = intersect_weighted(observations, cameras, state, len(index))
     linear = linearise(observations, state.parameters, state.rotation, state.position, X)
-    V_inverse, failed = eliminate_tie_points(observations, linear, len(index), found.columns, np.zeros_like(found.reduced))
+    V_inverse, failed = eliminate_tie_points(
+        observations, linear, len(index), found.columns, np.zeros_like(found.reduced)
+    )
     if failed >= 0:
-        raise AdjustmentError(f"check point {points.name[index[failed]]}: its rays are parallel, mark it in more photographs")
+        raise AdjustmentError(
+            f"check point {points.name[index[failed]]}: its rays are parallel, mark it in more photographs"
+        )
     ground[index] = X
     covariance[index] = tie_point_covariances(observations, linear, found.columns, V_inverse, found.reduced)
 
 
 def intersect_weighted(observations: Observations, cameras: Sequence[Camera], state: State, count: int) -> FloatArray:
-    """Intersect ``count`` points from observations sorted by point with fixed cameras: Gauss–Newton from the best two rays.
+    """Intersect ``count`` points from observations sorted by point with fixed cameras: Gauss–Newton from the best two
+    rays.
 
     Raises AdjustmentError when the marks of a point do not meet in front of their photographs.
     """
@@ -350,7 +366,15 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
     camera_of[o.photograph] = o.camera
     everything = np.full(len(o), 1e6)
     X, _ = consensus_intersections(
-        first_observations(o.point, count), o.photograph, camera_of, o.pixel, ideal, everything, state.parameters, state.rotation, state.position
+        first_observations(o.point, count),
+        o.photograph,
+        camera_of,
+        o.pixel,
+        ideal,
+        everything,
+        state.parameters,
+        state.rotation,
+        state.position,
     )
     for _ in range(20):
         linear = linearise(o, state.parameters, state.rotation, state.position, X)
@@ -358,12 +382,14 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         np.add.at(V, o.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
         np.add.at(g, o.point, np.einsum("nri,nr->ni", linear.point, linear.residual))
         if not (np.isfinite(g).all() and np.all(np.linalg.cond(V) < 1e14)):
-            raise AdjustmentError("the marks of a check point do not meet in front of their photographs: check the marks")
+            raise AdjustmentError(
+                "the marks of a check point do not meet in front of their photographs: check the marks"
+            )
         step = np.linalg.solve(V, g[..., None])[..., 0]
         X = X - step
         if np.abs(step).max() < 1e-9:
             break
-    return X
+    return np.asarray(X)
 
 
 def _ground_points(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
@@ -381,14 +407,16 @@ def _mark_residuals_px(block: Block, ground_world_m: FloatArray, state: State) -
     """Return projected minus measured (M, 2) of all marks, NaN for points without a position."""
     points = block.control_points
     camera = np.array([p.camera for p in block.photographs], dtype=np.int64)[points.mark_photograph]
-    known = np.isfinite(ground_world_m).all(axis=1)[points.mark_point]
+    known = np.asarray(np.isfinite(ground_world_m).all(axis=1))[points.mark_point]
     residual = np.full((len(known), 2), np.nan)
-    marks = Observations(points.mark_photograph, points.mark_point, points.mark_pixel, np.ones(len(known)), camera).select(known)
+    marks = Observations(
+        points.mark_photograph, points.mark_point, points.mark_pixel, np.ones(len(known)), camera
+    ).select(known)
     residual[known] = residuals(marks, state.parameters, state.rotation, state.position, np.nan_to_num(ground_world_m))
     return residual
 
 
-def _adjusted_block(block: Block, problem: Problem, state: State, used: NDArray[np.bool_]) -> tuple[Block, NDArray[np.bool_]]:
+def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tuple[Block, NDArray[np.bool_]]:
     """Return the block with adjusted values and only what took part, and the mask (P,) of tie points kept."""
     kept = np.bincount(block.tie_points.point[used], minlength=len(block.tie_points)) >= 2
     tie_points = replace(block.tie_points, position_world_m=state.tie_point).select(kept, used)
@@ -400,14 +428,14 @@ def _adjusted_block(block: Block, problem: Problem, state: State, used: NDArray[
 def adjust(block: Block, settings: AdjustmentSettings, progress: Progress = lambda _: None) -> Adjustment:
     """Adjust a block jointly, reject mismatched observations, and compute covariances.
 
-    Every photograph needs a pose to start from; tie points need none. Raises AdjustmentError naming the variable that is not
-    determined, and what it lacks.
+    Every photograph needs a pose to start from; tie points need none. Raises AdjustmentError naming the variable that
+    is not determined, and what it lacks.
     """
     whole = make_problem(block, settings)
     try:
         solved = _solve_rounds(whole, start_state(block, whole.flights), settings, progress)
         state = solved.minimum.state
-        adjusted, kept = _adjusted_block(block, solved.problem, state, solved.used)
+        adjusted, kept = _adjusted_block(block, state, solved.used)
         camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
         tie = adjusted.tie_points
         final_state = replace(state, tie_point=tie.position_world_m)

@@ -1,7 +1,7 @@
 """Interior and exterior orientation, projection and its Jacobians.
 
-Brown–Conrady model (Brown 1971, eq. 7–8), as OpenCV evaluates it: with (x, y) = (X/Z, Y/Z) in the camera frame (x right,
-y down, z forward) and r² = x² + y²,
+Brown–Conrady model (Brown 1971, eq. 7–8), as OpenCV evaluates it: with (x, y) = (X/Z, Y/Z) in the camera frame (x
+right, y down, z forward) and r² = x² + y²,
 
     x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y_d = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
@@ -36,7 +36,8 @@ class Camera:
     """Interior orientation of one camera.
 
     ``principal_point_px`` (2,), ``radial`` (3,) k1 k2 k3, ``tangential`` (2,) p1 p2. ``sigmas`` (8,) in the order of
-    PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard deviation, infinity leaves it free.
+    PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard deviation, infinity leaves it
+    free.
     """
 
     name: str
@@ -86,7 +87,8 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Exterior orientation: ``rotation_world_from_camera`` (3, 3) and the projection centre ``position_world_m`` (3,)."""
+    """Exterior orientation: ``rotation_world_from_camera`` (3, 3) and the projection centre ``position_world_m``
+    (3,)."""
 
     rotation_world_from_camera: FloatArray
     position_world_m: FloatArray
@@ -106,7 +108,8 @@ class Pose:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def distort_point(q: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """Distort ideal image-plane coordinates; returns x_d, y_d and the Jacobian entries ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x, ∂y_d/∂y."""
+    """Distort ideal image-plane coordinates; returns x_d, y_d and the Jacobian entries ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x,
+    ∂y_d/∂y."""
     k1, k2, k3, p1, p2 = q[3], q[4], q[5], q[6], q[7]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -121,7 +124,8 @@ def distort_point(q: FloatArray, x: float, y: float) -> tuple[float, float, floa
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def project_point(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> tuple[float, float, float]:
-    """Project X (3,) by interior orientation q (8,), rotation world from camera R and centre C; returns u, v and the depth in m.
+    """Project X (3,) by interior orientation q (8,), rotation world from camera R and centre C; returns u, v and the
+    depth in m.
 
     The pixel of a point with depth at or below zero means nothing: the caller must test the depth.
     """
@@ -137,9 +141,16 @@ def project_point(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) ->
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def project_point_jacobians(
-    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, J_pose: FloatArray, J_camera: FloatArray, J_point: FloatArray
+    q: FloatArray,
+    R: FloatArray,
+    C: FloatArray,
+    X: FloatArray,
+    J_pose: FloatArray,
+    J_camera: FloatArray,
+    J_point: FloatArray,
 ) -> tuple[float, float, float]:
-    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), interior orientation (2, 8), point (2, 3).
+    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), interior orientation (2, 8), point (2,
+    3).
 
     The pose's tangent is (ω, v) in the camera frame, R' = R Exp(ω), C' = C + R v to first order, as GTSAM's Pose3
     (Dellaert & Kaess 2017, sec. 6.3): with p = Rᵀ(X − C), ∂p/∂ω = [p]ₓ, ∂p/∂v = −I, ∂p/∂X = Rᵀ.
@@ -233,7 +244,9 @@ def _contiguous(array: FloatArray) -> FloatArray:
 def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArray:
     """Project points (N, 3) of the world frame to pixels (N, 2); NaN for points at or behind the projection centre."""
     R = _contiguous(pose.rotation_world_from_camera)
-    pixel: FloatArray = _project_all(camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m))
+    pixel: FloatArray = _project_all(
+        camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m)
+    )
     return pixel
 
 
@@ -254,7 +267,8 @@ def image_plane(camera: Camera, pixel: FloatArray) -> FloatArray:
 
 
 def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Remove radial and tangential distortion from pixels (N, 2); the result is where a pinhole of the same K would see them.
+    """Remove radial and tangential distortion from pixels (N, 2); the result is where a pinhole of the same K would
+    see them.
 
     Raises ImageError where the distortion model cannot be inverted.
     """
@@ -295,7 +309,8 @@ def rotation_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> F
 
 
 def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float, float]:
-    """Return yaw, pitch and roll in degrees of a rotation (3, 3) from the camera to east, north, up: rotation_from_gimbal undone."""
+    """Return yaw, pitch and roll in degrees of a rotation (3, 3) from the camera to east, north, up:
+    rotation_from_gimbal undone."""
     E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     M = E.T @ rotation_true_north @ B.T
@@ -306,7 +321,10 @@ def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float,
 def omega_phi_kappa_deg(rotation_map_from_camera: FloatArray) -> FloatArray:
     """Return the photogrammetric angles (3,) in degrees of a rotation from the camera to easting, northing, up.
 
-    R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007, sec. 2.1).
+    R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007,
+    sec. 2.1).
     """
     R = rotation_map_from_camera @ np.diag([1.0, -1.0, -1.0])
-    return np.rad2deg([np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1.0, 1.0)), np.arctan2(-R[0, 1], R[0, 0])])
+    return np.rad2deg(
+        [np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1.0, 1.0)), np.arctan2(-R[0, 1], R[0, 0])]
+    )

@@ -1,4 +1,5 @@
-"""The built-in simulated survey: photographs, project file and truth written to a folder, and the result judged by that truth."""
+"""The built-in simulated survey: photographs, project file and truth written to a folder, and the result judged by
+that truth."""
 
 from __future__ import annotations
 
@@ -14,7 +15,14 @@ from photogram.files.atomic import replacing
 from photogram.files.images import PhotographTags, write_photograph
 from photogram.files.rasters import write_geotiff
 from photogram.frames import geodetic_from_map
-from photogram.simulation import SimulatedSurvey, SurveyPlan, demonstration_plan, render_photographs, simulate, truth_surface
+from photogram.simulation import (
+    SimulatedSurvey,
+    SurveyPlan,
+    demonstration_plan,
+    render_photographs,
+    simulate,
+    truth_surface,
+)
 from photogram.survey import Photograph
 from photogram.workspace import fingerprint, read_json, write_json
 
@@ -45,9 +53,15 @@ class Judgement:
 
 def _tags(survey: SimulatedSurvey, photograph: Photograph) -> PhotographTags:
     camera = survey.approximate_camera
-    if photograph.gnss_world_m is None or photograph.attitude_world_from_camera is None or photograph.gnss_sigma_m is None:
+    if (
+        photograph.gnss_world_m is None
+        or photograph.attitude_world_from_camera is None
+        or photograph.gnss_sigma_m is None
+    ):
         raise ValueError(f"{photograph.name}: a simulated photograph has a GNSS position and an attitude")
-    lon, lat, height = geodetic_from_map(survey.frame.crs, survey.frame.map_from_world(photograph.gnss_world_m[None]))[0]
+    lon, lat, height = geodetic_from_map(survey.frame.crs, survey.frame.map_from_world(photograph.gnss_world_m[None]))[
+        0
+    ]
     yaw, pitch, roll = gimbal_from_rotation(photograph.attitude_world_from_camera)
     east, north, up = (float(s) for s in photograph.gnss_sigma_m)
     return PhotographTags(
@@ -112,7 +126,8 @@ def _project_text(survey: SimulatedSurvey) -> str:
         marks = np.flatnonzero(points.mark_point == g)
         digits = 0 if plan.whole_pixel_marks else 3
         seen = ", ".join(
-            f"{survey.photographs[points.mark_photograph[m]].name}: {_numbers(points.mark_pixel[m], digits)}" for m in marks
+            f"{survey.photographs[points.mark_photograph[m]].name}: {_numbers(points.mark_pixel[m], digits)}"
+            for m in marks
         )
         lines += [
             f"    - name: {name}",
@@ -152,7 +167,9 @@ def write_demonstration(
     (folder / "photographs").mkdir(parents=True, exist_ok=True)
     survey = simulate(plan, seed)
     count = len(survey.photographs)
-    for done, (photograph, (name, pixels)) in enumerate(zip(survey.photographs, render_photographs(survey), strict=True)):
+    for done, (photograph, (name, pixels)) in enumerate(
+        zip(survey.photographs, render_photographs(survey), strict=True)
+    ):
         progress(done, count, name)
         write_photograph(folder / "photographs" / name, pixels, _tags(survey, photograph))
     write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)

@@ -9,7 +9,8 @@
     ├── AdjustmentError     the adjustment cannot be solved, or did not converge
     └── WorkspaceError      the folder of intermediate results cannot be used
 
-A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of photogram.
+A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of
+photogram.
 """
 
 from __future__ import annotations

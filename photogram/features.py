@@ -1,7 +1,8 @@
-"""Key points and descriptors of one photograph: SIFT (Lowe 2004) on tiles, RootSIFT descriptors (Arandjelović & Zisserman 2012).
+"""Key points and descriptors of one photograph: SIFT (Lowe 2004) on tiles, RootSIFT descriptors (Arandjelović &
+Zisserman 2012).
 
-Tiles bound the memory (SIFT doubles the picture before it starts), and the strongest key points are taken cell by cell, so
-that they spread over the whole photograph.
+Tiles bound the memory (SIFT doubles the picture before it starts), and the strongest key points are taken cell by
+cell, so that they spread over the whole photograph.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def _tile_edges(length_px: int, tile_px: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class _Tile:
-    """A part of a photograph: the rows and columns it answers for, and the pixels it sees, a margin more on every side."""
+    """A part of a photograph: the rows and columns it answers for, and the pixels it sees, a margin more on every
+    side."""
 
     top: int
     bottom: int
@@ -67,7 +69,10 @@ _COLUMNS = 6  # u, v, size, angle in degrees, response, octave
 
 def _detect(sift: cv2.SIFT, tile: _Tile, settings: FeatureSettings) -> NDArray[np.float64]:
     """Return the key points (N, 6) that a tile answers for, in pixels of the photograph."""
-    found = [(k.pt[0] + tile.u0, k.pt[1] + tile.v0, k.size, k.angle, k.response, k.octave) for k in sift.detect(tile.grey, None)]
+    found = [
+        (k.pt[0] + tile.u0, k.pt[1] + tile.v0, k.size, k.angle, k.response, k.octave)
+        for k in sift.detect(tile.grey, None)
+    ]
     table = np.array(found, dtype=np.float64).reshape(-1, _COLUMNS)
     return table[tile.answers_for(table) & (table[:, 2] < settings.overlap_px)]
 
@@ -77,13 +82,14 @@ def _describe(sift: cv2.SIFT, tile: _Tile, table: NDArray[np.float64]) -> ByteAr
     if not len(table):
         return np.zeros((0, 128), dtype=np.uint8)
     points = [
-        cv2.KeyPoint(u - tile.u0, v - tile.v0, size, angle, response, int(octave)) for u, v, size, angle, response, octave in table.tolist()
+        cv2.KeyPoint(u - tile.u0, v - tile.v0, size, angle, response, int(octave))
+        for u, v, size, angle, response, octave in table.tolist()
     ]
     kept, descriptor = sift.compute(tile.grey, points)
     if len(kept) != len(points):
         raise AssertionError("SIFT dropped key points that it had found itself")
     share = descriptor / np.maximum(descriptor.sum(axis=1, keepdims=True), 1e-9)
-    return np.clip(np.round(512.0 * np.sqrt(share)), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.round(512.0 * np.sqrt(share)), 0, 255), dtype=np.uint8)
 
 
 def _spread(table: NDArray[np.float64], width_px: int, height_px: int, settings: FeatureSettings) -> NDArray[np.int64]:
@@ -106,13 +112,13 @@ def find_features(name: str, pixels: ByteArray, settings: FeatureSettings) -> Fe
     """
     grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     height, width = grey.shape
-    sift = cv2.SIFT_create(contrastThreshold=settings.contrast_threshold, enable_precise_upscale=True)
+    sift = cv2.SIFT.create(contrastThreshold=settings.contrast_threshold, enable_precise_upscale=True)
     tiles = _tiles(grey, settings)
     table = np.concatenate([_detect(sift, tile, settings) for tile in tiles])
     if len(table) < 8:
         raise ImageError(
-            f"{name}: only {len(table)} key points found in {width} x {height} px: the photograph is blank, blurred or black; "
-            "leave it out, or lower features.contrast_threshold"
+            f"{name}: only {len(table)} key points found in {width} x {height} px: the photograph is blank, "
+            "blurred or black; leave it out, or lower features.contrast_threshold"
         )
     table = table[_spread(table, width, height, settings)]
     descriptor = np.zeros((len(table), 128), dtype=np.uint8)
@@ -121,4 +127,6 @@ def find_features(name: str, pixels: ByteArray, settings: FeatureSettings) -> Fe
         descriptor[own] = _describe(sift, tile, table[own])
     column = np.clip(np.round(table[:, 0]).astype(np.int64), 0, width - 1)
     row = np.clip(np.round(table[:, 1]).astype(np.int64), 0, height - 1)
-    return Features(table[:, :2].copy(), table[:, 2].copy(), np.deg2rad(table[:, 3]), descriptor, pixels[row, column].copy())
+    return Features(
+        table[:, :2].copy(), table[:, 2].copy(), np.deg2rad(table[:, 3]), descriptor, pixels[row, column].copy()
+    )

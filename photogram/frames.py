@@ -4,7 +4,8 @@ The `map` frame is the project's CRS (easting, northing, height). The `world` fr
 
 - ``tangent``: east, north, up of the tangent plane of the ellipsoid at the origin, every point projected exactly
   (map -> geodetic -> geocentric -> topocentric);
-- ``grid``: the map's own easting, northing and height minus a round origin, the map taken as Cartesian. Its scale error is
+- ``grid``: the map's own easting, northing and height minus a round origin, the map taken as Cartesian. Its scale
+error is
   the map's scale factor (UTM: up to 0.4 ‰ at the central meridian); for exercises and small sites only.
 
 Heights go through unchanged as metres above the ellipsoid of the CRS; a geoid height left in them changes the scale by
@@ -29,11 +30,14 @@ WorldKind = Literal["tangent", "grid"]
 
 
 def projected_crs(name: str) -> CRS:
-    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in metres."""
+    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in
+    metres."""
     try:
         crs = CRS.from_user_input(name)
     except CRSError as fault:
-        raise FrameError(f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example") from fault
+        raise FrameError(
+            f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
+        ) from fault
     horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
     if not horizontal.is_projected:
         raise FrameError(
@@ -54,12 +58,15 @@ def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatA
     lon, lat, height = np.asarray(longitude_latitude_height, dtype=np.float64).T
     easting, northing = Transformer.from_crs("EPSG:4326", projected_crs(crs), always_xy=True).transform(lon, lat)
     if not np.all(np.isfinite(easting) & np.isfinite(northing)):
-        raise FrameError(f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site")
+        raise FrameError(
+            f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site"
+        )
     return np.column_stack([easting, northing, height])
 
 
 def geodetic_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
-    """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height unchanged."""
+    """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height
+    unchanged."""
     easting, northing, height = np.asarray(points_map_m, dtype=np.float64).T
     lon, lat = Transformer.from_crs(projected_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
     return np.column_stack([lon, lat, height])
@@ -75,7 +82,8 @@ class LocalFrame:
 
     @classmethod
     def near(cls, crs: str, points_map_m: FloatArray, kind: WorldKind = "tangent") -> LocalFrame:
-        """Return a frame with its origin at the centre of points (N, 3), rounded to 10 m so that it is stable and readable."""
+        """Return a frame with its origin at the centre of points (N, 3), rounded to 10 m so that it is stable and
+        readable."""
         centre = np.round((points_map_m.min(axis=0) + points_map_m.max(axis=0)) / 2, -1)
         frame = cls(crs, (float(centre[0]), float(centre[1]), float(centre[2])), kind)
         frame.world_from_map(points_map_m[:1])
@@ -120,7 +128,7 @@ class LocalFrame:
         """Transform points (N, 3) from the map to the world frame, exactly. Raises FrameError outside the CRS."""
         points = np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3)
         if self.kind == "grid":
-            return points - np.array(self.origin_map_m)
+            return np.asarray(points - np.array(self.origin_map_m))
         if len(points) == 0:
             return points.copy()
         geodetic = self._geodetic_from_map(points)
@@ -130,7 +138,7 @@ class LocalFrame:
         """Transform points (N, 3) from the world frame to the map, exactly; NaN stays NaN."""
         points = np.asarray(points_world_m, dtype=np.float64).reshape(-1, 3)
         if self.kind == "grid":
-            return points + np.array(self.origin_map_m)
+            return np.asarray(points + np.array(self.origin_map_m))
         known = np.isfinite(points).all(axis=1)
         result = np.full(points.shape, np.nan)
         if not known.any():
@@ -145,7 +153,8 @@ class LocalFrame:
         return result
 
     def rotation_world_from_map(self, position_world_m: FloatArray) -> FloatArray:
-        """Return the rotation (3, 3) whose columns are the map's easting, northing and up axes at a position (3,), in the world.
+        """Return the rotation (3, 3) whose columns are the map's easting, northing and up axes at a position (3,), in
+        the world.
 
         Meridian convergence and the tilt of the vertical are counted, the map's scale factor is not.
         """
@@ -160,7 +169,8 @@ class LocalFrame:
     def rotation_world_from_true(self, position_world_m: FloatArray) -> FloatArray:
         """Return the rotation (3, 3) from true east, true north and up at a position (3,) to the world frame.
 
-        The identity in a tangent frame, but for the curvature of the Earth within the survey; meridian convergence in a grid frame.
+        The identity in a tangent frame, but for the curvature of the Earth within the survey; meridian convergence in
+        a grid frame.
         """
         if self.kind == "tangent":
             return np.eye(3)

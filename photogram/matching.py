@@ -40,9 +40,11 @@ def _two_smallest(score: NDArray[np.float32], index: IntArray, value: NDArray[np
 
 
 def _two_nearest(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[IntArray, NDArray[np.float32]]:
-    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two nearest.
+    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two
+    nearest.
 
-    Descriptors are whole numbers up to 255, so every product is exact in float32 and the result is the same on any machine.
+    Descriptors are whole numbers up to 255, so every product is exact in float32 and the result is the same on any
+    machine.
     """
     nearest = np.empty(len(first), dtype=np.int64)
     distance = np.empty((len(first), 2), dtype=np.float32)
@@ -72,7 +74,10 @@ def candidate_matches(first: Features, second: Features, settings: MatchingSetti
 
 
 def verified_matches(
-    cameras: tuple[Camera, Camera], features: tuple[Features, Features], candidates: IntArray, settings: MatchingSettings
+    cameras: tuple[Camera, Camera],
+    features: tuple[Features, Features],
+    candidates: IntArray,
+    settings: MatchingSettings,
 ) -> NDArray[np.bool_]:
     """Return which candidates (M, 2) obey one fundamental matrix, estimated on undistorted pixels.
 
@@ -92,15 +97,21 @@ def verified_matches(
 
 
 def match_pair(
-    pair: tuple[int, int], cameras: tuple[Camera, Camera], features: tuple[Features, Features], settings: MatchingSettings
+    pair: tuple[int, int],
+    cameras: tuple[Camera, Camera],
+    features: tuple[Features, Features],
+    settings: MatchingSettings,
 ) -> tuple[Matches, NDArray[np.bool_]]:
     """Match one pair of photographs: returns the candidates and which of them are verified."""
     candidates = candidate_matches(*features, settings)
     return Matches(pair[0], pair[1], candidates), verified_matches(cameras, features, candidates, settings)
 
 
-def select_pairs(positions_world_m: Sequence[NDArray[np.float64] | None], settings: MatchingSettings) -> list[tuple[int, int]]:
-    """Select the pairs to match: each photograph with its nearest ``neighbours`` in plan, or with all where a position is unknown."""
+def select_pairs(
+    positions_world_m: Sequence[NDArray[np.float64] | None], settings: MatchingSettings
+) -> list[tuple[int, int]]:
+    """Select the pairs to match: each photograph with its nearest ``neighbours`` in plan, or with all where a
+    position is unknown."""
     count = len(positions_world_m)
     pairs: set[tuple[int, int]] = set()
     known = [i for i, p in enumerate(positions_world_m) if p is not None]

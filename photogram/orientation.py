@@ -1,8 +1,9 @@
 """Resection of photographs from control points, and starting poses for the adjustment.
 
-P3P gives up to four poses from three points (Grunert 1841; solver: Ding et al. 2023, in OpenCV); the fourth point chooses
-among them. With more than four points every triple, or a seeded sample of triples, is tried (RANSAC; Fischler & Bolles 1981)
-and the pose with the most agreeing marks wins. It is then refined on all agreeing marks by least squares.
+P3P gives up to four poses from three points (Grunert 1841; solver: Ding et al. 2023, in OpenCV); the fourth point
+chooses among them. With more than four points every triple, or a seeded sample of triples, is tried (RANSAC; Fischler
+& Bolles 1981) and the pose with the most agreeing marks wins. It is then refined on all agreeing marks by least
+squares.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ class Resection:
     """Exterior orientation of one photograph from its control points.
 
     ``p3p`` is the minimal solution, ``points`` the three marks it uses, ``solutions`` how many poses they allow, and
-    ``check_px`` the misfit of the mark, or of the worst agreeing mark, that chose it; NaN when the GNSS position chose it.
-    ``refined`` is the least-squares pose of all ``inliers`` (M,) and ``residual_px`` (M, 2) its projected minus measured.
+    ``check_px`` the misfit of the mark, or of the worst agreeing mark, that chose it; NaN when the GNSS position
+    chose it. ``refined`` is the least-squares pose of all ``inliers`` (M,) and ``residual_px`` (M, 2) its projected
+    minus measured.
     """
 
     p3p: Pose
@@ -47,7 +49,9 @@ def p3p_poses(camera: Camera, points_world_m: FloatArray, pixel: FloatArray) -> 
     """Return all poses (at most four) that see three world points (3, 3) at three pixels (3, 2)."""
     origin = points_world_m.mean(axis=0)
     ideal = image_plane(camera, pixel)
-    _, rotations, translations = cv2.solveP3P(points_world_m - origin, ideal, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_P3P)
+    _, rotations, translations = cv2.solveP3P(
+        points_world_m - origin, ideal, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_P3P
+    )
     poses = []
     for rotation, translation in zip(rotations, translations, strict=True):
         R = cv2.Rodrigues(rotation)[0]
@@ -57,7 +61,9 @@ def p3p_poses(camera: Camera, points_world_m: FloatArray, pixel: FloatArray) -> 
     return poses
 
 
-def refine_pose(camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray, sigma_px: FloatArray) -> Pose:
+def refine_pose(
+    camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray, sigma_px: FloatArray
+) -> Pose:
     """Refine a pose on points (N, 3) seen at pixels (N, 2) with sigmas (N,): Gauss–Newton with analytic Jacobians.
 
     Raises OrientationError when the iteration leaves the points behind or does not settle.
@@ -77,7 +83,8 @@ def refine_pose(camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: F
 
 
 def _triples(count: int, seed: int) -> list[tuple[int, int, int]]:
-    """All triples of ``count`` points, or a seeded sample of them when there are many; the first three points come first."""
+    """All triples of ``count`` points, or a seeded sample of them when there are many; the first three points come
+    first."""
     triples = list(combinations(range(count), 3)) if count <= 14 else []
     if not triples:
         rng = np.random.default_rng(seed)
@@ -112,17 +119,21 @@ def resect(
 ) -> Resection:
     """Resect one photograph from at least three control points (N, 3) and their marks (N, 2) with sigmas (N,) in px.
 
-    Four points: P3P on the first three, chosen by the fourth. More: the triple with the most marks within ``tolerance_px``.
-    Three: the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError when the points are too few,
-    collinear, leave several poses, or contradict each other.
+    Four points: P3P on the first three, chosen by the fourth. More: the triple with the most marks within
+    ``tolerance_px``. Three: the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError
+    when the points are too few, collinear, leave several poses, or contradict each other.
     """
     count = len(pixel)
     if count < 3:
         raise OrientationError(f"{count} control points are marked, resection needs 4, or 3 and a GNSS position")
     if collinear(points_world_m):
-        raise OrientationError("its control points lie in one line, which leaves the photograph free to turn: mark a point beside it")
+        raise OrientationError(
+            "its control points lie in one line, which leaves the photograph free to turn: mark a point beside it"
+        )
     if count == 3 and expected_world_m is None:
-        raise OrientationError("3 control points leave up to four poses: mark a fourth point, or give the GNSS position")
+        raise OrientationError(
+            "3 control points leave up to four poses: mark a fourth point, or give the GNSS position"
+        )
     best: tuple[float, float, tuple[int, int, int], int, Pose, NDArray[np.bool_]] | None = None
     for triple in [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed):
         if _flatness(points_world_m[list(triple)]) < COLLINEAR:
@@ -139,7 +150,9 @@ def resect(
             if best is None or rank < best[:2]:
                 best = (*rank, triple, len(poses), pose, agrees)
     if best is None:
-        raise OrientationError("no pose sees three of its control points where they are marked: check their coordinates and marks")
+        raise OrientationError(
+            "no pose sees three of its control points where they are marked: check their coordinates and marks"
+        )
     return _resection(camera, points_world_m, pixel, sigma_px, best[2], best[3], best[4], best[5])
 
 
@@ -148,7 +161,10 @@ def _resection(
     triple: tuple[int, int, int], solutions: int, p3p: Pose, inliers: NDArray[np.bool_],
 ) -> Resection:  # fmt: skip
     if len(pixel) > 4 and inliers.sum() < 4:
-        raise OrientationError(f"only {inliers.sum()} of its {len(pixel)} control points agree with any pose: check their coordinates and marks")
+        raise OrientationError(
+            f"only {inliers.sum()} of its {len(pixel)} control points agree with any pose: "
+            "check their coordinates and marks"
+        )
     others = [i for i in np.flatnonzero(inliers) if i not in triple]
     error = np.linalg.norm(project(camera, p3p, points) - pixel, axis=1)
     check_px = float(error[others].max()) if others else float("nan")
@@ -158,7 +174,8 @@ def _resection(
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Starting poses of all photographs, and the resections of those that have enough control points (None elsewhere)."""
+    """Starting poses of all photographs, and the resections of those that have enough control points (None
+    elsewhere)."""
 
     poses: tuple[Pose, ...]
     resections: tuple[Resection | None, ...]
@@ -179,13 +196,14 @@ def _orient_one(block: Block, index: int) -> tuple[Pose, Resection | None]:
     if measured is not None:
         return measured, None
     raise OrientationError(
-        f"{len(marks)} control points are marked and {'no' if gnss is None else 'a'} GNSS position without attitude is known; "
-        "give 4 marks, or 3 and a GNSS position, or GNSS position and attitude"
+        f"{len(marks)} control points are marked and {'no' if gnss is None else 'a'} GNSS position without attitude "
+        "is known; give 4 marks, or 3 and a GNSS position, or GNSS position and attitude"
     )
 
 
 def orient(block: Block) -> Orientation:
-    """Find a starting pose for every photograph: by resection, or from its GNSS position and attitude where control is short.
+    """Find a starting pose for every photograph: by resection, or from its GNSS position and attitude where control
+    is short.
 
     Raises OrientationError with one line per photograph that cannot be oriented.
     """

@@ -4,8 +4,8 @@
                  └─> features ────┘                           └─> adjustment ───┤               ├─> results
                                                                                 └─> surface ────┘
 
-Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder carries its
-present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
+Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
+carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
 """
 
 from __future__ import annotations
@@ -45,7 +45,12 @@ STAGES = (
         "photographs",
         "Photographs",
         (),
-        lambda run: [run.photograph_fingerprints, run.project.cameras, measured_photographs(run.project), run.project.crs],
+        lambda run: [
+            run.photograph_fingerprints,
+            run.project.cameras,
+            measured_photographs(run.project),
+            run.project.crs,
+        ],
         read_photographs,
     ),
     Stage(
@@ -76,7 +81,7 @@ STAGES = (
         lambda run: run.project.adjustment.tie_point_sigma_px,
         join_tie_points,
     ),
-    Stage("intersection", "Linear intersection", ("orientation", "tie_points"), lambda run: None, intersect_clouds),
+    Stage("intersection", "Linear intersection", ("orientation", "tie_points"), lambda _: None, intersect_clouds),
     Stage(
         "adjustment",
         "Joint adjustment",
@@ -181,8 +186,8 @@ def run_pipeline(
 ) -> dict[str, Any]:
     """Bring a project to its results, doing only what is not done yet; returns report.json as a dictionary.
 
-    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary unless it is the
-    last). Raises a PhotogramError that says what the user can mend.
+    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary
+    unless it is the last). Raises a PhotogramError that says what the user can mend.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]

@@ -1,7 +1,7 @@
 """The last stage: everything a surveyor takes away, written beside the project file.
 
-Numbers in report.json, point clouds as text and LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written
-whole or not at all; the stage is complete only when all of them are there.
+Numbers in report.json, point clouds as text and LAZ, the DSM, tie points as npz and .mat, pictures. Every file is
+written whole or not at all; the stage is complete only when all of them are there.
 """
 
 from __future__ import annotations
@@ -32,11 +32,15 @@ from photogram.survey import Adjustment
 from photogram.workspace import write_json, write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
-CLOUD_FILES = {"linear_2view": "points_linear_2view", "linear_3view": "points_linear_3view", "adjusted": "points_adjusted"}
+CLOUD_FILES = {
+    "linear_2view": "points_linear_2view",
+    "linear_3view": "points_linear_3view",
+    "adjusted": "points_adjusted",
+}
 MATCH_PICTURES = 6
 
 
-def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def publish(run: Run, _: Path, progress: Progress) -> Mapping[str, object]:
     """Write report.json, clouds, DSM, tie points and pictures into the project's folder of results."""
     results = run.project.results
     try:
@@ -134,7 +138,17 @@ def _match_pictures(run: Run, _: Adjustment, results: Path) -> list[str]:
 
 def _numbers(run: Run, result: Adjustment, results: Path) -> list[str]:
     clouds = {name: run.cloud(name) for name in CLOUDS}
-    stages = ("photographs", "orientation", "features", "matches", "tie_points", "intersection", "adjustment", "surface", "comparison")
+    stages = (
+        "photographs",
+        "orientation",
+        "features",
+        "matches",
+        "tie_points",
+        "intersection",
+        "adjustment",
+        "surface",
+        "comparison",
+    )
     seconds = {name: float(run.workspace.summary(name)["seconds"]) for name in stages}
     value = report_numbers(result, run.orientation(), clouds, run.comparisons(), version=__version__, seconds=seconds)
     write_json(results / "report.json", value)

@@ -16,7 +16,7 @@ import numpy as np
 
 from photogram.adjustment import adjust
 from photogram.camera import Pose, rotation_from_gimbal
-from photogram.comparison import Comparison, CloudStatistics, compare
+from photogram.comparison import CloudStatistics, Comparison, compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import find_features
 from photogram.files.images import PhotographTags, check_photograph, read_pixels, read_tags
@@ -61,7 +61,11 @@ class Progress(Protocol):
 
 
 NO_TIE_POINTS = TiePoints(
-    *(np.zeros(0, dtype=np.int64),) * 3, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8)
+    *(np.zeros(0, dtype=np.int64),) * 3,
+    np.zeros((0, 2)),
+    np.zeros(0),
+    np.zeros((0, 3)),
+    np.zeros((0, 3), dtype=np.uint8),
 )
 
 
@@ -122,7 +126,8 @@ class Run:
         return read_raster(self.workspace.stage("surface") / "dsm.tif")[0]
 
     def comparisons(self) -> dict[str, Comparison]:
-        """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage `comparison`."""
+        """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
+        `comparison`."""
         folder = self.workspace.stage("comparison")
         return {
             name: _comparison_from(read_arrays(folder / f"{name}.npz"), statistics)
@@ -275,7 +280,8 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[st
     orientation = orient(block)
     pairs = zip(run.names, orientation.poses, orientation.resections, strict=True)
     value = [
-        {"name": name, "pose": _pose_to(pose), "resection": None if r is None else _resection_to(r)} for name, pose, r in pairs
+        {"name": name, "pose": _pose_to(pose), "resection": None if r is None else _resection_to(r)}
+        for name, pose, r in pairs
     ]
     write_json(folder / "poses.json", value)
     progress(len(value), len(value), "resected")
@@ -355,9 +361,11 @@ def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     return counts
 
 
-def _sigma_map_m(frame: LocalFrame, covariance_m2: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _sigma_map_m(
+    frame: LocalFrame, covariance_m2: np.ndarray[Any, np.dtype[np.float64]]
+) -> np.ndarray[Any, np.dtype[np.float64]]:
     R = frame.rotation_world_from_map(np.zeros(3))
-    return np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R))
+    return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
 
 
 def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -412,7 +420,8 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
 
 
 def read_reference(path: Path) -> Raster | PointCloud:
-    """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ. Raises ProjectError when it cannot be read."""
+    """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ. Raises ProjectError when it cannot be
+    read."""
     return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path)
 
 
@@ -479,5 +488,6 @@ def control_of(project: Project) -> ControlPoints:
 
 
 def measured_photographs(project: Project) -> list[ProjectPhotograph]:
-    """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder changes nothing."""
+    """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
+    changes nothing."""
     return [replace(p, path=Path(p.name)) for p in project.photographs]

@@ -1,7 +1,8 @@
 """The data of a survey: frozen, shapes checked on construction, arrays for everything counted in thousands.
 
-Frames and units are in the names: ``_px`` pixel (centre of the top-left pixel is (0, 0)), ``_world_m`` local east-north-up
-frame of the survey, ``_map_m`` the project's CRS. Photographs, points and cameras are referred to by their index in the block.
+Frames and units are in the names: ``_px`` pixel (centre of the top-left pixel is (0, 0)), ``_world_m`` local
+east-north-up frame of the survey, ``_map_m`` the project's CRS. Photographs, points and cameras are referred to by
+their index in the block.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Key points of one photograph: ``pixel`` (N, 2), ``size_px`` (N,), ``angle_rad`` (N,), ``descriptor`` (N, D) uint8,
-    ``colour`` (N, 3) uint8 red, green, blue."""
+    """Key points of one photograph: ``pixel`` (N, 2), ``size_px`` (N,), ``angle_rad`` (N,), ``descriptor`` (N, D)
+    uint8, ``colour`` (N, 3) uint8 red, green, blue."""
 
     pixel: FloatArray
     size_px: FloatArray
@@ -156,8 +157,8 @@ class TiePoints:
 class ControlPoints:
     """Surveyed ground points and their marks in photographs.
 
-    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3); marks: ``mark_photograph`` (M,),
-    ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3); marks: ``mark_photograph``
+    (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
     """
 
     name: tuple[str, ...]
@@ -201,10 +202,11 @@ class ControlPoints:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Photographs that are adjusted together; ``poses[i]`` belongs to ``photographs[i]``, None while it is not oriented.
+    """Photographs that are adjusted together; ``poses[i]`` belongs to ``photographs[i]``, None while it is not
+    oriented.
 
-    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and ground control, one per flight; zero
-    where the offset is known to be none.
+    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and ground control, one per flight;
+    zero where the offset is known to be none.
     """
 
     frame: LocalFrame
@@ -223,7 +225,8 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """Points in the project's CRS: ``position_map_m`` (N, 3), ``colour`` (N, 3) uint8 or None, ``sigma_m`` (N, 3) or None."""
+    """Points in the project's CRS: ``position_map_m`` (N, 3), ``colour`` (N, 3) uint8 or None, ``sigma_m`` (N, 3) or
+    None."""
 
     position_map_m: FloatArray
     colour: ByteArray | None = None
@@ -264,11 +267,12 @@ class Adjustment:
     """The result of the joint adjustment.
 
     ``block`` holds adjusted cameras, poses and tie points: only points and observations that took part. Covariances are
-    a-priori, in the world frame: ``position_covariance_m2`` (N, 3, 3) of the projection centres, ``rotation_covariance_rad2``
-    (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 8, 8), ``tie_point_covariance_m2`` (P, 3, 3).
-    Ground points, control and check, in the order of ``block.control_points``: ``ground_world_m`` (G, 3), NaN where a check
-    point has fewer than two marks, with ``ground_covariance_m2`` (G, 3, 3). ``residual_px`` (observations, 2) and
-    ``mark_residual_px`` (marks, 2) are projected minus measured. ``offset_world_m`` (flights, 3) with its covariance.
+    a-priori, in the world frame: ``position_covariance_m2`` (N, 3, 3) of the projection centres,
+    ``rotation_covariance_rad2`` (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 8, 8),
+    ``tie_point_covariance_m2`` (P, 3, 3). Ground points, control and check, in the order of ``block.control_points``:
+    ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
+    3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
+    ``offset_world_m`` (flights, 3) with its covariance.
     """
 
     block: Block

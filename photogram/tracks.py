@@ -14,7 +14,8 @@ from photogram.survey import Features, Matches, TiePoints
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """Tie points, and the number of connected sets that were dropped because they hold two key points of one photograph."""
+    """Tie points, and the number of connected sets that were dropped because they hold two key points of one
+    photograph."""
 
     tie_points: TiePoints
     conflicts: int
@@ -23,12 +24,14 @@ class Joined:
 def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma_px: float) -> Joined:
     """Join verified matches to tie points: connected components of the graph of matched key points (union–find).
 
-    A component with two key points in one photograph contradicts itself and is dropped. Observations are sorted by point,
-    then photograph; points by their first key point. Positions are NaN: nothing is known of them yet.
+    A component with two key points in one photograph contradicts itself and is dropped. Observations are sorted by
+    point, then photograph; points by their first key point. Positions are NaN: nothing is known of them yet.
     """
     offset = np.concatenate([[0], np.cumsum([len(f) for f in features])]).astype(np.int64)
     total = int(offset[-1])
-    edges = [np.column_stack([offset[m.first] + m.index[:, 0], offset[m.second] + m.index[:, 1]]) for m in matches if len(m)]
+    edges = [
+        np.column_stack([offset[m.first] + m.index[:, 0], offset[m.second] + m.index[:, 1]]) for m in matches if len(m)
+    ]
     edge = np.concatenate(edges) if edges else np.zeros((0, 2), dtype=np.int64)
     graph = coo_matrix((np.ones(len(edge), dtype=np.int8), (edge[:, 0], edge[:, 1])), shape=(total, total))
     label = connected_components(graph, directed=False)[1]

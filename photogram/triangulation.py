@@ -1,7 +1,8 @@
 """Intersection of rays: linear from two, three or n views, robust against mismatches, with ray angles and depths.
 
 Linear intersection (DLT; Hartley & Zisserman 2004, sec. 12.2): each ray with ideal image-plane coordinates (x, y) and
-P = [Rᵀ | −Rᵀ C] gives the rows x p₃ − p₁ and y p₃ − p₂; the point is the right singular vector of the smallest singular value.
+P = [Rᵀ | −Rᵀ C] gives the rows x p₃ − p₁ and y p₃ − p₂; the point is the right singular vector of the smallest
+singular value.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ def projection_matrices(poses: Sequence[Pose]) -> FloatArray:
 
 
 def intersect_linear(projection: FloatArray, ideal: FloatArray) -> FloatArray:
-    """Intersect rays linearly: ``projection`` (P, V, 3, 4), ideal image-plane coordinates (P, V, 2) -> points (P, 3) in the world, m."""
+    """Intersect rays linearly: ``projection`` (P, V, 3, 4), ideal image-plane coordinates (P, V, 2) -> points (P, 3)
+    in the world, m."""
     count, views = ideal.shape[:2]
     rows = ideal[..., :, None] * projection[:, :, 2, None, :] - projection[:, :, :2, :]
     _, _, Vt = np.linalg.svd(rows.reshape(count, 2 * views, 4), full_matrices=False)
@@ -33,7 +35,8 @@ def intersect_linear(projection: FloatArray, ideal: FloatArray) -> FloatArray:
 
 
 def ideal_observations(cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints) -> FloatArray:
-    """Return the ideal image-plane coordinates (N, 2) of all observations; ``camera_of`` (photographs,) names their cameras."""
+    """Return the ideal image-plane coordinates (N, 2) of all observations; ``camera_of`` (photographs,) names their
+    cameras."""
     ideal = np.empty_like(tie_points.pixel)
     camera = camera_of[tie_points.photograph]
     for index in np.unique(camera):
@@ -42,10 +45,13 @@ def ideal_observations(cameras: Sequence[Camera], camera_of: IntArray, tie_point
     return ideal
 
 
-def intersect_tie_points(tie_points: TiePoints, ideal: FloatArray, poses: Sequence[Pose | None], rays: int | None = None) -> FloatArray:
+def intersect_tie_points(
+    tie_points: TiePoints, ideal: FloatArray, poses: Sequence[Pose | None], rays: int | None = None
+) -> FloatArray:
     """Intersect tie points linearly from their oriented photographs: (P, 3) in the world, NaN with fewer than two rays.
 
-    With ``rays`` given, only points with at least that many rays are intersected, each from its first ``rays`` photographs.
+    With ``rays`` given, only points with at least that many rays are intersected, each from its first ``rays``
+    photographs.
     """
     oriented = np.array([pose is not None for pose in poses], dtype=bool)
     matrices = np.full((len(poses), 3, 4), np.nan)
@@ -67,7 +73,9 @@ def intersect_tie_points(tie_points: TiePoints, ideal: FloatArray, poses: Sequen
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _largest_ray_angles(first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray) -> FloatArray:
+def _largest_ray_angles(
+    first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray
+) -> FloatArray:
     angle = np.zeros(len(point))
     for p in range(len(point)):
         smallest = 1.0
@@ -85,16 +93,24 @@ def _largest_ray_angles(first: IntArray, photograph: IntArray, used: NDArray[np.
     return angle
 
 
-def ray_angles(tie_points: TiePoints, used: NDArray[np.bool_], centre_world_m: FloatArray, position_world_m: FloatArray) -> FloatArray:
+def ray_angles(
+    tie_points: TiePoints, used: NDArray[np.bool_], centre_world_m: FloatArray, position_world_m: FloatArray
+) -> FloatArray:
     """Return the largest angle (P,) in rad between any two used rays of each point; 0 with fewer than two rays."""
     angle: FloatArray = _largest_ray_angles(
-        tie_points.first_observation, tie_points.photograph, used, np.ascontiguousarray(centre_world_m), np.ascontiguousarray(position_world_m)
+        tie_points.first_observation,
+        tie_points.photograph,
+        used,
+        np.ascontiguousarray(centre_world_m),
+        np.ascontiguousarray(position_world_m),
     )
     return angle
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _intersect_two(Ra: FloatArray, Ca: FloatArray, a: FloatArray, Rb: FloatArray, Cb: FloatArray, b: FloatArray, X: FloatArray) -> bool:
+def _intersect_two(
+    Ra: FloatArray, Ca: FloatArray, a: FloatArray, Rb: FloatArray, Cb: FloatArray, b: FloatArray, X: FloatArray
+) -> bool:
     """Midpoint of two rays with ideal coordinates a and b into X; False when they are parallel."""
     da = np.empty(3)
     db = np.empty(3)
@@ -110,7 +126,7 @@ def _intersect_two(Ra: FloatArray, Ca: FloatArray, a: FloatArray, Rb: FloatArray
     tb = (ab * np.dot(da, base) - aa * np.dot(db, base)) / determinant
     for k in range(3):
         X[k] = 0.5 * (Ca[k] + ta * da[k] + Cb[k] + tb * db[k])
-    return ta > 0.0 and tb > 0.0
+    return bool(ta > 0.0 and tb > 0.0)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -168,15 +184,17 @@ def consensus_intersections(
     """Intersect every tie point from the largest set of rays that agree within ``limit_px`` (N,).
 
     ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``camera_of`` (photographs,), ``pixel`` and
-    ``ideal`` (N, 2), ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) world.
-    Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). All pairs of rays are tried
-    (RANSAC without the randomness; Fischler & Bolles 1981).
+    ``ideal`` (N, 2), ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3)
+    world. Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). All pairs of rays
+    are tried (RANSAC without the randomness; Fischler & Bolles 1981).
     """
     count = len(first) - 1
     points = np.full((count, 3), np.nan)
     inlier = np.zeros(len(photograph), dtype=np.bool_)
     for p in range(count):
-        support = _consensus(first[p], first[p + 1], photograph, camera_of, pixel, ideal, limit_px, parameters, R, C, points[p], inlier)
+        support = _consensus(
+            first[p], first[p + 1], photograph, camera_of, pixel, ideal, limit_px, parameters, R, C, points[p], inlier
+        )
         if support < 2:
             points[p] = np.nan
             inlier[first[p] : first[p + 1]] = False

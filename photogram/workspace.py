@@ -1,9 +1,9 @@
 """The folder of intermediate results: stages, fingerprints, atomic writes, resume.
 
-One sub-folder per stage. A stage writes into ``<stage>.partial/`` and is renamed when complete; ``stage.json`` in it carries
-its fingerprint, made of its settings and of the fingerprints of its inputs. Finished files of a partial folder are kept when
-its fingerprint is still the same, so a stage with one file per photograph goes on where it was killed. JSON for what people
-read, uncompressed npz for arrays, no pickle.
+One sub-folder per stage. A stage writes into ``<stage>.partial/`` and is renamed when complete; ``stage.json`` in it
+carries its fingerprint, made of its settings and of the fingerprints of its inputs. Finished files of a partial
+folder are kept when its fingerprint is still the same, so a stage with one file per photograph goes on where it was
+killed. JSON for what people read, uncompressed npz for arrays, no pickle.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:
-        raise WorkspaceError(f"{path}: cannot be read ({fault}); delete the folder {path.parent} and run again") from fault
+        raise WorkspaceError(
+            f"{path}: cannot be read ({fault}); delete the folder {path.parent} and run again"
+        ) from fault
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
@@ -91,7 +93,9 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, KeyError) as fault:
-        raise WorkspaceError(f"{path}: cannot be read ({fault}); delete the folder {path.parent} and run again") from fault
+        raise WorkspaceError(
+            f"{path}: cannot be read ({fault}); delete the folder {path.parent} and run again"
+        ) from fault
 
 
 def record_arrays(record: object) -> dict[str, NDArray[Any]]:
@@ -130,7 +134,8 @@ class Workspace:
         return dict(read_json(self.stage(name) / "stage.json"))
 
     def begin(self, name: str, mark: str) -> Path:
-        """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept."""
+        """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is
+        kept."""
         partial = self.folder / f"{name}.partial"
         note = partial / "fingerprint"
         if not (note.is_file() and note.read_text() == mark):
@@ -145,7 +150,7 @@ class Workspace:
         partial, complete = self.folder / f"{name}.partial", self.stage(name)
         write_json(partial / "stage.json", {"stage": name, "fingerprint": mark, "format": FORMAT, **summary})
         (partial / "fingerprint").unlink()
-        # A kill between the two renames leaves a partial folder without its note: the stage is made again, nothing is mixed.
+        # Killed from here on, a partial folder without its note remains: the stage is made again, nothing is mixed.
         shutil.rmtree(complete, ignore_errors=True)
         os.replace(partial, complete)
 
@@ -170,6 +175,7 @@ class Workspace:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as fault:
                 raise WorkspaceError(
-                    f"{self.folder}: another photogram works here; wait for it, or give each project file its own 'work' folder"
+                    f"{self.folder}: another photogram works here; wait for it, "
+                    "or give each project file its own 'work' folder"
                 ) from fault
             yield

@@ -166,7 +166,9 @@ def test_mismatches_are_discarded_and_good_observations_kept() -> None:
 
 def test_the_same_input_gives_the_same_result_bit_for_bit() -> None:
     again = adjust(simulated(1).block, SETTINGS)
-    np.testing.assert_array_equal(again.block.tie_points.position_world_m, adjusted(1).block.tie_points.position_world_m)
+    np.testing.assert_array_equal(
+        again.block.tie_points.position_world_m, adjusted(1).block.tie_points.position_world_m
+    )
     np.testing.assert_array_equal(again.position_covariance_m2, adjusted(1).position_covariance_m2)
 
 
@@ -207,7 +209,9 @@ def referee(block: Block) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         values.insert(gtsam.symbol("g", g), control.position_world_m[g])
     for i, pose in enumerate(block.poses):
         assert pose is not None
-        values.insert(gtsam.symbol("x", i), gtsam.Pose3(gtsam.Rot3(pose.rotation_world_from_camera), pose.position_world_m))
+        values.insert(
+            gtsam.symbol("x", i), gtsam.Pose3(gtsam.Rot3(pose.rotation_world_from_camera), pose.position_world_m)
+        )
     for p, X in enumerate(tie.position_world_m):
         values.insert(gtsam.symbol("l", p), X)
     return graph, values
@@ -284,7 +288,10 @@ def test_gnss_in_one_line_leaves_the_strip_free_to_turn_and_names_a_photograph()
 
 def test_a_photograph_without_image_points_is_named() -> None:
     block = simulated(0).block
-    photographs = (replace(block.photographs[0], attitude_world_from_camera=None, attitude_sigma_rad=None), *block.photographs[1:])
+    photographs = (
+        replace(block.photographs[0], attitude_world_from_camera=None, attitude_sigma_rad=None),
+        *block.photographs[1:],
+    )
     tie = block.tie_points
     elsewhere = tie.photograph != 0
     rays = np.bincount(tie.point[elsewhere], minlength=len(tie)) >= 2
@@ -295,7 +302,10 @@ def test_a_photograph_without_image_points_is_named() -> None:
         mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
     )  # fmt: skip
     with pytest.raises(AdjustmentError, match=block.photographs[0].name):
-        adjust(replace(block, photographs=photographs, tie_points=tie.select(rays, elsewhere), control_points=control), SETTINGS)
+        adjust(
+            replace(block, photographs=photographs, tie_points=tie.select(rays, elsewhere), control_points=control),
+            SETTINGS,
+        )
 
 
 def test_a_photograph_without_a_pose_is_named() -> None:

@@ -18,7 +18,7 @@ Json = dict[str, Any]
 
 
 def _map(frame: LocalFrame, position_world_m: FloatArray) -> FloatArray:
-    return frame.map_from_world(position_world_m[None])[0]
+    return np.asarray(frame.map_from_world(position_world_m[None])[0])
 
 
 def _sigma_map_m(frame: LocalFrame, position_world_m: FloatArray, covariance_m2: FloatArray) -> list[float]:
@@ -47,7 +47,11 @@ def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, 
         **place(resection.p3p),
         "solutions": resection.solutions,
         "check_px": resection.check_px,
-        "refined": {**place(resection.refined), "marks": int(resection.inliers.sum()), "residual_px": resection.residual_px.tolist()},
+        "refined": {
+            **place(resection.refined),
+            "marks": int(resection.inliers.sum()),
+            "residual_px": resection.residual_px.tolist(),
+        },
     }
 
 
@@ -84,7 +88,8 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
 
 
 def camera_numbers(result: Adjustment) -> Json:
-    """Return the interior orientation of every camera with the sigmas of its free parameters (null where it was held)."""
+    """Return the interior orientation of every camera with the sigmas of its free parameters (null where it was
+    held)."""
     numbers: Json = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
@@ -117,7 +122,9 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                 "surveyed_map_m": surveyed.tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
-                "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g]) if known else None,
+                "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])
+                if known
+                else None,
                 "marks": [
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,
@@ -174,7 +181,12 @@ def _comparison(comparison: Comparison) -> Json:
         "std_m": surface.std_m,
         "median_m": surface.median_m,
         "nmad_m": surface.nmad_m,
-        "cloud_to_cloud": {"mean_m": cloud.mean_m, "std_m": cloud.std_m, "median_m": cloud.median_m, "nmad_m": cloud.nmad_m},
+        "cloud_to_cloud": {
+            "mean_m": cloud.mean_m,
+            "std_m": cloud.std_m,
+            "median_m": cloud.median_m,
+            "nmad_m": cloud.nmad_m,
+        },
     }
 
 
