@@ -23,17 +23,15 @@ from photogram.errors import WorkspaceError
 from photogram.files.matlab import read_camera
 from photogram.project import Project, read_project
 from photogram.publication import publish
+from photogram.records import Run, control_of, measured_photographs
 from photogram.stages import (
-    Run,
     Stage,
     adjust_block,
     compare_clouds,
-    control_of,
     detect_features,
     intersect_clouds,
     join_tie_points,
     match_photographs,
-    measured_photographs,
     model_surface,
     orient_photographs,
     read_photographs,

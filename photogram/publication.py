@@ -6,7 +6,6 @@ written whole or not at all; the stage is complete only when all of them are the
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,10 +13,11 @@ import numpy as np
 
 from photogram import __version__
 from photogram.errors import WorkspaceError
-from photogram.files.atomic import replacing
 from photogram.files.images import read_pixels
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
+from photogram.files.rasters import write_geotiff
+from photogram.records import Run
 from photogram.report.numbers import report_numbers
 from photogram.report.pictures import (
     PlanContents,
@@ -27,7 +27,7 @@ from photogram.report.pictures import (
     residual_picture,
     shaded_surface,
 )
-from photogram.stages import Progress, Run
+from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.workspace import write_json, write_record
 
@@ -70,8 +70,7 @@ def _clouds(run: Run, _: Adjustment, results: Path) -> list[str]:
 def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
     write_record(results / "tie_points.npz", result.block.tie_points)
     write_tie_points(results / "tie_points.mat", run.names, result.block.tie_points)
-    with replacing(results / "dsm.tif") as temporary:
-        shutil.copyfile(run.workspace.stage("surface") / "dsm.tif", temporary)
+    write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
     return ["tie_points.npz", "tie_points.mat", "dsm.tif"]
 
 

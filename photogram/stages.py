@@ -5,18 +5,15 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from photogram.adjustment import adjust
-from photogram.camera import Pose, rotation_from_gimbal
-from photogram.comparison import CloudStatistics, Comparison, compare
+from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import find_features
 from photogram.files.images import PhotographTags, check_photograph, read_pixels, read_tags
@@ -24,29 +21,21 @@ from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.matching import match_pair, select_pairs
-from photogram.orientation import Orientation, Resection, orient
+from photogram.orientation import orient
 from photogram.project import Project, ProjectPhotograph
+from photogram.records import Run, adjustment_arrays, pose_to, resection_to, write_comparison
 from photogram.surface_model import surface_from_points
 from photogram.survey import (
-    Adjustment,
-    Block,
-    ControlPoints,
     Features,
     Matches,
-    Photograph,
     PointCloud,
     Raster,
-    TiePoints,
 )
 from photogram.tracks import join_matches
 from photogram.triangulation import ideal_observations, intersect_tie_points
 from photogram.workspace import (
-    Workspace,
-    file_fingerprint,
     read_arrays,
-    read_json,
     read_record,
-    record_arrays,
     write_arrays,
     write_json,
     write_record,
@@ -58,81 +47,6 @@ class Progress(Protocol):
 
     def __call__(self, done: int, total: int, text: str) -> None:
         """``done`` of ``total`` pieces are finished; ``total`` is 0 while it is not known."""
-
-
-NO_TIE_POINTS = TiePoints(
-    *(np.zeros(0, dtype=np.int64),) * 3,
-    np.zeros((0, 2)),
-    np.zeros(0),
-    np.zeros((0, 3)),
-    np.zeros((0, 3), dtype=np.uint8),
-)
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run of a project: the project, its workspace, and the executor for parallel work."""
-
-    project: Project
-    workspace: Workspace
-    executor: Executor
-
-    @cached_property
-    def photograph_fingerprints(self) -> tuple[str, ...]:
-        """Return the content fingerprint of every photograph."""
-        return tuple(self.executor.map(file_fingerprint, [p.path for p in self.project.photographs]))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the photographs."""
-        return tuple(p.name for p in self.project.photographs)
-
-    def block(self) -> Block:
-        """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return _block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
-
-    def features(self, index: int) -> Features:
-        """Return the key points of one photograph. Needs the stage `features`."""
-        return read_record(self.workspace.stage("features") / f"{index:05d}.npz", Features)
-
-    def matches(self) -> list[tuple[Matches, np.ndarray[Any, np.dtype[np.bool_]]]]:
-        """Return candidate matches of every pair, and which are verified. Needs the stage `matches`."""
-        folder = self.workspace.stage("matches")
-        result = []
-        for first, second in read_json(folder / "pairs.json"):
-            arrays = read_arrays(folder / f"{first:05d}-{second:05d}.npz")
-            result.append((Matches(first, second, arrays["index"]), arrays["verified"]))
-        return result
-
-    def orientation(self) -> Orientation:
-        """Return starting poses and resections. Needs the stage `orientation`."""
-        return _orientation_from(read_json(self.workspace.stage("orientation") / "poses.json"))
-
-    def tie_points(self) -> TiePoints:
-        """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
-        return read_record(self.workspace.stage("tie_points") / "tie_points.npz", TiePoints)
-
-    def cloud(self, name: str) -> PointCloud:
-        """Return a point cloud: linear_2view, linear_3view (stage `intersection`) or adjusted (stage `adjustment`)."""
-        stage = "adjustment" if name == "adjusted" else "intersection"
-        return read_record(self.workspace.stage(stage) / f"{name}.npz", PointCloud)
-
-    def adjustment(self) -> Adjustment:
-        """Return the joint adjustment. Needs the stage `adjustment`."""
-        return _adjustment_from(self.block(), self.workspace.stage("adjustment"))
-
-    def surface(self) -> Raster:
-        """Return the DSM. Needs the stage `surface`."""
-        return read_raster(self.workspace.stage("surface") / "dsm.tif")[0]
-
-    def comparisons(self) -> dict[str, Comparison]:
-        """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
-        `comparison`."""
-        folder = self.workspace.stage("comparison")
-        return {
-            name: _comparison_from(read_arrays(folder / f"{name}.npz"), statistics)
-            for name, statistics in read_json(folder / "statistics.json").items()
-        }
 
 
 # ---- photographs ---------------------------------------------------------------------------------------------------
@@ -189,89 +103,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     return {"photographs": len(notes)}
 
 
-def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
-    # not the check points: they take no part in anything, the origin of the frame included
-    positions = [p.position_map_m for p in project.control_points if p.role == "control"]
-    positions += [np.array(t["gnss_map_m"]) for t in tags if t["gnss_map_m"] is not None]
-    if not positions:
-        raise ProjectError(
-            f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
-            "give control_points, or photographs with GNSS tags"
-        )
-    return LocalFrame.near(project.crs, np.array(positions), project.world_kind)
-
-
-def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
-    source = project.photographs[index]
-    gnss = None if tags["gnss_map_m"] is None else frame.world_from_map(np.array([tags["gnss_map_m"]]))[0]
-    attitude = None
-    if tags["attitude_deg"] is not None:
-        place = np.zeros(3) if gnss is None else gnss
-        attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
-    return Photograph(
-        source.name,
-        source.camera,
-        source.path,
-        source.flight,
-        None,
-        gnss,
-        None if gnss is None else np.array(tags["gnss_sigma_m"]),
-        attitude,
-        None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
-    )
-
-
-def _block(project: Project, tags: Sequence[Mapping[str, Any]]) -> Block:
-    frame = _frame(project, tags)
-    photographs = tuple(_photograph(project, frame, i, t) for i, t in enumerate(tags))
-    return Block(
-        frame,
-        project.cameras,
-        photographs,
-        (None,) * len(photographs),
-        NO_TIE_POINTS,
-        project.control_points_in(frame),
-        project.gnss_offset_sigma_m,
-    )
-
-
 # ---- orientation ---------------------------------------------------------------------------------------------------
-
-
-def _pose_to(pose: Pose) -> dict[str, object]:
-    return {
-        "position_world_m": pose.position_world_m.tolist(),
-        "rotation_world_from_camera": pose.rotation_world_from_camera.tolist(),
-    }
-
-
-def _pose_from(value: Mapping[str, Any]) -> Pose:
-    return Pose(np.array(value["rotation_world_from_camera"]), np.array(value["position_world_m"]))
-
-
-def _resection_to(resection: Resection) -> dict[str, object]:
-    return {
-        "p3p": _pose_to(resection.p3p),
-        "points": list(resection.points),
-        "solutions": resection.solutions,
-        "check_px": resection.check_px,
-        "refined": _pose_to(resection.refined),
-        "inliers": resection.inliers.tolist(),
-        "residual_px": resection.residual_px.tolist(),
-    }
-
-
-def _resection_from(value: Mapping[str, Any]) -> Resection:
-    a, b, c = value["points"]
-    return Resection(
-        _pose_from(value["p3p"]),
-        (a, b, c),
-        value["solutions"],
-        float("nan") if value["check_px"] is None else value["check_px"],
-        _pose_from(value["refined"]),
-        np.array(value["inliers"], dtype=bool),
-        np.array(value["residual_px"]).reshape(-1, 2),
-    )
 
 
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -280,17 +112,12 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[st
     orientation = orient(block)
     pairs = zip(run.names, orientation.poses, orientation.resections, strict=True)
     value = [
-        {"name": name, "pose": _pose_to(pose), "resection": None if r is None else _resection_to(r)}
+        {"name": name, "pose": pose_to(pose), "resection": None if r is None else resection_to(r)}
         for name, pose, r in pairs
     ]
     write_json(folder / "poses.json", value)
     progress(len(value), len(value), "resected")
     return {"resected": sum(r is not None for r in orientation.resections)}
-
-
-def _orientation_from(value: Sequence[Mapping[str, Any]]) -> Orientation:
-    resections = [None if v["resection"] is None else _resection_from(v["resection"]) for v in value]
-    return Orientation(tuple(_pose_from(v["pose"]) for v in value), tuple(resections))
 
 
 # ---- features, matches, tie points ---------------------------------------------------------------------------------
@@ -336,6 +163,11 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     features = [run.features(i) for i in range(len(run.names))]
     matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]
     joined = join_matches(features, matches, run.project.adjustment.tie_point_sigma_px)
+    if not len(joined.tie_points):
+        raise ImageError(
+            f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
+            "in common, so nothing can be intersected: give photographs of one site that overlap by 60 % or more"
+        )
     write_record(folder / "tie_points.npz", joined.tie_points)
     progress(1, 1, f"{len(joined.tie_points)} tie points")
     return {"tie_points": len(joined.tie_points), "conflicts": joined.conflicts}
@@ -368,7 +200,7 @@ def _sigma_map_m(
     return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
 
 
-def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def adjustmeasured_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Adjust the block jointly."""
     orientation = run.orientation()
     block = replace(run.block(), poses=orientation.poses, tie_points=run.tie_points())
@@ -378,33 +210,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_record(folder / "tie_points.npz", tie_points)
-    write_arrays(folder / "adjustment.npz", _adjustment_arrays(result))
+    write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     return {"sigma0": result.sigma0, "converged": result.converged, "iterations": result.iterations}
-
-
-def _adjustment_arrays(result: Adjustment) -> dict[str, np.ndarray[Any, Any]]:
-    arrays = record_arrays(replace(result, block=None, flights=None))  # type: ignore[arg-type]
-    poses = [pose for pose in result.block.poses if pose is not None]
-    arrays["flights"] = np.array(result.flights, dtype=np.str_)
-    arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
-    arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
-    arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
-    return arrays
-
-
-def _adjustment_from(block: Block, folder: Path) -> Adjustment:
-    arrays = read_arrays(folder / "adjustment.npz")
-    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    values["flights"] = tuple(str(f) for f in values["flights"])
-    parameters = values.pop("camera_parameters")
-    rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
-    adjusted = replace(
-        block,
-        cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
-        poses=tuple(Pose(R, C) for R, C in zip(rotation, position, strict=True)),
-        tie_points=read_record(folder / "tie_points.npz", TiePoints),
-    )
-    return Adjustment(block=adjusted, **values)
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -434,37 +241,10 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, o
             cloud = run.cloud(name)
             if len(cloud) >= 3:
                 comparison = compare(cloud, reference)
-                statistics[name] = _write_comparison(folder / f"{name}.npz", comparison)
+                statistics[name] = write_comparison(folder / f"{name}.npz", comparison)
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)
     return {"clouds": len(statistics)}
-
-
-def _write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:
-    write_arrays(
-        path,
-        {
-            "position_map_m": comparison.position_map_m,
-            "surface_difference_m": comparison.surface_difference_m,
-            "cloud_distance_m": comparison.cloud_distance_m,
-        },
-    )
-    return {
-        "removed": comparison.removed,
-        "cloud_to_surface": comparison.cloud_to_surface,
-        "cloud_to_cloud": comparison.cloud_to_cloud,
-    }
-
-
-def _comparison_from(arrays: Mapping[str, np.ndarray[Any, Any]], statistics: Mapping[str, Any]) -> Comparison:
-    return Comparison(
-        arrays["position_map_m"],
-        arrays["surface_difference_m"],
-        arrays["cloud_distance_m"],
-        CloudStatistics(**statistics["cloud_to_surface"]),
-        CloudStatistics(**statistics["cloud_to_cloud"]),
-        statistics["removed"],
-    )
 
 
 Settings = Callable[[Run], object]
@@ -480,14 +260,3 @@ class Stage:
     needs: tuple[str, ...]
     settings: Settings
     work: Work
-
-
-def control_of(project: Project) -> ControlPoints:
-    """Return the project's ground points in a frame at the origin of the map, for fingerprints only."""
-    return project.control_points_in(LocalFrame(project.crs, (0.0, 0.0, 0.0), "grid"))
-
-
-def measured_photographs(project: Project) -> list[ProjectPhotograph]:
-    """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
-    changes nothing."""
-    return [replace(p, path=Path(p.name)) for p in project.photographs]

@@ -11,11 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, noise_scale, start_state
+from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.graph import State, robust_cost_and_weight
+from photogram.outliers import noise_scale
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 

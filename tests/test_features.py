@@ -77,7 +77,9 @@ def test_descriptors_are_the_square_roots_of_sifts(picture: np.ndarray, whole: F
     sift = cv2.SIFT_create(contrastThreshold=0.02, enable_precise_upscale=True)
     key_points, descriptor = sift.detectAndCompute(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), None)
     own = places(whole)
-    table = np.array([(*k.pt, k.size, 50 * np.cos(np.deg2rad(k.angle)), 50 * np.sin(np.deg2rad(k.angle))) for k in key_points])
+    table = np.array(
+        [(*k.pt, k.size, 50 * np.cos(np.deg2rad(k.angle)), 50 * np.sin(np.deg2rad(k.angle))) for k in key_points]
+    )
     distance, which = cKDTree(table).query(own)
     assert distance.max() < 1e-9
     share = descriptor[which] / descriptor[which].sum(axis=1, keepdims=True)

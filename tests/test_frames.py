@@ -27,7 +27,8 @@ def geocentric(crs: str, points_map_m: np.ndarray) -> np.ndarray:
     assert geodetic.ellipsoid is not None
     lon, lat = Transformer.from_crs(crs, geodetic, always_xy=True).transform(points_map_m[:, 0], points_map_m[:, 1])
     a, b = geodetic.ellipsoid.semi_major_metre, geodetic.ellipsoid.semi_minor_metre
-    cart = Transformer.from_pipeline(f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +a={a} +b={b}")
+    degrees = "+step +proj=unitconvert +xy_in=deg +xy_out=rad"
+    cart = Transformer.from_pipeline(f"+proj=pipeline {degrees} +step +proj=cart +a={a} +b={b}")
     return np.column_stack(cart.transform(lon, lat, points_map_m[:, 2]))
 
 
@@ -41,7 +42,11 @@ def distances(points: np.ndarray) -> np.ndarray:
 
 
 @settings(max_examples=60, deadline=None)
-@given(crs=st.sampled_from(sorted(SITES)), places=st.lists(offsets, min_size=1, max_size=5), kind=st.sampled_from(["tangent", "grid"]))
+@given(
+    crs=st.sampled_from(sorted(SITES)),
+    places=st.lists(offsets, min_size=1, max_size=5),
+    kind=st.sampled_from(["tangent", "grid"]),
+)
 def test_map_to_world_and_back(crs: str, places: list[tuple[float, float, float]], kind: str) -> None:
     frame = LocalFrame(crs, SITES[crs], "grid" if kind == "grid" else "tangent")
     points = np.array(SITES[crs]) + np.array(places)
@@ -69,7 +74,9 @@ def test_axes_at_the_origin_are_true_east_north_and_up(crs: str) -> None:
 
 
 def geodetic_from_map_datum(crs: str, point_map_m: np.ndarray) -> tuple[float, float, float]:
-    lon, lat = Transformer.from_crs(crs, CRS(crs).geodetic_crs, always_xy=True).transform(point_map_m[0], point_map_m[1])
+    lon, lat = Transformer.from_crs(crs, CRS(crs).geodetic_crs, always_xy=True).transform(
+        point_map_m[0], point_map_m[1]
+    )
     return float(lon), float(lat), float(point_map_m[2])
 
 
@@ -86,9 +93,10 @@ def test_the_scale_factor_and_the_height_explain_the_difference_between_map_and_
     for ends in (east, north):
         world = frame.world_from_map(np.array(SITES[crs]) + ends)
         ratio = 100.0 / np.linalg.norm(world[0] - world[1])
-        # Heights stretch lengths by 1 + h / R; the two radii of curvature differ by 0.7 % at most, and so bound the ratio.
+        # Heights stretch lengths by 1 + h / R; the two radii of curvature, 0.7 % apart at most, bound the ratio.
         low, high = sorted((1 + height / meridian, 1 + height / vertical))
-        assert frame.grid_scale(np.array(SITES[crs])) / high - 1e-8 < ratio < frame.grid_scale(np.array(SITES[crs])) / low + 1e-8
+        scale = frame.grid_scale(np.array(SITES[crs]))
+        assert scale / high - 1e-8 < ratio < scale / low + 1e-8
 
 
 def test_the_scale_of_utm_is_known_at_its_central_meridian() -> None:
@@ -113,10 +121,11 @@ def test_map_axes_turn_by_the_meridian_convergence(crs: str) -> None:
 @sites
 def test_map_axes_away_from_the_origin_are_those_of_a_frame_there(crs: str) -> None:
     frame = LocalFrame(crs, SITES[crs])
-    there = np.array(SITES[crs]) + [3000.0, -2000.0, 50.0]
+    origin, up_100_m = np.array(SITES[crs]), np.array([0.0, 0.0, 100.0])
+    there = origin + np.array([3000.0, -2000.0, 50.0])
     position = frame.world_from_map(there[None])[0]
     rotation = frame.rotation_world_from_map(position)
-    up = geocentric(crs, np.array([there, there + [0, 0, 100.0], SITES[crs], np.array(SITES[crs]) + [0, 0, 100.0]]))
+    up = geocentric(crs, np.array([there, there + up_100_m, origin, origin + up_100_m]))
     tilt = np.arccos((up[1] - up[0]) @ (up[3] - up[2]) / 1e4)
     assert np.arccos(rotation[2, 2]) == pytest.approx(tilt, abs=1e-6)
     ends = frame.world_from_map(there + np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
@@ -163,7 +172,9 @@ def test_geodetic_coordinates_agree_with_proj_and_come_back(crs: str) -> None:
 
 def test_a_known_place_lands_where_its_grid_says() -> None:
     # The intersection of the central meridian of zone 32 with the equator is 500 km east, 0 km north by definition.
-    np.testing.assert_allclose(map_from_geodetic("EPSG:32632", np.array([[9.0, 0.0, 12.5]])), [[500000.0, 0.0, 12.5]], atol=1e-6)
+    np.testing.assert_allclose(
+        map_from_geodetic("EPSG:32632", np.array([[9.0, 0.0, 12.5]])), [[500000.0, 0.0, 12.5]], atol=1e-6
+    )
 
 
 def test_a_compound_crs_counts_by_its_horizontal_part() -> None:
@@ -193,7 +204,9 @@ def test_unfit_reference_systems_are_refused(crs: str, says: str) -> None:
 def test_positions_outside_the_crs_are_named() -> None:
     frame = LocalFrame("EPSG:25832", SITES["EPSG:25832"])
     centimetres = np.array([SITES["EPSG:25832"], (71995747.88, 619196955.5, 124.5)])
-    with pytest.raises(FrameError, match=r"position easting 71995747\.88, northing 619196955\.50 lies outside EPSG:25832: check the CRS"):
+    with pytest.raises(
+        FrameError, match=r"easting 71995747\.88, northing 619196955\.50 lies outside EPSG:25832: check"
+    ):
         frame.world_from_map(centimetres)
     with pytest.raises(FrameError, match="outside EPSG:25832"):
         LocalFrame.near("EPSG:25832", centimetres[1:])

@@ -33,9 +33,13 @@ def brute_force(a: np.ndarray, b: np.ndarray, ratio: float) -> list[list[int]]:
     return found
 
 
-def overlapping(rng: np.random.Generator, n: int, m: int, common: int, size: int, noise: int) -> tuple[np.ndarray, np.ndarray]:
+def overlapping(
+    rng: np.random.Generator, n: int, m: int, common: int, size: int, noise: int
+) -> tuple[np.ndarray, np.ndarray]:
     a, b = rng.integers(0, 256, (n, size)), rng.integers(0, 256, (m, size))
-    b[rng.permutation(m)[:common]] = np.clip(a[rng.permutation(n)[:common]] + rng.integers(-noise, noise + 1, (common, size)), 0, 255)
+    b[rng.permutation(m)[:common]] = np.clip(
+        a[rng.permutation(n)[:common]] + rng.integers(-noise, noise + 1, (common, size)), 0, 255
+    )
     return a, b
 
 
@@ -75,7 +79,9 @@ def test_nothing_to_match_gives_no_candidates(n: int) -> None:
         assert candidate_matches(first, second, SETTINGS).shape == (0, 2)
 
 
-def true_pair(sigma_px: float, mismatches: float, seed: int) -> tuple[Camera, tuple[Features, Features], np.ndarray, np.ndarray]:
+def true_pair(
+    sigma_px: float, mismatches: float, seed: int
+) -> tuple[Camera, tuple[Features, Features], np.ndarray, np.ndarray]:
     """Key points of two overlapping photographs of a hilly site, candidates, and which of them are right."""
     plan = SurveyPlan(strips=1, photographs_per_strip=2, control_points=3, check_points=0, relief_m=15.0)
     block = simulate_block(plan, seed, tie_points=400, sigma_px=sigma_px)
@@ -110,7 +116,10 @@ def test_verification_sees_pixels_free_of_each_cameras_own_distortion() -> None:
     camera, both, candidates, _ = true_pair(0.6, 0.4, 7)
     straight = replace(camera, radial=np.zeros(3), tangential=np.zeros(2))
     other = replace(straight, radial=np.array([0.3, 0.0, 0.0]), tangential=np.array([0.004, 0.003]))
-    plain = (features(both[0].descriptor, undistort(camera, both[0].pixel)), features(both[1].descriptor, undistort(camera, both[1].pixel)))
+    plain = (
+        features(both[0].descriptor, undistort(camera, both[0].pixel)),
+        features(both[1].descriptor, undistort(camera, both[1].pixel)),
+    )
     bent = (both[0], features(both[1].descriptor, distort(other, plain[1].pixel)))
     expected = verified_matches((straight, straight), plain, candidates, SETTINGS)
     np.testing.assert_array_equal(verified_matches((camera, other), bent, candidates, SETTINGS), expected)
@@ -166,7 +175,9 @@ def test_each_photograph_meets_its_nearest(places: list[tuple[int, int, int] | N
         if p is None:
             expected |= {frozenset((i, j)) for j in range(len(positions)) if j != i}
             continue
-        distance = sorted((float(np.hypot(*(p - q)[:2])), j) for j, q in enumerate(positions) if q is not None and j != i)
+        distance = sorted(
+            (float(np.hypot(*(p - q)[:2])), j) for j, q in enumerate(positions) if q is not None and j != i
+        )
         expected |= {frozenset((i, j)) for _, j in distance[:neighbours]}
     assert {frozenset(pair) for pair in pairs} == expected
     known = sum(p is not None for p in positions)

@@ -20,7 +20,9 @@ from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / ".." / "shared" / "data"
 
-CAMERA = Camera("p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008]))
+CAMERA = Camera(
+    "p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008])
+)
 PINHOLE = replace(CAMERA, radial=np.zeros(3), tangential=np.zeros(2))
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
 SIGMA = 1.5
@@ -82,7 +84,10 @@ def test_exact_marks_of_three_points_and_a_rough_position_give_the_exact_pose(se
     found = resect(CAMERA, points, pixel, np.full(3, SIGMA), expected_world_m=rough)
     assert_same(found.refined, POSE)
     assert np.isnan(found.check_px)
-    other = max(p3p_poses(CAMERA, points, pixel), key=lambda p: float(np.linalg.norm(p.position_world_m - POSE.position_world_m)))
+    other = max(
+        p3p_poses(CAMERA, points, pixel),
+        key=lambda p: float(np.linalg.norm(p.position_world_m - POSE.position_world_m)),
+    )
     elsewhere = resect(CAMERA, points, pixel, np.full(3, SIGMA), expected_world_m=other.position_world_m)
     assert_same(elsewhere.refined, other)
 
@@ -125,7 +130,9 @@ def jacobian(points: np.ndarray) -> np.ndarray:
     rows = []
     for X in points:
         J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 8)), np.empty((2, 3))
-        project_point_jacobians(CAMERA.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, X, J, J_camera, J_point)
+        project_point_jacobians(
+            CAMERA.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, X, J, J_camera, J_point
+        )
         rows.append(J)
     return np.vstack(rows)
 
@@ -160,7 +167,9 @@ def test_opencv_finds_the_same_least_squares_pose(seed: int) -> None:
     pixel = pixel + np.random.default_rng(seed).standard_normal(pixel.shape)
     found = resect(PINHOLE, points, pixel, np.ones(8)).refined
     _, r, t = cv2.solvePnP(points, pixel, PINHOLE.matrix, np.zeros(4), flags=cv2.SOLVEPNP_ITERATIVE)
-    r, t = cv2.solvePnPRefineLM(points, pixel, PINHOLE.matrix, np.zeros(4), r, t, (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-14))
+    r, t = cv2.solvePnPRefineLM(
+        points, pixel, PINHOLE.matrix, np.zeros(4), r, t, (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-14)
+    )
     R = cv2.Rodrigues(r)[0]
     assert_same(found, Pose(R.T, (-R.T @ t).ravel()), 1e-5)
 
@@ -185,9 +194,12 @@ def test_precise_marks_count_for_more() -> None:
 
 def test_refinement_starts_far_off_and_gives_up_on_points_behind() -> None:
     points, pixel = ground(6, 6)
-    start = Pose(POSE.rotation_world_from_camera @ Rotation.from_rotvec([0.1, -0.08, 0.2]).as_matrix(), POSE.position_world_m + [5.0, -4.0, 8.0])
+    start = Pose(
+        POSE.rotation_world_from_camera @ Rotation.from_rotvec([0.1, -0.08, 0.2]).as_matrix(),
+        POSE.position_world_m + np.array([5.0, -4.0, 8.0]),
+    )
     assert_same(refine_pose(CAMERA, start, points, pixel, np.ones(6)), POSE)
-    behind = Pose(POSE.rotation_world_from_camera, POSE.position_world_m - [0.0, 0.0, 200.0])
+    behind = Pose(POSE.rotation_world_from_camera, POSE.position_world_m - np.array([0.0, 0.0, 200.0]))
     with pytest.raises(OrientationError, match="does not settle"):
         refine_pose(CAMERA, behind, points, pixel, np.ones(6))
 
@@ -208,7 +220,9 @@ def failing(points: np.ndarray, pixel: np.ndarray, gnss: np.ndarray | None = Non
 
 def test_too_few_or_useless_points_are_refused() -> None:
     points, pixel = ground(4, 1)
-    assert "2 control points are marked, resection needs 4, or 3 and a GNSS position" in failing(points[:2], pixel[:2], points[0])
+    assert "2 control points are marked, resection needs 4, or 3 and a GNSS position" in failing(
+        points[:2], pixel[:2], points[0]
+    )
     assert "3 control points leave up to four poses" in failing(points[:3], pixel[:3])
     line = points[0] + np.outer(np.arange(5.0), [4.0, 3.0, 0.1])
     assert "lie in one line" in failing(line, project(CAMERA, POSE, line), POSE.position_world_m)
@@ -284,7 +298,9 @@ def test_every_photograph_that_cannot_be_oriented_is_named_on_a_line() -> None:
     assert len(lines) == 2
     assert lines[0].startswith("photograph photo_0.jpg: 2 control points are marked and no GNSS position")
     assert lines[1].startswith("photograph photo_2.jpg: 3 control points")
-    with pytest.raises(OrientationError, match=r"photo_0\.jpg: 2 control points are marked and a GNSS position without attitude"):
+    with pytest.raises(
+        OrientationError, match=r"photo_0\.jpg: 2 control points are marked and a GNSS position without attitude"
+    ):
         orient(block([2], gnss=True, attitude=False))
 
 
@@ -335,7 +351,9 @@ def test_the_hillside_photographs_land_where_they_are_known_to() -> None:
         marks = control.mark_photograph == index
         points = control.position_world_m[control.mark_point[marks]]
         gnss = frame.world_from_map(np.array([photograph.gnss_map_m]))[0]
-        found = resect(survey.cameras[0], points, control.mark_pixel[marks], control.mark_sigma_px[marks], expected_world_m=gnss)
+        found = resect(
+            survey.cameras[0], points, control.mark_pixel[marks], control.mark_sigma_px[marks], expected_world_m=gnss
+        )
         assert np.linalg.norm(found.p3p.position_world_m - gnss) == pytest.approx(distance_m, abs=0.005)
         assert found.check_px == pytest.approx(check_px, abs=0.1)
         assert found.points == (0, 1, 2)

@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 
 from photogram.camera import Camera
 from photogram.frames import LocalFrame
-from photogram.survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints, check_shape
+from photogram.survey import (
+    Block,
+    ControlPoints,
+    Features,
+    Matches,
+    Photograph,
+    PointCloud,
+    Raster,
+    TiePoints,
+    check_shape,
+)
 
 
 @st.composite
@@ -21,7 +31,9 @@ def tie_points(draw: st.DrawFn) -> TiePoints:
     n = len(point)
     position = np.arange(3.0 * len(rays)).reshape(-1, 3)
     colour = (np.arange(3 * len(rays)) % 256).astype(np.uint8).reshape(-1, 3)
-    return TiePoints(photograph, point, np.arange(n, dtype=np.int64), np.arange(2.0 * n).reshape(-1, 2), np.ones(n), position, colour)
+    return TiePoints(
+        photograph, point, np.arange(n, dtype=np.int64), np.arange(2.0 * n).reshape(-1, 2), np.ones(n), position, colour
+    )
 
 
 CONTROL = ControlPoints(
@@ -67,7 +79,9 @@ def test_observations_must_be_sorted_and_numbered_within_the_points() -> None:
     def with_points(point: list[int]) -> TiePoints:
         n = len(point)
         zeros = np.zeros(n, dtype=np.int64)
-        return TiePoints(zeros, np.array(point), zeros, np.zeros((n, 2)), np.ones(n), np.zeros((2, 3)), np.zeros((2, 3), np.uint8))
+        return TiePoints(
+            zeros, np.array(point), zeros, np.zeros((n, 2)), np.ones(n), np.zeros((2, 3)), np.zeros((2, 3), np.uint8)
+        )
 
     assert with_points([0, 1, 1]).rays.tolist() == [1, 2]
     for wrong in ([1, 0], [-1, 0], [0, 2]):
@@ -103,7 +117,12 @@ def test_roles_part_the_points_with_their_marks() -> None:
         (lambda: replace(CONTROL, role=("control",)), "role"),
         (lambda: replace(CONTROL, sigma_m=np.zeros((3, 3))), "sigma_m"),
         (lambda: replace(CONTROL, mark_point=np.zeros(4, np.int64)), "mark_point"),
-        (lambda: Features(np.zeros((2, 2)), np.ones(2), np.zeros(3), np.zeros((2, 128), np.uint8), np.zeros((2, 3), np.uint8)), "angle_rad"),
+        (
+            lambda: Features(
+                np.zeros((2, 2)), np.ones(2), np.zeros(3), np.zeros((2, 128), np.uint8), np.zeros((2, 3), np.uint8)
+            ),
+            "angle_rad",
+        ),
     ],
 )
 def test_wrong_shapes_are_refused_where_they_are_made(make: Any, says: str) -> None:

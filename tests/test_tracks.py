@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -52,7 +54,9 @@ def surveys(draw: st.DrawFn) -> tuple[list[Features], list[Matches]]:
 
 @settings(max_examples=300, deadline=None)
 @given(survey=surveys())
-def test_joined_points_are_the_connected_sets_without_contradiction(survey: tuple[list[Features], list[Matches]]) -> None:
+def test_joined_points_are_the_connected_sets_without_contradiction(
+    survey: tuple[list[Features], list[Matches]],
+) -> None:
     found, matches = survey
     joined = join_matches(found, matches, 0.7)
     ties = joined.tie_points
@@ -60,7 +64,7 @@ def test_joined_points_are_the_connected_sets_without_contradiction(survey: tupl
     assert joined.conflicts == conflicts
     first = ties.first_observation
     actual = [
-        list(zip(ties.photograph[a:b].tolist(), ties.feature[a:b].tolist(), strict=True)) for a, b in zip(first[:-1], first[1:], strict=True)
+        list(zip(ties.photograph[a:b].tolist(), ties.feature[a:b].tolist(), strict=True)) for a, b in pairwise(first)
     ]
     # Sorted by their first key point, observations by photograph: the reference is sorted the same way.
     assert actual == expected
@@ -79,7 +83,9 @@ def test_points_seen_in_all(survey: tuple[list[Features], list[Matches]], data: 
     expected = [[key for key in points if key[0] in wanted] for points in reference(matches)[0]]
     expected = [points for points in expected if len(points) == len(wanted)]
     assert kept.rays.tolist() == [len(wanted)] * len(expected)
-    assert list(zip(kept.photograph.tolist(), kept.feature.tolist(), strict=True)) == [key for points in expected for key in points]
+    assert list(zip(kept.photograph.tolist(), kept.feature.tolist(), strict=True)) == [
+        key for points in expected for key in points
+    ]
 
 
 def test_a_chain_over_three_photographs_is_one_point() -> None:
@@ -94,7 +100,11 @@ def test_a_chain_over_three_photographs_is_one_point() -> None:
 
 def test_two_key_points_of_one_photograph_drop_their_whole_set_and_no_other() -> None:
     found = [features(i, 4) for i in range(3)]
-    contradicting = [Matches(0, 1, np.array([[0, 0], [2, 2]])), Matches(1, 2, np.array([[0, 0]])), Matches(0, 2, np.array([[1, 0]]))]
+    contradicting = [
+        Matches(0, 1, np.array([[0, 0], [2, 2]])),
+        Matches(1, 2, np.array([[0, 0]])),
+        Matches(0, 2, np.array([[1, 0]])),
+    ]
     joined = join_matches(found, contradicting, 0.5)
     assert joined.conflicts == 1
     assert joined.tie_points.feature.tolist() == [2, 2]

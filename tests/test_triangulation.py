@@ -48,7 +48,9 @@ def test_projection_matrices_take_world_points_to_the_camera_frame(exact: Simula
     points = exact.tie_point_position_world_m[:5]
     P = projection_matrices(exact.truth.poses)
     for matrix, pose in zip(P, exact.truth.poses, strict=True):
-        np.testing.assert_allclose(np.column_stack([points, np.ones(5)]) @ matrix.T, pose.camera_from_world(points), atol=1e-9)
+        np.testing.assert_allclose(
+            np.column_stack([points, np.ones(5)]) @ matrix.T, pose.camera_from_world(points), atol=1e-9
+        )
 
 
 def test_exact_rays_meet_in_the_exact_points_however_many(exact: SimulatedBlock) -> None:
@@ -69,7 +71,9 @@ def test_a_stated_number_of_rays_uses_the_first_and_skips_points_with_fewer(exac
     pixel = ties.pixel + 40.0
     for p in range(len(ties)):
         pixel[first[p] : min(first[p] + rays, first[p + 1])] -= 40.0
-    moved = TiePoints(ties.photograph, ties.point, ties.feature, pixel, ties.sigma_px, ties.position_world_m, ties.colour)
+    moved = TiePoints(
+        ties.photograph, ties.point, ties.feature, pixel, ties.sigma_px, ties.position_world_m, ties.colour
+    )
     points = intersect_tie_points(moved, ideal_observations([camera], camera_of, moved), exact.truth.poses, rays)
     enough = ties.rays >= rays
     np.testing.assert_array_equal(np.isfinite(points).all(axis=1), enough)
@@ -187,7 +191,9 @@ def test_points_without_two_agreeing_rays_are_unknown(exact: SimulatedBlock) -> 
     pixel[first[pair] + 1] = project(camera, b, aside[None])[0]
     keep = np.ones(len(ties.point), bool)
     keep[first[one] + 1] = False
-    moved = TiePoints(ties.photograph, ties.point, ties.feature, pixel, ties.sigma_px, ties.position_world_m, ties.colour)
+    moved = TiePoints(
+        ties.photograph, ties.point, ties.feature, pixel, ties.sigma_px, ties.position_world_m, ties.colour
+    )
     cut = moved.select(np.ones(len(ties), bool), keep)
     points, inlier = consensus(exact, cut, 3.0)
     unknown = ~np.isfinite(points).all(axis=1)

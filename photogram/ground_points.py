@@ -1,0 +1,113 @@
+"""Adjusted positions of ground points: control points as estimated, check points intersected from their marks alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from photogram.camera import Camera, image_plane
+from photogram.errors import AdjustmentError
+from photogram.factors.covariance import Covariances
+from photogram.factors.elimination import eliminate_tie_points, first_observations, tie_point_covariances
+from photogram.factors.graph import Problem, State
+from photogram.factors.reprojection import Observations, linearise, residuals
+from photogram.survey import Block, FloatArray
+from photogram.triangulation import consensus_intersections
+
+
+def _check_points(
+    problem: Problem, state: State, found: Covariances, ground: FloatArray, covariance: FloatArray
+) -> None:
+    """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in
+    place."""
+    points = problem.block.control_points
+    index = [
+        g for g, role in enumerate(points.role) if role == "check" and np.count_nonzero(points.mark_point == g) >= 2
+    ]
+    if not index:
+        return
+    mask = np.isin(points.mark_point, index)
+    order = np.flatnonzero(mask)[np.lexsort((points.mark_photograph[mask], points.mark_point[mask]))]
+    number = np.searchsorted(index, points.mark_point[order])
+    camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
+    photograph = points.mark_photograph[order]
+    observations = Observations(
+        photograph, number, points.mark_pixel[order], points.mark_sigma_px[order], camera_of[photograph]
+    )
+    cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
+    X = intersect_weighted(observations, cameras, state, len(index))
+    linear = linearise(observations, state.parameters, state.rotation, state.position, X)
+    V_inverse, failed = eliminate_tie_points(
+        observations, linear, len(index), found.columns, np.zeros_like(found.reduced)
+    )
+    if failed >= 0:
+        raise AdjustmentError(
+            f"check point {points.name[index[failed]]}: its rays are parallel, mark it in more photographs"
+        )
+    ground[index] = X
+    covariance[index] = tie_point_covariances(observations, linear, found.columns, V_inverse, found.reduced)
+
+
+def intersect_weighted(observations: Observations, cameras: Sequence[Camera], state: State, count: int) -> FloatArray:
+    """Intersect ``count`` points from observations sorted by point with fixed cameras: Gauss–Newton from the best two
+    rays.
+
+    Raises AdjustmentError when the marks of a point do not meet in front of their photographs.
+    """
+    o = observations
+    ideal = np.empty_like(o.pixel)
+    for c in np.unique(o.camera):
+        ideal[o.camera == c] = image_plane(cameras[c], o.pixel[o.camera == c])
+    camera_of = np.zeros(len(state.rotation), dtype=np.int64)
+    camera_of[o.photograph] = o.camera
+    everything = np.full(len(o), 1e6)
+    X, _ = consensus_intersections(
+        first_observations(o.point, count),
+        o.photograph,
+        camera_of,
+        o.pixel,
+        ideal,
+        everything,
+        state.parameters,
+        state.rotation,
+        state.position,
+    )
+    for _ in range(20):
+        linear = linearise(o, state.parameters, state.rotation, state.position, X)
+        V, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(V, o.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+        np.add.at(g, o.point, np.einsum("nri,nr->ni", linear.point, linear.residual))
+        if not (np.isfinite(g).all() and np.all(np.linalg.cond(V) < 1e14)):
+            raise AdjustmentError(
+                "the marks of a check point do not meet in front of their photographs: check the marks"
+            )
+        step = np.linalg.solve(V, g[..., None])[..., 0]
+        X = X - step
+        if np.abs(step).max() < 1e-9:
+            break
+    return np.asarray(X)
+
+
+def ground_points(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
+    """Return the adjusted positions (G, 3) and covariances (G, 3, 3) of all ground points, control and check."""
+    points = problem.block.control_points
+    ground = np.full((len(points), 3), np.nan)
+    covariance = np.full((len(points), 3, 3), np.nan)
+    for i, g in enumerate(g for g, role in enumerate(points.role) if role == "control"):
+        ground[g], covariance[g] = state.control[i], found.control(i)
+    _check_points(problem, state, found, ground, covariance)
+    return ground, covariance
+
+
+def mark_residuals_px(block: Block, ground_world_m: FloatArray, state: State) -> FloatArray:
+    """Return projected minus measured (M, 2) of all marks, NaN for points without a position."""
+    points = block.control_points
+    camera = np.array([p.camera for p in block.photographs], dtype=np.int64)[points.mark_photograph]
+    known = np.asarray(np.isfinite(ground_world_m).all(axis=1))[points.mark_point]
+    residual = np.full((len(known), 2), np.nan)
+    marks = Observations(
+        points.mark_photograph, points.mark_point, points.mark_pixel, np.ones(len(known)), camera
+    ).select(known)
+    residual[known] = residuals(marks, state.parameters, state.rotation, state.position, np.nan_to_num(ground_world_m))
+    return residual

@@ -1,0 +1,283 @@
+"""One run of a project: what its stages have written, read back as the survey's own types.
+
+A stage reads only what earlier stages have written, so that a resumed run sees exactly what an uninterrupted one sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Pose, rotation_from_gimbal
+from photogram.comparison import CloudStatistics, Comparison
+from photogram.errors import PhotogramError, ProjectError, WorkspaceError
+from photogram.files.rasters import read_raster
+from photogram.frames import LocalFrame
+from photogram.orientation import Orientation, Resection
+from photogram.project import Project, ProjectPhotograph
+from photogram.survey import (
+    Adjustment,
+    Block,
+    ControlPoints,
+    Features,
+    Matches,
+    Photograph,
+    PointCloud,
+    Raster,
+    TiePoints,
+)
+from photogram.workspace import (
+    Workspace,
+    file_fingerprint,
+    read_arrays,
+    read_json,
+    read_record,
+    record_arrays,
+    write_arrays,
+)
+
+NO_TIE_POINTS = TiePoints(
+    *(np.zeros(0, dtype=np.int64),) * 3,
+    np.zeros((0, 2)),
+    np.zeros(0),
+    np.zeros((0, 3)),
+    np.zeros((0, 3), dtype=np.uint8),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a project: the project, its workspace, and the executor for parallel work."""
+
+    project: Project
+    workspace: Workspace
+    executor: Executor
+
+    @cached_property
+    def photograph_fingerprints(self) -> tuple[str, ...]:
+        """Return the content fingerprint of every photograph."""
+        return tuple(self.executor.map(file_fingerprint, [p.path for p in self.project.photographs]))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the photographs."""
+        return tuple(p.name for p in self.project.photographs)
+
+    def block(self) -> Block:
+        """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
+        return measured_block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
+
+    def features(self, index: int) -> Features:
+        """Return the key points of one photograph. Needs the stage `features`."""
+        return read_record(self.workspace.stage("features") / f"{index:05d}.npz", Features)
+
+    def matches(self) -> list[tuple[Matches, NDArray[np.bool_]]]:
+        """Return candidate matches of every pair, and which are verified. Needs the stage `matches`."""
+        folder = self.workspace.stage("matches")
+        result = []
+        for first, second in read_json(folder / "pairs.json"):
+            arrays = read_arrays(folder / f"{first:05d}-{second:05d}.npz")
+            result.append((Matches(first, second, arrays["index"]), arrays["verified"]))
+        return result
+
+    def orientation(self) -> Orientation:
+        """Return starting poses and resections. Needs the stage `orientation`."""
+        return orientation_from(read_json(self.workspace.stage("orientation") / "poses.json"))
+
+    def tie_points(self) -> TiePoints:
+        """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
+        return read_record(self.workspace.stage("tie_points") / "tie_points.npz", TiePoints)
+
+    def cloud(self, name: str) -> PointCloud:
+        """Return a point cloud: linear_2view, linear_3view (stage `intersection`) or adjusted (stage `adjustment`)."""
+        stage = "adjustment" if name == "adjusted" else "intersection"
+        return read_record(self.workspace.stage(stage) / f"{name}.npz", PointCloud)
+
+    def adjustment(self) -> Adjustment:
+        """Return the joint adjustment. Needs the stage `adjustment`."""
+        return adjustment_from(self.block(), self.workspace.stage("adjustment"))
+
+    def surface(self) -> Raster:
+        """Return the DSM. Needs the stage `surface`."""
+        path = self.workspace.stage("surface") / "dsm.tif"
+        try:
+            return read_raster(path)[0]
+        except PhotogramError as fault:
+            remedy = f"delete the folder {path.parent} and run again"
+            raise WorkspaceError(f"{path}: cannot be read ({fault}); {remedy}") from fault
+
+    def comparisons(self) -> dict[str, Comparison]:
+        """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
+        `comparison`."""
+        folder = self.workspace.stage("comparison")
+        return {
+            name: comparison_from(read_arrays(folder / f"{name}.npz"), statistics)
+            for name, statistics in read_json(folder / "statistics.json").items()
+        }
+
+
+def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
+    # not the check points: they take no part in anything, the origin of the frame included
+    positions = [p.position_map_m for p in project.control_points if p.role == "control"]
+    positions += [np.array(t["gnss_map_m"]) for t in tags if t["gnss_map_m"] is not None]
+    if not positions:
+        raise ProjectError(
+            f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
+            "give control_points, or photographs with GNSS tags"
+        )
+    return LocalFrame.near(project.crs, np.array(positions), project.world_kind)
+
+
+def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
+    source = project.photographs[index]
+    gnss = None if tags["gnss_map_m"] is None else frame.world_from_map(np.array([tags["gnss_map_m"]]))[0]
+    attitude = None
+    if tags["attitude_deg"] is not None:
+        place = np.zeros(3) if gnss is None else gnss
+        attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
+    return Photograph(
+        source.name,
+        source.camera,
+        source.path,
+        source.flight,
+        None,
+        gnss,
+        None if gnss is None else np.array(tags["gnss_sigma_m"]),
+        attitude,
+        None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
+    )
+
+
+def measured_block(project: Project, tags: Sequence[Mapping[str, Any]]) -> Block:
+    """Return the block as the project and the photographs' tags give it: no poses, no tie points."""
+    frame = _frame(project, tags)
+    photographs = tuple(_photograph(project, frame, i, t) for i, t in enumerate(tags))
+    return Block(
+        frame,
+        project.cameras,
+        photographs,
+        (None,) * len(photographs),
+        NO_TIE_POINTS,
+        project.control_points_in(frame),
+        project.gnss_offset_sigma_m,
+    )
+
+
+def pose_to(pose: Pose) -> dict[str, object]:
+    """Return a pose as JSON."""
+    return {
+        "position_world_m": pose.position_world_m.tolist(),
+        "rotation_world_from_camera": pose.rotation_world_from_camera.tolist(),
+    }
+
+
+def pose_from(value: Mapping[str, Any]) -> Pose:
+    """Return the pose that ``pose_to`` wrote."""
+    return Pose(np.array(value["rotation_world_from_camera"]), np.array(value["position_world_m"]))
+
+
+def resection_to(resection: Resection) -> dict[str, object]:
+    """Return a resection as JSON."""
+    return {
+        "p3p": pose_to(resection.p3p),
+        "points": list(resection.points),
+        "solutions": resection.solutions,
+        "check_px": resection.check_px,
+        "refined": pose_to(resection.refined),
+        "inliers": resection.inliers.tolist(),
+        "residual_px": resection.residual_px.tolist(),
+    }
+
+
+def resection_from(value: Mapping[str, Any]) -> Resection:
+    """Return the resection that ``resection_to`` wrote."""
+    a, b, c = value["points"]
+    return Resection(
+        pose_from(value["p3p"]),
+        (a, b, c),
+        value["solutions"],
+        float("nan") if value["check_px"] is None else value["check_px"],
+        pose_from(value["refined"]),
+        np.array(value["inliers"], dtype=bool),
+        np.array(value["residual_px"]).reshape(-1, 2),
+    )
+
+
+def orientation_from(value: Sequence[Mapping[str, Any]]) -> Orientation:
+    """Return the starting poses and resections of a list in JSON."""
+    resections = [None if v["resection"] is None else resection_from(v["resection"]) for v in value]
+    return Orientation(tuple(pose_from(v["pose"]) for v in value), tuple(resections))
+
+
+def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an adjustment but for its tie points, which have a file of their own."""
+    arrays = record_arrays(replace(result, block=None, flights=None))  # type: ignore[arg-type]
+    poses = [pose for pose in result.block.poses if pose is not None]
+    arrays["flights"] = np.array(result.flights, dtype=np.str_)
+    arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
+    arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
+    arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
+    return arrays
+
+
+def adjustment_from(block: Block, folder: Path) -> Adjustment:
+    """Return the adjustment of a measured block from the arrays in ``folder``."""
+    arrays = read_arrays(folder / "adjustment.npz")
+    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
+    values["flights"] = tuple(str(f) for f in values["flights"])
+    parameters = values.pop("camera_parameters")
+    rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
+    adjusted = replace(
+        block,
+        cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
+        poses=tuple(Pose(R, C) for R, C in zip(rotation, position, strict=True)),
+        tie_points=read_record(folder / "tie_points.npz", TiePoints),
+    )
+    return Adjustment(block=adjusted, **values)
+
+
+def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:
+    """Write the differences of a comparison as npz and return its statistics as JSON."""
+    write_arrays(
+        path,
+        {
+            "position_map_m": comparison.position_map_m,
+            "surface_difference_m": comparison.surface_difference_m,
+            "cloud_distance_m": comparison.cloud_distance_m,
+        },
+    )
+    return {
+        "removed": comparison.removed,
+        "cloud_to_surface": comparison.cloud_to_surface,
+        "cloud_to_cloud": comparison.cloud_to_cloud,
+    }
+
+
+def comparison_from(arrays: Mapping[str, NDArray[Any]], statistics: Mapping[str, Any]) -> Comparison:
+    """Return the comparison that ``write_comparison`` wrote."""
+    return Comparison(
+        arrays["position_map_m"],
+        arrays["surface_difference_m"],
+        arrays["cloud_distance_m"],
+        CloudStatistics(**statistics["cloud_to_surface"]),
+        CloudStatistics(**statistics["cloud_to_cloud"]),
+        statistics["removed"],
+    )
+
+
+def control_of(project: Project) -> ControlPoints:
+    """Return the project's ground points in a frame at the origin of the map, for fingerprints only."""
+    return project.control_points_in(LocalFrame(project.crs, (0.0, 0.0, 0.0), "grid"))
+
+
+def measured_photographs(project: Project) -> list[ProjectPhotograph]:
+    """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
+    changes nothing."""
+    return [replace(p, path=Path(p.name)) for p in project.photographs]

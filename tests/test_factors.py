@@ -1,0 +1,619 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.factors.calibration import calibration_prior
+from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
+from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.elimination import Columns, eliminate_tie_points, first_observations, tie_point_covariances
+from photogram.factors.graph import (
+    IndeterminateError,
+    Problem,
+    State,
+    cost,
+    damped_step,
+    ground_graph,
+    ground_values,
+    linearise_all,
+    linearise_tie_points,
+    retract,
+    robust_cost_and_weight,
+    variable_size,
+)
+from photogram.factors.ground_control import surveyed_position
+from photogram.factors.reprojection import (
+    Observations,
+    calibration_scale,
+    linearise,
+    reprojection_factors,
+    residuals,
+)
+from photogram.factors.variables import (
+    CALIBRATION,
+    CONTROL_POINT,
+    GNSS_OFFSET,
+    POSE,
+    TIE_POINT,
+    indeterminate_variable,
+    key,
+    kind_and_index,
+)
+from photogram.simulation import SurveyPlan, simulate_block
+from photogram.survey import TiePoints
+
+PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
+SETTINGS = AdjustmentSettings(robust_loss="none")
+FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf)
+
+
+def small(seed: int = 1, sigmas: tuple[float, ...] = FREE, **changes: float) -> tuple[Problem, State]:
+    """A block of six photographs, 40 tie points, and everything that can hold it, close to its solution."""
+    made = simulate_block(
+        replace(PLAN, calibration_sigmas=sigmas), seed, tie_points=40, sigma_px=0.5, start_position_sigma_m=0.02,
+        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02, mismatches=changes.get("mismatches", 0.0),
+    )  # fmt: skip
+    problem = make_problem(made.block, SETTINGS)
+    state = start_state(made.block, problem.flights)
+    return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
+
+
+def pose_of(state: State, photograph: int) -> gtsam.Pose3:
+    return gtsam.Pose3(gtsam.Rot3(state.rotation[photograph]), state.position[photograph])
+
+
+def values_of(problem: Problem, state: State) -> gtsam.Values:
+    values = ground_values(problem, state)
+    for p, X in enumerate(state.tie_point):
+        values.insert(key(TIE_POINT, p), X)
+    return values
+
+
+def moved(values: gtsam.Values, variable: int, step: np.ndarray) -> gtsam.Values:
+    tangent = gtsam.VectorValues()
+    tangent.insert(variable, step)
+    return values.retract(tangent)
+
+
+def assert_jacobians(factor: gtsam.NonlinearFactor, values: gtsam.Values, sizes: dict[int, int]) -> None:
+    """Every block of the linearised factor equals central differences of its whitened error, to 1e-6."""
+    for variable, size in sizes.items():
+        linear = factor.linearize(values)
+        jacobian, _ = linear.jacobian()
+        start = 0
+        for other in linear.keys():  # noqa: SIM118 - a factor is no dictionary
+            if other == variable:
+                break
+            start += sizes[other]
+        columns = []
+        for k in range(size):
+            ends = []
+            for sign in (1.0, -1.0):
+                step = np.zeros(size)
+                step[k] = sign * 1e-4
+                ends.append(-factor.linearize(moved(values, variable, step)).jacobian()[1])
+            columns.append((ends[0] - ends[1]) / 2e-4)
+        numerical = np.array(columns).T
+        atol = 1e-6 * np.abs(numerical).max()
+        np.testing.assert_allclose(jacobian[:, start : start + size], numerical, rtol=0, atol=atol)
+
+
+def turned_pose(seed: int) -> gtsam.Pose3:
+    rng = np.random.default_rng(seed)
+    return gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(0, 1, 3)), rng.normal(0, 30, 3))
+
+
+# ---- single factors -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gnss_factor_with_an_offset(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pose, offset, measured, sigma = turned_pose(seed), rng.normal(0, 0.3, 3), rng.normal(0, 30, 3), np.array([0.02, 0.03, 0.05])
+    factor = gnss_position(4, measured, sigma, 1)
+    values = gtsam.Values()
+    values.insert(key(POSE, 4), pose)
+    values.insert(key(GNSS_OFFSET, 1), offset)
+    error = (pose.translation() - offset - measured) / sigma
+    assert factor.error(values) == pytest.approx(0.5 * error @ error)
+    np.testing.assert_allclose(factor.linearize(values).jacobian()[1], -error, rtol=1e-12)
+    assert_jacobians(factor, values, {key(POSE, 4): 6, key(GNSS_OFFSET, 1): 3})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gnss_factor_without_an_offset(seed: int) -> None:
+    pose, measured, sigma = turned_pose(seed), np.array([1.0, 2.0, 3.0]), np.array([0.02, 0.03, 0.05])
+    factor = gnss_position(0, measured, sigma, None)
+    values = gtsam.Values()
+    values.insert(key(POSE, 0), pose)
+    error = (pose.translation() - measured) / sigma
+    assert factor.error(values) == pytest.approx(0.5 * error @ error)
+    assert_jacobians(factor, values, {key(POSE, 0): 6})
+
+
+@pytest.mark.parametrize("turn_deg", [0.1, 5.0, 40.0])
+def test_attitude_factor(turn_deg: float) -> None:
+    rng = np.random.default_rng(int(turn_deg))
+    pose = turned_pose(7)
+    turn = rng.normal(0, 1, 3)
+    turn *= np.deg2rad(turn_deg) / np.linalg.norm(turn)
+    measured = pose.rotation().matrix() @ Rotation.from_rotvec(turn).as_matrix().T
+    factor = measured_attitude(2, measured, 0.02)
+    values = gtsam.Values()
+    values.insert(key(POSE, 2), pose)
+    assert factor.error(values) == pytest.approx(0.5 * (np.deg2rad(turn_deg) / 0.02) ** 2)
+    assert_jacobians(factor, values, {key(POSE, 2): 6})
+
+
+def test_control_point_and_offset_priors() -> None:
+    surveyed, sigma = np.array([5.0, -3.0, 80.0]), np.array([0.01, 0.02, 0.03])
+    values = gtsam.Values()
+    values.insert(key(CONTROL_POINT, 3), surveyed + [0.01, 0.04, -0.09])
+    values.insert(key(GNSS_OFFSET, 0), np.array([0.2, 0.0, -0.5]))
+    point = surveyed_position(3, surveyed, sigma)
+    assert point.error(values) == pytest.approx(0.5 * (1 + 4 + 9))
+    assert_jacobians(point, values, {key(CONTROL_POINT, 3): 3})
+    offset = offset_prior(0, np.array([0.2, 0.3, 0.25]))
+    assert offset.error(values) == pytest.approx(0.5 * (1 + 4))
+    assert_jacobians(offset, values, {key(GNSS_OFFSET, 0): 3})
+
+
+def test_calibration_prior_holds_the_bounded_parameters_only() -> None:
+    expected, sigmas = np.array([3000.0, 1500.0, -250.0, 3.0]), np.array([5.0, np.inf, 2.0, 0.5])
+    factor = calibration_prior(1, expected, sigmas)
+    assert factor is not None
+    values = gtsam.Values()
+    values.insert(key(CALIBRATION, 1), expected + [10.0, 77.0, -2.0, 0.25])
+    assert factor.dim() == 3
+    assert factor.error(values) == pytest.approx(0.5 * (4 + 1 + 0.25))
+    assert_jacobians(factor, values, {key(CALIBRATION, 1): 4})
+    assert calibration_prior(0, expected, np.full(4, np.inf)) is None
+
+
+def test_variables_keep_kind_and_index() -> None:
+    for kind in (POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION):
+        assert kind_and_index(key(kind, 123_456)) == (kind, 123_456)
+    assert indeterminate_variable(f"... near variable {key(POSE, 17)} (Symbol: x17)") == (POSE, 17)
+    assert indeterminate_variable("Symbol: k2") == (CALIBRATION, 2)
+    assert indeterminate_variable("out of memory") is None
+
+
+# ---- image observations ---------------------------------------------------------------------------------------------
+
+
+def test_residuals_are_projected_minus_measured_over_sigma() -> None:
+    made = simulate_block(PLAN, 3, tie_points=60, sigma_px=0.0)
+    ties, truth = made.block.tie_points, made.truth
+    n = len(ties.point)
+    shift = np.array([0.6, -0.8])
+    sigma = np.linspace(0.2, 2.0, n)
+    marks = Observations(ties.photograph, ties.point, ties.pixel - shift, sigma, np.zeros(n, np.int64))
+    R = np.array([pose.rotation_world_from_camera for pose in truth.poses])
+    C = np.array([pose.position_world_m for pose in truth.poses])
+    q = truth.camera.parameters[None]
+    found = residuals(marks, q, R, C, made.tie_point_position_world_m)
+    np.testing.assert_allclose(found, shift / sigma[:, None], rtol=0, atol=1e-8)
+    linear = linearise(marks, q, R, C, made.tie_point_position_world_m)
+    np.testing.assert_array_equal(linear.residual, found)
+    behind = C.copy()
+    behind[0] -= [0.0, 0.0, 500.0]
+    lost = residuals(marks, q, R, behind, made.tie_point_position_world_m)
+    np.testing.assert_array_equal(np.isinf(lost).all(axis=1), ties.photograph == 0)
+    np.testing.assert_array_equal(np.isinf(linearise(marks, q, R, behind, made.tie_point_position_world_m).residual), np.isinf(lost))
+
+
+def test_observations_use_the_camera_they_are_of() -> None:
+    problem, state = small()
+    two = np.vstack([state.parameters, state.parameters + [100.0, 5.0, -3.0, 0.01, 0.0, 0.0, 0.0, 0.0]])
+    mixed = replace(problem.tie, camera=(problem.tie.photograph % 2).astype(np.int64))
+    found = residuals(mixed, two, state.rotation, state.position, state.tie_point)
+    for c in (0, 1):
+        one = residuals(problem.tie, two[c : c + 1], state.rotation, state.position, state.tie_point)
+        np.testing.assert_array_equal(found[mixed.camera == c], one[mixed.camera == c])
+
+
+def test_linearised_observations_agree_with_differences() -> None:
+    problem, state = small()
+    tie = problem.tie
+    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+
+    def of(change: Callable[[np.ndarray], State], size: int, step: np.ndarray) -> np.ndarray:
+        columns = []
+        for k in range(size):
+            t = np.zeros(size)
+            t[k] = step[k]
+            ends = [
+                residuals(tie, s.parameters, s.rotation, s.position, s.tie_point)
+                for s in (change(2 * t), change(t), change(-t), change(-2 * t))
+            ]
+            columns.append((8 * (ends[1] - ends[2]) - (ends[0] - ends[3])) / (12 * step[k]))
+        return np.stack(columns, axis=2)
+
+    def pose(t: np.ndarray) -> State:
+        turn = Rotation.from_rotvec(t[:3]).as_matrix()
+        return replace(state, rotation=state.rotation @ turn, position=state.position + state.rotation @ t[3:])
+
+    expected = {
+        "pose": of(pose, 6, np.array([1e-4] * 3 + [1e-2] * 3)),
+        "point": of(lambda t: replace(state, tie_point=state.tie_point + t), 3, np.full(3, 1e-2)),
+        "calibration": of(lambda t: replace(state, parameters=state.parameters + t), 8, np.array([1.0] * 3 + [1e-2] * 5)),
+    }
+    for name, numerical in expected.items():
+        analytic = getattr(linear, name)
+        size = np.abs(numerical).max(axis=(0, 1))
+        assert np.all(np.abs(analytic - numerical) <= 1e-6 * size), name
+
+
+def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
+    # GTSAM's Cal3DS2 has no k3 and its own order: fx fy s u0 v0 k1 k2 p1 p2.
+    made = simulate_block(replace(PLAN, radial=(-0.08, 0.06, 0.0)), 2, tie_points=40)
+    problem = make_problem(made.block, SETTINGS)
+    state = start_state(made.block, problem.flights)
+    f, cx, cy, k1, k2, k3, p1, p2 = state.parameters[0]
+    assert k3 == 0.0
+    tie = replace(problem.tie, sigma_px=np.linspace(0.3, 1.2, len(problem.tie)))
+    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    values = values_of(problem, state)
+    calibration = key("c", 0)
+    values.insert(calibration, gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2))
+    for i in range(0, len(tie), 3):
+        x, p = key(POSE, int(tie.photograph[i])), key(TIE_POINT, int(tie.point[i]))
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, tie.sigma_px[i])
+        factor = gtsam.GeneralSFMFactor2Cal3DS2(tie.pixel[i], noise, x, p, calibration)
+        assert factor.error(values) == pytest.approx(0.5 * float(linear.residual[i] @ linear.residual[i]), rel=1e-9)
+        jacobian, b = factor.linearize(values).jacobian()
+        np.testing.assert_allclose(b, -linear.residual[i], rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(jacobian[:, :6], linear.pose[i], rtol=1e-8, atol=1e-6)
+        np.testing.assert_allclose(jacobian[:, 6:9], linear.point[i], rtol=1e-8, atol=1e-6)
+        native = jacobian[:, 9:]
+        own = np.column_stack([native[:, 0] + native[:, 1], native[:, 3:7], native[:, 7:9]])
+        np.testing.assert_allclose(own, linear.calibration[i][:, [0, 1, 2, 3, 4, 6, 7]], rtol=1e-7, atol=1e-7)
+
+
+def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
+    problem, state = small()
+    tie = problem.tie
+    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    weight = np.random.default_rng(0).uniform(0.1, 1.0, len(tie))
+    scale = calibration_scale(float(state.parameters[0, 0]))
+    free = np.array([0, 3, 7])
+    factors = reprojection_factors(tie, linear, weight, TIE_POINT, (free,), scale[None])
+    fixed = reprojection_factors(tie, linear, weight, CONTROL_POINT, (np.zeros(0, np.int64),), scale[None])
+    assert len(factors) == len(fixed) == len(tie)
+    for i in range(0, len(tie), 7):
+        keys = [key(TIE_POINT, int(tie.point[i])), key(POSE, int(tie.photograph[i]))]
+        assert list(factors[i].keys()) == [*keys, key(CALIBRATION, 0)]
+        assert list(fixed[i].keys()) == [key(CONTROL_POINT, int(tie.point[i])), keys[1]]
+        jacobian, b = factors[i].jacobian()
+        root = np.sqrt(weight[i])
+        expected = np.hstack([linear.point[i], linear.pose[i], (linear.calibration[i] * scale)[:, free]])
+        np.testing.assert_allclose(jacobian, root * expected, rtol=1e-12)
+        np.testing.assert_allclose(b, -root * linear.residual[i], rtol=1e-12)
+        np.testing.assert_allclose(fixed[i].jacobian()[0], root * expected[:, :9], rtol=1e-12)
+
+
+def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
+    problem, state = small()
+    tie = replace(problem.tie, sigma_px=np.ones(len(problem.tie)))
+    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    moves = np.abs(linear.calibration * problem.scale[0]).max(axis=(0, 1))
+    assert moves.max() < 2.0
+    assert moves[[0, 1, 2, 3, 6, 7]].min() > 0.03
+
+
+# ---- robust loss ----------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    s=st.floats(0.0, 60.0), angle=st.floats(0.0, 6.28), k=st.floats(0.5, 8.0), loss=st.sampled_from(["none", "huber", "cauchy"])
+)  # fmt: skip
+def test_the_weight_is_the_slope_of_the_cost(s: float, angle: float, k: float, loss: str) -> None:
+    def of(square: float) -> tuple[float, float]:
+        whitened = np.sqrt(square) * np.array([[np.cos(angle), np.sin(angle)]])
+        found, weight = robust_cost_and_weight(whitened, loss, k)  # type: ignore[arg-type]
+        return float(found[0]), float(weight[0])
+
+    square, h = s * s, 1e-5 * max(1.0, s * s)
+    value, weight = of(square)
+    assert 0.0 < weight <= 1.0
+    assert value <= square + 1e-9
+    if square > 2 * h and abs(s - k) > 1e-3:
+        slope = (of(square + h)[0] - of(square - h)[0]) / (2 * h)
+        assert weight == pytest.approx(slope, rel=1e-5, abs=1e-9)
+
+
+def test_losses_have_the_values_of_their_formulas() -> None:
+    whitened = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 2.0]])
+    squared, one = robust_cost_and_weight(whitened, "none", 1.0)
+    assert (squared.tolist(), one.tolist()) == ([0.0, 25.0, 4.0], [1.0, 1.0, 1.0])
+    huber, weight = robust_cost_and_weight(whitened, "huber", 3.0)
+    np.testing.assert_allclose(huber, [0.0, 2 * 3 * 5 - 9, 4.0])
+    np.testing.assert_allclose(weight, [1.0, 0.6, 1.0])
+    cauchy, weight = robust_cost_and_weight(whitened, "cauchy", 2.0)
+    np.testing.assert_allclose(cauchy, 4 * np.log([1.0, 1 + 25 / 4, 2.0]))
+    np.testing.assert_allclose(weight, [1.0, 4 / 29, 0.5])
+
+
+@pytest.mark.parametrize("loss", ["none", "huber", "cauchy"])
+def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> None:
+    problem, state = small(mismatches=0.1)
+    problem = replace(problem, robust_loss=loss, robust_threshold=2.0)  # type: ignore[arg-type]
+    graph = ground_graph(problem)
+    system = linearise_all(problem, graph, state)
+    gradient = system.graph.gradientAtZero()
+    rng = np.random.default_rng(2)
+    for variable in rng.permutation(np.array(system.variables, dtype=np.uint64))[:12].tolist():
+        size = variable_size(problem, variable)
+        direction = rng.standard_normal(size)
+        direction *= 1e-6 / np.linalg.norm(direction)
+        ends = []
+        for sign in (1.0, -1.0):
+            step = gtsam.VectorValues()
+            for other in system.variables:
+                step.insert(other, sign * direction if other == variable else np.zeros(variable_size(problem, other)))
+            ends.append(cost(problem, graph, retract(problem, state, Step(step))))
+        assert (ends[0] - ends[1]) / 2 == pytest.approx(float(gradient.at(variable) @ direction), rel=1e-4, abs=1e-8)
+
+
+class Step:
+    """A step as ``damped_step`` returns it."""
+
+    def __init__(self, values: gtsam.VectorValues) -> None:
+        self.values = values
+        self.predicted_decrease = 0.0
+
+
+# ---- the system -----------------------------------------------------------------------------------------------------
+
+
+def dense(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray, dict[int, slice]]:
+    """The normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
+    system = linearise_all(problem, ground_graph(problem), state)
+    ordering, place, start = gtsam.Ordering(), {}, 0
+    for variable in system.variables:
+        ordering.push_back(variable)
+        size = variable_size(problem, variable)
+        place[variable] = slice(start, start + size)
+        start += size
+    information, right = system.graph.hessian(ordering)
+    return information, np.ravel(right), place
+
+
+def test_a_damped_step_solves_marquardts_equations() -> None:
+    problem, state = small()
+    information, right, place = dense(problem, state)
+    system = linearise_all(problem, ground_graph(problem), state)
+    assert system.variables == tuple(place)
+    for damping in (1e-9, 1e-3, 10.0):
+        step = damped_step(system, damping)
+        expected = np.linalg.solve(information + damping * np.diag(np.diag(information)), right)
+        found = np.concatenate([step.values.at(variable) for variable in place])
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7 * np.abs(expected).max())
+        saved = right @ found - 0.5 * found @ information @ found
+        assert step.predicted_decrease == pytest.approx(saved, rel=1e-6)
+
+
+def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
+    problem, state = small()
+    graph = ground_graph(problem)
+    costs = [cost(problem, graph, state)]
+    for _ in range(6):
+        state = retract(problem, state, damped_step(linearise_all(problem, graph, state), 1e-9))
+        costs.append(cost(problem, graph, state))
+    assert costs[-1] < 0.05 * costs[0]
+    assert costs[-1] == pytest.approx(costs[-2], rel=1e-9)
+    _, right, _ = dense(problem, state)
+    assert np.abs(right).max() < 1e-2
+    np.testing.assert_allclose(state.rotation @ np.swapaxes(state.rotation, 1, 2), np.eye(3)[None].repeat(6, 0), atol=1e-12)
+
+
+def test_elimination_is_the_schur_complement() -> None:
+    problem, state = small()
+    tie, count = problem.tie, len(state.tie_point)
+    linear = linearise_tie_points(problem, state)
+    n = 6 * len(state.rotation)
+    # A gap of two columns, the calibration between poses and a fixed parameter: every column is where it is said to be.
+    pose = (6 * np.arange(len(state.rotation)) + np.array([5] * 3 + [7] * 3)).astype(np.int64)
+    free = {0: 0, 1: 1, 2: 2, 3: 3, 6: 23, 7: 24}
+    calibration = np.full((1, 8), -1, dtype=np.int64)
+    for parameter, column in free.items():
+        calibration[0, parameter] = column
+    size = n + 7
+    J = np.zeros((2 * len(tie), size + 3 * count))
+    for i in range(len(tie)):
+        rows = slice(2 * i, 2 * i + 2)
+        J[rows, pose[tie.photograph[i]] : pose[tie.photograph[i]] + 6] = linear.pose[i]
+        for parameter, column in free.items():
+            J[rows, column] = linear.calibration[i][:, parameter]
+        J[rows, size + 3 * tie.point[i] : size + 3 * tie.point[i] + 3] = linear.point[i]
+    N = J.T @ J
+    U, W, V = N[:size, :size], N[:size, size:], N[size:, size:]
+    start = np.random.default_rng(0).standard_normal((size, size))
+    S = start.copy()
+    columns = Columns(pose, calibration, size)
+    V_inverse, failed = eliminate_tie_points(tie, linear, count, columns, S)
+    assert failed == -1
+    expected = U - W @ np.linalg.solve(V, W.T)
+    np.testing.assert_allclose(S - start, expected, rtol=0, atol=1e-8 * np.abs(U).max())
+    inverse = np.linalg.inv(V)
+    for p in range(count):
+        block = inverse[3 * p : 3 * p + 3, 3 * p : 3 * p + 3]
+        np.testing.assert_allclose(V_inverse[p], block, rtol=1e-7, atol=1e-9 * np.abs(block).max())
+    covariance = start @ start.T
+    G = inverse @ W.T
+    full = inverse + G @ covariance @ G.T
+    found = tie_point_covariances(tie, linear, columns, V_inverse, covariance)
+    for p in range(count):
+        block = full[3 * p : 3 * p + 3, 3 * p : 3 * p + 3]
+        np.testing.assert_allclose(found[p], block, rtol=1e-6, atol=1e-8 * np.abs(block).max())
+
+
+def test_points_without_observations_are_between_the_others() -> None:
+    assert first_observations(np.array([0, 0, 2, 2, 2]), 4).tolist() == [0, 2, 2, 5, 5]
+
+
+def assert_equal_blocks(found: np.ndarray, expected: np.ndarray) -> None:
+    sigma = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=1e-6)
+
+
+def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
+    """All covariances by their variable; calibrations of free parameters in the units of their variable."""
+    covariance = {key(POSE, i): found.pose(i) for i in range(len(problem.block.photographs))}
+    covariance |= {key(CONTROL_POINT, g): found.control(g) for g in range(len(problem.control_world_m))}
+    covariance |= {key(GNSS_OFFSET, f): found.offset(f) for f in range(len(problem.flights))}
+    covariance |= {key(TIE_POINT, p): V for p, V in enumerate(found.tie_point)}
+    for c, free in enumerate(problem.free):
+        if len(free):
+            unit = problem.scale[c][free]
+            covariance[key(CALIBRATION, c)] = found.calibration(c)[np.ix_(free, free)] / np.outer(unit, unit)
+    return covariance
+
+
+@pytest.mark.parametrize("loss", ["none", "huber"])
+def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> None:
+    problem, state = small(mismatches=0.05)
+    problem = replace(problem, robust_loss=loss)  # type: ignore[arg-type]
+    information, _, place = dense(problem, state)
+    scale = np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    found = blocks(problem, covariances(problem, state))
+    assert set(found) == set(place)
+    assert {kind_and_index(v)[0] for v in found} == {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION}
+    for variable, where in place.items():
+        assert_equal_blocks(found[variable], inverse[where, where])
+
+
+def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
+    problem, state = small()
+    system = linearise_all(problem, ground_graph(problem), state)
+    marginals = gtsam.Marginals(system.graph, gtsam.VectorValues.Zero(damped_step(system, 1e-9).values))
+    for variable, covariance in blocks(problem, covariances(problem, state)).items():
+        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
+
+
+def test_gtsams_own_factors_give_the_same_covariances() -> None:
+    """With the calibration held and no k3, GTSAM's projection factors build the whole graph without photogram's Jacobians."""
+    made = simulate_block(
+        replace(PLAN, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
+        start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
+    )  # fmt: skip
+    problem = make_problem(made.block, SETTINGS)
+    state = start_state(made.block, problem.flights)
+    f, cx, cy, k1, k2, _, p1, p2 = state.parameters[0]
+    calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
+    graph = ground_graph(problem)
+    for marks, kind in ((problem.tie, TIE_POINT), (problem.marks, CONTROL_POINT)):
+        for i in range(len(marks)):
+            noise = gtsam.noiseModel.Isotropic.Sigma(2, marks.sigma_px[i])
+            x, p = key(POSE, int(marks.photograph[i])), key(kind, int(marks.point[i]))
+            graph.add(gtsam.GenericProjectionFactorCal3DS2(marks.pixel[i], noise, x, p, calibration))
+    values = values_of(problem, state)
+    assert graph.error(values) == pytest.approx(cost(problem, ground_graph(problem), state), rel=1e-9)
+    marginals = gtsam.Marginals(graph, values)
+    found = blocks(problem, covariances(problem, state))
+    assert len(found) == 6 + 6 + 2 + 40
+    for variable, covariance in found.items():
+        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
+
+
+def test_fixed_parameters_have_no_covariance() -> None:
+    problem, state = small()
+    calibration = covariances(problem, state).calibration(0)
+    assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 6, 7]
+    assert not calibration[[4, 5]].any()
+    assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 6]] < np.array(FREE)[[0, 1, 2, 3, 6]])
+
+
+# ---- what cannot be solved ------------------------------------------------------------------------------------------
+
+
+def with_ties(problem: Problem, keep: np.ndarray) -> Problem:
+    return problem.with_tie_observations(problem.tie.select(keep))
+
+
+def floating(problem: Problem, photograph: int) -> Problem:
+    """The problem with one photograph that nothing holds: no rays, no marks, no measured position or attitude."""
+    free = replace(
+        problem.block.photographs[photograph], gnss_world_m=None, gnss_sigma_m=None,
+        attitude_world_from_camera=None, attitude_sigma_rad=None,
+    )  # fmt: skip
+    photographs = tuple(free if i == photograph else p for i, p in enumerate(problem.block.photographs))
+    block = replace(problem.block, photographs=photographs)
+    marks = problem.marks.select(problem.marks.photograph != photograph)
+    rays = problem.tie.photograph != photograph
+    enough = np.bincount(problem.tie.point[rays], minlength=40)[problem.tie.point] >= 2
+    return replace(problem, block=block, marks=marks, tie=problem.tie.select(rays & enough))
+
+
+def both_name(problem: Problem, state: State, expected: tuple[str, int]) -> None:
+    with pytest.raises(IndeterminateError) as fault:
+        damped_step(linearise_all(problem, ground_graph(problem), state), 0.0)
+    assert fault.value.variable == expected
+    with pytest.raises(IndeterminateError) as fault:
+        covariances(problem, state)
+    assert fault.value.variable == expected
+
+
+@pytest.mark.parametrize("photograph", [0, 4])
+def test_a_photograph_that_nothing_holds_is_named(photograph: int) -> None:
+    problem, state = small()
+    lonely = floating(problem, photograph)
+    used = np.unique(lonely.tie.point)
+    number = np.searchsorted(used, lonely.tie.point).astype(np.int64)
+    lonely = lonely.with_tie_observations(replace(lonely.tie, point=number))
+    both_name(lonely, replace(state, tie_point=state.tie_point[used]), (POSE, photograph))
+
+
+def test_a_tie_point_with_one_ray_is_named() -> None:
+    problem, state = small()
+    first = first_observations(problem.tie.point, 40)
+    keep = np.ones(len(problem.tie), dtype=bool)
+    keep[first[17] + 1 : first[18]] = False
+    both_name(with_ties(problem, keep), state, (TIE_POINT, 17))
+
+
+def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
+    problem, state = small()
+    unmarked = replace(problem, marks=problem.marks.select(problem.marks.point != 2))
+    found = covariances(unmarked, state).control(2)
+    np.testing.assert_allclose(found, np.diag(problem.control_sigma_m[2] ** 2), rtol=1e-9, atol=1e-16)
+
+
+def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
+    problem, state = small()
+    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
+    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
+    both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
+
+
+def test_a_block_without_any_datum_is_not_solved() -> None:
+    problem, state = small(sigmas=(0.0,) * 8)
+    photographs = tuple(
+        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for p in problem.block.photographs
+    )
+    none = np.zeros((0, 3))
+    adrift = replace(
+        problem, block=replace(problem.block, photographs=photographs), flights=(),
+        marks=problem.marks.select(np.zeros(len(problem.marks), bool)), control_world_m=none, control_sigma_m=none,
+    )  # fmt: skip
+    with pytest.raises(IndeterminateError) as fault:
+        covariances(adrift, replace(state, control=none, offset=none))
+    assert fault.value.variable is not None
+    assert fault.value.variable[0] == POSE
+
+
+def test_ties_of_a_block_are_sorted_as_the_elimination_needs() -> None:
+    ties = simulate_block(PLAN, 1, tie_points=30).block.tie_points
+    assert isinstance(ties, TiePoints)
+    assert np.all(np.diff(ties.point) >= 0)
