@@ -200,7 +200,7 @@ def _sigma_map_m(
     return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
 
 
-def adjustmeasured_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Adjust the block jointly."""
     orientation = run.orientation()
     block = replace(run.block(), poses=orientation.poses, tie_points=run.tie_points())

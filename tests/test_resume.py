@@ -14,9 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from photogram.pipeline import STAGES, load_project, run_pipeline
+from photogram.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
 from photogram.stages import Stage
 from photogram.workspace import Workspace
 
@@ -64,7 +62,7 @@ def killed_at(survey: Path, *moments: str) -> None:
     command = [sys.executable, "-c", KILLED_AT, str(survey / "project.yaml"), *moments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stderr.splitlines()[-1]) == [signal.SIGKILL] * len(moments), dict(zip(moments, done.stderr))
+    assert json.loads(done.stderr.splitlines()[-1]) == [signal.SIGKILL] * len(moments)
 
 
 def without_seconds(value: Any) -> Any:
@@ -128,17 +126,123 @@ def stages_run(survey: Path, **options: Any) -> list[str]:
 def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: Run) -> None:
     """One chain of runs: each goes on from the last one's kill and is killed in turn, to the end."""
     work = survey / "work"
-    killed_at(survey, "photographs.partial:1", "photographs.partial:2", "photographs.partial:rename")
-    killed_at(survey, "orientation.partial:2", "orientation.partial:rename", "features.partial:4")
+    killed_at(survey, *(f"work/photographs.partial:{moment}" for moment in ("1", "2", "rename")))
+    killed_at(survey, "work/orientation.partial:2", "work/orientation.partial:rename", "work/features.partial:4")
     features = times(work / "features.partial")
     assert sorted(features) == ["00000.npz", "00001.npz"]
-    killed_at(survey, "features.partial:2", "features.partial:rename")
-    assert not (work / "features").exists()
-    killed_at(survey, "matches.partial:4")
+    killed_at(survey, "work/features.partial:2", "work/matches.partial:4")
+    assert features.items() <= times(work / "features").items()
     matches = times(work / "matches.partial")
     assert len(matches) == 2
-    moments = [f"{name}.partial:2" for name in ("matches", *NAMES[4:-1])]
-    killed_at(survey, *moments, "results:3", "results/pictures:4", "results.partial:rename")
+    killed_at(survey, *(f"work/{name}.partial:2" for name in NAMES[3:-1]))
+    killed_at(survey, "results:3", "results/pictures:4", "work/results.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
     assert matches.items() <= times(work / "matches").items()
+
+
+def test_killed_at_random_moments(survey: Path, finished_survey: Path, photogram: Run) -> None:
+    command = [sys.executable, "-m", "photogram.cli.main", "adjust", str(survey / "project.yaml")]
+    rng = random.Random(20)
+    ends, kept = [], 0
+    for delay_s in sorted(rng.uniform(0.0, 2.5) for _ in range(4)):
+        lock = survey / "work/lock"
+        lock.unlink(missing_ok=True)
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+            # the lock is there as soon as anything happens
+            while not lock.exists() and process.poll() is None:
+                time.sleep(0.001)
+            time.sleep(delay_s)
+            process.kill()
+            ends.append(process.wait())
+        complete = len(list((survey / "work").glob("*/stage.json")))
+        assert complete >= kept
+        kept = complete
+    assert ends == [-signal.SIGKILL] * 4
+    assert photogram("adjust", survey / "project.yaml").code == 0
+    check_same_results(survey, finished_survey)
+
+
+def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
+    adjusted_survey: Path, edit: Edit, photogram: Run
+) -> None:
+    """The old surface is gone, the new one is not in its place: it is made again, and belongs to the new setting."""
+    edit(adjusted_survey / "project.yaml", lambda v: v.update(surface={"cell_m": 0.5}))
+    killed_at(adjusted_survey, "work/surface.partial:rename")
+    assert not (adjusted_survey / "work/surface").exists()
+    assert stages_run(adjusted_survey, until="surface") == ["surface"]
+    assert json.loads((adjusted_survey / "work/surface/stage.json").read_text())["cell_m"] == 0.5
+    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("done before") == 8
+
+
+def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
+    project, results = adjusted_survey / "project.yaml", adjusted_survey / "results"
+    assert stages_run(adjusted_survey) in ([], ["results"])  # its results were made in another place
+    report = (results / "report.json").read_bytes()
+
+    second = photogram("adjust", project)
+    assert second.code == 0
+    assert second.out.count("done before") == len(STAGES)
+    assert (results / "report.json").read_bytes() == report
+
+    (results / "points_adjusted.laz").unlink()
+    assert stages_run(adjusted_survey) == ["results"]
+    assert (results / "points_adjusted.laz").is_file()
+
+    edit(project, lambda v: v.update(surface={"cell_m": 0.5}))
+    assert stages_run(adjusted_survey, until="comparison") == ["surface"]
+    edit(project, lambda v: v.pop("surface"))
+    assert stages_run(adjusted_survey, until="comparison") == ["surface"]
+
+    assert stages_run(adjusted_survey, start="tie_points", until="intersection") == ["tie_points", "intersection"]
+    assert stages_run(adjusted_survey, until="photographs") == []
+    # what was made again is what it was before, so nothing that depends on it has to be repeated
+    assert stages_run(adjusted_survey) == []
+    assert photogram("adjust", project, "--from", "orientation", "--until", "orientation").out.count("done before") == 1
+
+
+def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Path, edit: Edit) -> None:
+    project = adjusted_survey / "project.yaml"
+    original = project.read_text()
+
+    def marks() -> dict[str, str]:
+        with open_run(load_project(project)) as run:
+            return fingerprints(run)
+
+    def depending(change: Callable[[dict[str, Any]], object]) -> list[str]:
+        project.write_text(original)
+        before = marks()
+        edit(project, change)
+        after = marks()
+        return [name for name in NAMES if after[name] != before[name]]
+
+    assert depending(lambda v: v["features"].update(maximum=700)) == NAMES[NAMES.index("features") :]
+    assert depending(lambda v: v["matching"].update(ratio=0.7)) == NAMES[NAMES.index("matches") :]
+    assert depending(lambda v: v.update(adjustment={"robust_loss": "cauchy"})) == [
+        "adjustment",
+        "surface",
+        "comparison",
+    ]
+    assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == [
+        "adjustment",
+        "surface",
+        "comparison",
+    ]
+    assert depending(lambda v: v.pop("comparison")) == ["comparison", "results"]
+    marked = ["orientation", *NAMES[NAMES.index("matches") :]]
+    assert depending(lambda v: v["control_points"].update(mark_sigma_px=0.5)) == marked
+
+
+def test_a_changed_photograph_is_noticed(adjusted_survey: Path) -> None:
+    photographs = adjusted_survey / "photographs"
+    shutil.copyfile(photographs / "sim_0002.JPG", photographs / "sim_0001.JPG")
+    assert stages_run(adjusted_survey, until="features") == ["photographs", "orientation", "features"]
+
+
+def test_two_at_once(adjusted_survey: Path) -> None:
+    command = [sys.executable, "-m", "photogram.cli.main", "adjust", str(adjusted_survey / "project.yaml")]
+    with Workspace(adjusted_survey / "work").locked():
+        second = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert second.returncode == 1
+    assert second.stderr.startswith(f"photogram: {adjusted_survey / 'work'}: another photogram works here; wait for it")
+    assert second.stderr.count("\n") == 1
