@@ -2,8 +2,8 @@
 
     python benchmarks/predicted_uncertainty.py [SEEDS]
 
-The normalised squared error of a position is eᵀ Σ⁻¹ e / 3; its expectation is 1. One camera, one tie point and one check point
-of each block are taken, since those of one block share errors. Bounds are the 99 % bounds of χ².
+The normalised squared error of a position is eᵀ Σ⁻¹ e / 3; its expectation is 1. One camera, one tie point and one
+check point of each block are taken, since those of one block share errors. Bounds are the 99 % bounds of χ².
 """
 
 from __future__ import annotations

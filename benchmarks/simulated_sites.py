@@ -1,6 +1,6 @@
 """The built-in simulated survey on several sites: errors against the truth, in GSD, one line a seed.
 
-    python benchmarks/simulated_sites.py [SEEDS]      about 30 s each on two cores
+python benchmarks/simulated_sites.py [SEEDS]      about 30 s each on two cores
 """
 
 from __future__ import annotations

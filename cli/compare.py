@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +11,25 @@ from rich.table import Table
 
 from photogram.cli.app import app
 from photogram.cli.terminal import console
+from photogram.comparison import Comparison
 from photogram.comparison import compare as compare_cloud
 from photogram.errors import ProjectError
+from photogram.files.atomic import make_folder
 from photogram.files.points import read_cloud
 from photogram.report.pictures import comparison_picture
 from photogram.stages import read_reference
 from photogram.workspace import write_json
+
+FIGURES: dict[str, Callable[[Comparison], str]] = {
+    "points after the filter": lambda c: str(c.cloud_to_surface.points),
+    "removed by the filter": lambda c: str(c.removed),
+    "height over the surface: mean, m": lambda c: f"{c.cloud_to_surface.mean_m:.4f}",
+    "standard deviation, m": lambda c: f"{c.cloud_to_surface.std_m:.4f}",
+    "median, m": lambda c: f"{c.cloud_to_surface.median_m:.4f}",
+    "NMAD, m": lambda c: f"{c.cloud_to_surface.nmad_m:.4f}",
+    "to the nearest point: mean, m": lambda c: f"{c.cloud_to_cloud.mean_m:.4f}",
+    "to the nearest point: standard deviation, m": lambda c: f"{c.cloud_to_cloud.std_m:.4f}",
+}
 
 
 @app.command()
@@ -37,23 +51,14 @@ def compare(
         )
     surface = read_reference(reference)
     results = {path.stem: compare_cloud(read_cloud(path), surface, sor) for path in clouds}
-    table = Table(
-        "cloud",
-        "points",
-        "removed",
-        "mean, m",
-        "st. dev., m",
-        "median, m",
-        "NMAD, m",
-        "to nearest point: mean, m",
-        "st. dev., m",
-    )
-    for name, result in results.items():
-        s, c = result.cloud_to_surface, result.cloud_to_cloud
-        figures = [s.mean_m, s.std_m, s.median_m, s.nmad_m, c.mean_m, c.std_m]
-        table.add_row(name, str(s.points), str(result.removed), *(f"{x:.4f}" for x in figures))
+    table = Table(title=f"Differences from {reference.name}")
+    table.add_column("figure")
+    for name in results:
+        table.add_column(name, justify="right")
+    for title, figure in FIGURES.items():
+        table.add_row(title, *(figure(result) for result in results.values()))
     console.print(table)
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     write_json(
         output / "comparison.json",
         {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ from photogram.cli.adjust import Photographs, ProjectFile
 from photogram.cli.app import app
 from photogram.cli.terminal import Terminal, bars, console
 from photogram.errors import ProjectError
+from photogram.files.atomic import make_folder
+from photogram.matching import candidate_matches
 from photogram.pipeline import load_project, open_run, run_pipeline
 from photogram.project import Project
 from photogram.ransac_study import RansacStudy, needed_iterations
@@ -33,35 +36,30 @@ def _numbers(text: str, option: str) -> list[float]:
     return values
 
 
-def _candidates(project: Project, names: list[str]) -> tuple[str, str, FloatArray, FloatArray]:
-    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, before any
-    verification."""
+def _candidates(project: Project, names: list[str], ratio: float) -> tuple[str, str, FloatArray, FloatArray]:
+    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, not verified."""
     with open_run(project) as run:
-        matches = run.matches()
-        known = {(run.names[m.first], run.names[m.second]): m for m, _ in matches}
+        known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in run.matches()}
         if names and tuple(sorted(names)) not in known:
-            raise ProjectError(
-                f"the pair {' '.join(names)} is not matched; pairs are: {', '.join(' '.join(p) for p in known)}"
-            )
+            pairs = ", ".join(" ".join(p) for p in known)
+            raise ProjectError(f"the pair {' '.join(names)} is not matched; the pairs are: {pairs}")
         first, second = sorted(names) if names else next(iter(known))
         pair = known[first, second]
-        cameras = [project.cameras[project.photographs[i].camera] for i in (pair.first, pair.second)]
-        pixel = [
-            undistort(camera, run.features(i).pixel[pair.index[:, side]])
-            for side, (camera, i) in enumerate(zip(cameras, (pair.first, pair.second), strict=True))
-        ]
+        features = [run.features(i) for i in pair]
+    index = candidate_matches(features[0], features[1], replace(project.matching, ratio=ratio))
+    cameras = [project.cameras[project.photographs[i].camera] for i in pair]
+    pixel = [undistort(c, f.pixel[index[:, k]]) for k, (c, f) in enumerate(zip(cameras, features, strict=True))]
     return first, second, pixel[0], pixel[1]
 
 
 def _show(result: RansacStudy) -> None:
-    table = Table(
-        "sample size", "threshold, px", *(f"best of {n}" for n in result.iterations), "iterations needed (99 %)"
-    )
+    best = [f"best of {n}" for n in result.iterations]
+    table = Table("sample", "px", *best, "needed for 99 %", title="Inliers by sample size and threshold")
     for s, size in enumerate(result.sample_sizes):
         for t, threshold in enumerate(result.thresholds_px):
             needed = float(needed_iterations(float(result.inlier_fraction[t]), size))
-            best = [str(int(n)) for n in result.best_inliers[s, t]]
-            table.add_row(str(size), f"{threshold:g}", *best, f"{needed:.0f}")
+            found = [str(int(n)) for n in result.best_inliers[s, t]]
+            table.add_row(str(size), f"{threshold:g}", *found, f"{needed:.0f}")
     console.print(table)
 
 
@@ -78,13 +76,16 @@ def ransac(
     residual: Annotated[
         Literal["sampson", "symmetric", "algebraic"], typer.Option(help="Distance that is tested.")
     ] = "sampson",
+    ratio: Annotated[
+        float, typer.Option(help="Ratio test of the candidates; nearer to 1 lets more wrong ones through.")
+    ] = 0.95,
     seed: Annotated[int, typer.Option(help="Seed of the random samples.")] = 0,
 ) -> None:
     """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
     survey = load_project(project, photographs)
     with bars() as progress:
         run_pipeline(survey, watcher=Terminal(progress), until="matches")
-    first, second, first_px, second_px = _candidates(survey, list(pair) if pair else [])
+    first, second, first_px, second_px = _candidates(survey, list(pair) if pair else [], ratio)
     sizes = [int(n) for n in _numbers(sample_sizes, "--sample-sizes")]
     result = study_ransac(
         first_px,
@@ -95,10 +96,10 @@ def ransac(
         seed,
         residual,
     )
-    console.print(f"{first} and {second}: {result.points} candidate matches, {residual} distance")
+    console.print(f"{first} and {second}: {result.points} candidate matches at ratio {ratio:g}, {residual} distance")
     _show(result)
     folder = survey.results / "study"
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     for number, threshold in enumerate(result.thresholds_px):
         inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}px.png", result, number)
     inliers_by_sample_size(folder / "ransac_sample_size.png", result)
@@ -107,6 +108,7 @@ def ransac(
         {
             "pair": [first, second],
             "candidates": result.points,
+            "ratio": ratio,
             "residual": residual,
             "iterations": result.iterations,
             "sample_sizes": result.sample_sizes,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from photogram.camera import gimbal_from_rotation
-from photogram.files.atomic import replacing
+from photogram.files.atomic import make_folder, replacing
 from photogram.files.images import PhotographTags, write_photograph
 from photogram.files.rasters import write_geotiff
 from photogram.frames import geodetic_from_map
@@ -164,7 +164,7 @@ def write_demonstration(
     project, truth = folder / "project.yaml", folder / "truth.json"
     if truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed):
         return project
-    (folder / "photographs").mkdir(parents=True, exist_ok=True)
+    make_folder(folder / "photographs")
     survey = simulate(plan, seed)
     count = len(survey.photographs)
     for done, (photograph, (name, pixels)) in enumerate(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram import __version__
-from photogram.errors import WorkspaceError
+from photogram.files.atomic import make_folder
 from photogram.files.images import read_pixels
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
@@ -29,6 +29,7 @@ from photogram.report.pictures import (
 )
 from photogram.stages import Progress
 from photogram.survey import Adjustment
+from photogram.tracks import seen_in_all
 from photogram.workspace import write_json, write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
@@ -43,10 +44,7 @@ MATCH_PICTURES = 6
 def publish(run: Run, _: Path, progress: Progress) -> Mapping[str, object]:
     """Write report.json, clouds, DSM, tie points and pictures into the project's folder of results."""
     results = run.project.results
-    try:
-        (results / "pictures").mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise WorkspaceError(f"{results}: the folder of results cannot be made: {fault.strerror}") from fault
+    make_folder(results / "pictures")
     products: list[str] = []
     result = run.adjustment()
     steps = (_clouds, _tables, _pictures, _match_pictures, _numbers)
@@ -70,8 +68,13 @@ def _clouds(run: Run, _: Adjustment, results: Path) -> list[str]:
 def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
     write_record(results / "tie_points.npz", result.block.tie_points)
     write_tie_points(results / "tie_points.mat", run.names, result.block.tie_points)
+    products = ["tie_points.npz", "tie_points.mat", "dsm.tif"]
+    common = seen_in_all(result.block.tie_points, range(len(run.names)))
+    if len(common):
+        write_record(results / "tie_points_in_all.npz", common)
+        products.append("tie_points_in_all.npz")
     write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
-    return ["tie_points.npz", "tie_points.mat", "dsm.tif"]
+    return products
 
 
 def _plan(result: Adjustment) -> PlanContents:

@@ -232,6 +232,19 @@ def test_a_file_where_a_folder_should_be(survey: Path, photogram: Run, edit: Edi
     assert (survey / "taken").read_text() == "a file"
 
 
+def test_a_file_where_a_command_should_write(adjusted_survey: Path, tmp_path: Path, photogram: Run) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("a file")
+    cloud, surface = adjusted_survey / "results/points_adjusted.txt", adjusted_survey / "truth_surface.tif"
+    check_fault(photogram("compare", cloud, "--reference", surface, "--output", taken), str(taken), "choose another")
+    check_fault(photogram("demo", taken / "demo"), str(taken / "demo"), "choose another")
+    (adjusted_survey / "results/study").write_text("a file")
+    outcome = photogram(
+        "study", "ransac", adjusted_survey / "project.yaml", "--iterations", "10", "--sample-sizes", "8"
+    )
+    check_fault(outcome, str(adjusted_survey / "results/study"), "choose another")
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
 def test_results_that_may_not_be_written(adjusted_survey: Path, photogram: Run) -> None:
     (adjusted_survey / "results").chmod(0o500)

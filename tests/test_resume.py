@@ -218,17 +218,11 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
 
     assert depending(lambda v: v["features"].update(maximum=700)) == NAMES[NAMES.index("features") :]
     assert depending(lambda v: v["matching"].update(ratio=0.7)) == NAMES[NAMES.index("matches") :]
-    assert depending(lambda v: v.update(adjustment={"robust_loss": "cauchy"})) == [
-        "adjustment",
-        "surface",
-        "comparison",
-    ]
-    assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == [
-        "adjustment",
-        "surface",
-        "comparison",
-    ]
+    surfaces = ["adjustment", "surface", "comparison", "results"]
+    assert depending(lambda v: v.update(adjustment={"robust_loss": "cauchy"})) == surfaces
+    assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == surfaces
     assert depending(lambda v: v.pop("comparison")) == ["comparison", "results"]
+    assert depending(lambda v: v.update(surface={"cell_m": 0.5})) == ["surface", "results"]
     marked = ["orientation", *NAMES[NAMES.index("matches") :]]
     assert depending(lambda v: v["control_points"].update(mark_sigma_px=0.5)) == marked
 

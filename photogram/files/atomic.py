@@ -1,13 +1,23 @@
-"""Files written whole or not at all."""
+"""Folders made, and files written whole or not at all."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from photogram.errors import WorkspaceError
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it, unless it is there. Raises WorkspaceError where that cannot be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise WorkspaceError(
+            f"{path}: the folder cannot be made ({fault.strerror}): choose another, or free the name"
+        ) from fault
 
 
 @contextmanager
@@ -28,4 +38,6 @@ def replacing(path: Path) -> Iterator[Path]:
             f"{path}: cannot be written ({reason}): check that the folder exists, may be written to and has free space"
         ) from fault
     finally:
-        partial.unlink(missing_ok=True)
+        # where the name cannot even be looked for, the fault above says so
+        with suppress(OSError):
+            partial.unlink()

@@ -7,8 +7,6 @@ object interface: no global state, no display.
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +30,7 @@ from scipy.ndimage import distance_transform_edt
 
 from photogram.camera import Camera
 from photogram.comparison import Comparison
-from photogram.errors import WorkspaceError
+from photogram.files.atomic import make_folder, replacing
 from photogram.survey import ByteArray, FloatArray, Raster, Role, check_shape
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
@@ -60,22 +58,9 @@ def save_picture(figure: Figure, path: Path) -> None:
     """Write the figure as PNG, whole or not at all, without date or program name. Raises WorkspaceError if it cannot
     be written.
     """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            figure.savefig(stream, format="png", metadata={"Software": None})
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as fault:
-        raise WorkspaceError(
-            f"{path}: cannot be written ({fault.strerror}): free it, or choose another path"
-        ) from fault
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+    make_folder(path.parent)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
 def round_length(length: float) -> float:
