@@ -36,14 +36,23 @@ def _numbers(text: str, option: str) -> list[float]:
     return values
 
 
+def _counts(text: str, option: str) -> list[int]:
+    values = _numbers(text, option)
+    if any(not value.is_integer() for value in values):
+        raise typer.BadParameter(f"{option}: {text!r} is not a list of whole numbers such as 8,10,12")
+    return [int(value) for value in values]
+
+
 def _candidates(project: Project, names: list[str], ratio: float) -> tuple[str, str, FloatArray, FloatArray]:
     """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, not verified."""
     with open_run(project) as run:
         known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in run.matches()}
-        if names and tuple(sorted(names)) not in known:
+        if tuple(names[::-1]) in known:
+            names = names[::-1]
+        if names and tuple(names) not in known:
             pairs = ", ".join(" ".join(p) for p in known)
             raise ProjectError(f"the pair {' '.join(names)} is not matched; the pairs are: {pairs}")
-        first, second = sorted(names) if names else next(iter(known))
+        first, second = names if names else next(iter(known))
         pair = known[first, second]
         features = [run.features(i) for i in pair]
     index = candidate_matches(features[0], features[1], replace(project.matching, ratio=ratio))
@@ -77,25 +86,19 @@ def ransac(
         Literal["sampson", "symmetric", "algebraic"], typer.Option(help="Distance that is tested.")
     ] = "sampson",
     ratio: Annotated[
-        float, typer.Option(help="Ratio test of the candidates; nearer to 1 lets more wrong ones through.")
+        float,
+        typer.Option(min=0.01, max=1.0, help="Ratio test of the candidates; nearer to 1 lets more wrong ones through."),
     ] = 0.95,
     seed: Annotated[int, typer.Option(help="Seed of the random samples.")] = 0,
 ) -> None:
     """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
+    sizes, counts = _counts(sample_sizes, "--sample-sizes"), _counts(iterations, "--iterations")
+    limits_px = _numbers(thresholds, "--thresholds")
     survey = load_project(project, photographs)
     with bars() as progress:
         run_pipeline(survey, watcher=Terminal(progress), until="matches")
     first, second, first_px, second_px = _candidates(survey, list(pair) if pair else [], ratio)
-    sizes = [int(n) for n in _numbers(sample_sizes, "--sample-sizes")]
-    result = study_ransac(
-        first_px,
-        second_px,
-        [int(n) for n in _numbers(iterations, "--iterations")],
-        sizes,
-        _numbers(thresholds, "--thresholds"),
-        seed,
-        residual,
-    )
+    result = study_ransac(first_px, second_px, counts, sizes, limits_px, seed, residual)
     console.print(f"{first} and {second}: {result.points} candidate matches at ratio {ratio:g}, {residual} distance")
     _show(result)
     folder = survey.results / "study"

@@ -31,7 +31,7 @@ from photogram.factors.graph import (
 from photogram.factors.reprojection import Observations, residuals
 from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, noise_scale, outlier_limit_px, settled
-from photogram.survey import Adjustment, Block
+from photogram.survey import Adjustment, Block, check_range
 
 Progress = Callable[[str], None]
 
@@ -49,6 +49,14 @@ class AdjustmentSettings:
     maximum_rounds: int = 6
     maximum_iterations: int = 50  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
+
+    def __post_init__(self) -> None:
+        for name in ("tie_point_sigma_px", "robust_threshold", "outlier_threshold", "first_outlier_threshold_px"):
+            check_range(name, getattr(self, name), 1e-3)
+        check_range("minimum_ray_angle_deg", self.minimum_ray_angle_deg, 0.0, 90.0)
+        check_range("maximum_rounds", self.maximum_rounds, 1)
+        check_range("maximum_iterations", self.maximum_iterations, 1)
+        check_range("relative_tolerance", self.relative_tolerance, 0.0, 0.1)
 
 
 @dataclass(frozen=True, eq=False)

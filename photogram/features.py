@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.errors import ImageError
-from photogram.survey import ByteArray, Features
+from photogram.survey import ByteArray, Features, check_range
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,13 @@ class FeatureSettings:
     tile_px: int = 1536
     overlap_px: int = 96
     cells_per_side: int = 24  # the grid over which key points are spread
+
+    def __post_init__(self) -> None:
+        check_range("maximum", self.maximum, 8)
+        check_range("contrast_threshold", self.contrast_threshold, 0.0, 1.0)
+        check_range("tile_px", self.tile_px, 256)
+        check_range("overlap_px", self.overlap_px, 16, self.tile_px / 2)
+        check_range("cells_per_side", self.cells_per_side, 1, 1000)
 
 
 def _tile_edges(length_px: int, tile_px: int) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, undistort
-from photogram.survey import Features, IntArray, Matches
+from photogram.survey import Features, IntArray, Matches, check_range
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,12 @@ class MatchingSettings:
     threshold_px: float = 1.5  # distance from the epipolar line
     minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
     neighbours: int = 12  # photographs with which each one is matched, nearest first, when positions are known
+
+    def __post_init__(self) -> None:
+        check_range("ratio", self.ratio, 0.01, 1.0)
+        check_range("threshold_px", self.threshold_px, 0.01, 100.0)
+        check_range("minimum_inliers", self.minimum_inliers, 8)
+        check_range("neighbours", self.neighbours, 1)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

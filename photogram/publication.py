@@ -6,6 +6,7 @@ written whole or not at all; the stage is complete only when all of them are the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -38,7 +39,7 @@ CLOUD_FILES = {
     "linear_3view": "points_linear_3view",
     "adjusted": "points_adjusted",
 }
-MATCH_PICTURES = 6
+MATCH_PICTURES = 3
 
 
 def publish(run: Run, _: Path, progress: Progress) -> Mapping[str, object]:
@@ -77,6 +78,11 @@ def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
     return products
 
 
+def _file_name(name: str) -> str:
+    """Return a camera's or photograph's name without what a file name cannot hold."""
+    return re.sub(r"[^\w-]+", "_", name.removesuffix(Path(name).suffix))
+
+
 def _plan(result: Adjustment) -> PlanContents:
     """Gather what the plan shows, all in the map frame."""
     block, frame = result.block, result.block.frame
@@ -107,7 +113,7 @@ def _pictures(run: Run, result: Adjustment, results: Path) -> list[str]:
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
-            name = f"residuals_{camera.name}.png"
+            name = f"residuals_{_file_name(camera.name)}.png"
             title = f"Residuals of tie points in {camera.name}"
             residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
             products.append(f"pictures/{name}")
@@ -124,7 +130,7 @@ def _match_pictures(run: Run, _: Adjustment, results: Path) -> list[str]:
     matches = sorted(run.matches(), key=lambda m: (-int(m[1].sum()), m[0].first, m[0].second))
     for candidates, verified in matches[:MATCH_PICTURES]:
         first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
-        name = f"pictures/matches_{Path(first.name).stem}_{Path(second.name).stem}.png"
+        name = f"pictures/matches_{_file_name(first.name)}_{_file_name(second.name)}.png"
         candidate_and_verified_matches(
             results / name,
             read_pixels(first.path),

@@ -30,6 +30,13 @@ def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, 
         raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
 
 
+def check_range(name: str, value: float, low: float, high: float = float("inf")) -> None:
+    """Raise ValueError unless ``low`` ≤ ``value`` ≤ ``high``."""
+    if not low <= value <= high:
+        limits = f"at least {low:g}" if high == float("inf") else f"from {low:g} to {high:g}"
+        raise ValueError(f"{name} is {value:g}; it must be {limits}")
+
+
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """One photograph and what its tags or the project say of its exterior orientation.
