@@ -24,6 +24,7 @@ from photogram.survey import Block, FloatArray
 
 TRIPLES = 400
 COLLINEAR = 0.02  # height of a triangle over its longest side
+CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +169,11 @@ def _resection(
     others = [i for i in np.flatnonzero(inliers) if i not in triple]
     error = np.linalg.norm(project(camera, p3p, points) - pixel, axis=1)
     check_px = float(error[others].max()) if others else float("nan")
+    if check_px > CONTRADICTION * camera.width_px:
+        raise OrientationError(
+            f"its four control points contradict each other: the pose of three of them misses the fourth by {check_px:.0f} "
+            "px; check their coordinates and marks, and that no two are swapped"
+        )
     refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
     return Resection(p3p, triple, solutions, check_px, refined, inliers, project(camera, refined, points) - pixel)
 

@@ -179,4 +179,8 @@ class Workspace:
                     f"{self.folder}: another photogram works here; wait for it, "
                     "or give each project file its own 'work' folder"
                 ) from fault
+            except OSError as fault:
+                raise WorkspaceError(
+                    f"{self.folder}: its file system knows no locks ({fault.strerror}): put the 'work' folder on a local disk"
+                ) from fault
             yield

@@ -55,7 +55,7 @@ class Outcome:
 @contextmanager
 def _made_once(factory: pytest.TempPathFactory, name: str) -> Iterator[tuple[Path, bool]]:
     """Give a folder that all processes of this test run share, and whether it is still to be made, one at a time."""
-    parallel = hasattr(sys, "_called_from_worker") or factory.getbasetemp().name.startswith("popen-")
+    parallel = factory.getbasetemp().name.startswith("popen-")  # a worker of pytest-xdist
     root = factory.getbasetemp().parent if parallel else factory.getbasetemp()
     folder, done = root / name, root / f"{name}.done"
     with (root / f"{name}.lock").open("w") as lock:
@@ -73,6 +73,12 @@ def _edit(project: Path, change: Callable[[dict[str, Any]], object]) -> None:
 def _small(values: dict[str, Any]) -> None:
     values["features"] = {"maximum": 800}
     values["matching"] = {"neighbours": 2}
+
+
+@pytest.fixture(scope="session")
+def small_plan() -> SurveyPlan:
+    """The plan of the small survey."""
+    return PLAN
 
 
 @pytest.fixture(scope="session")

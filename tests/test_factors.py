@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
-from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination import Columns, eliminate_tie_points, first_observations, tie_point_covariances
 from photogram.factors.graph import (
-    IndeterminateError,
     Problem,
     State,
+    Step,
     cost,
     damped_step,
     ground_graph,
@@ -48,7 +47,6 @@ from photogram.factors.variables import (
     kind_and_index,
 )
 from photogram.simulation import SurveyPlan, simulate_block
-from photogram.survey import TiePoints
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 SETTINGS = AdjustmentSettings(robust_loss="none")
@@ -117,7 +115,12 @@ def turned_pose(seed: int) -> gtsam.Pose3:
 @pytest.mark.parametrize("seed", range(5))
 def test_gnss_factor_with_an_offset(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    pose, offset, measured, sigma = turned_pose(seed), rng.normal(0, 0.3, 3), rng.normal(0, 30, 3), np.array([0.02, 0.03, 0.05])
+    pose, offset, measured, sigma = (
+        turned_pose(seed),
+        rng.normal(0, 0.3, 3),
+        rng.normal(0, 30, 3),
+        np.array([0.02, 0.03, 0.05]),
+    )
     factor = gnss_position(4, measured, sigma, 1)
     values = gtsam.Values()
     values.insert(key(POSE, 4), pose)
@@ -156,7 +159,7 @@ def test_attitude_factor(turn_deg: float) -> None:
 def test_control_point_and_offset_priors() -> None:
     surveyed, sigma = np.array([5.0, -3.0, 80.0]), np.array([0.01, 0.02, 0.03])
     values = gtsam.Values()
-    values.insert(key(CONTROL_POINT, 3), surveyed + [0.01, 0.04, -0.09])
+    values.insert(key(CONTROL_POINT, 3), surveyed + np.array([0.01, 0.04, -0.09]))
     values.insert(key(GNSS_OFFSET, 0), np.array([0.2, 0.0, -0.5]))
     point = surveyed_position(3, surveyed, sigma)
     assert point.error(values) == pytest.approx(0.5 * (1 + 4 + 9))
@@ -171,7 +174,7 @@ def test_calibration_prior_holds_the_bounded_parameters_only() -> None:
     factor = calibration_prior(1, expected, sigmas)
     assert factor is not None
     values = gtsam.Values()
-    values.insert(key(CALIBRATION, 1), expected + [10.0, 77.0, -2.0, 0.25])
+    values.insert(key(CALIBRATION, 1), expected + np.array([10.0, 77.0, -2.0, 0.25]))
     assert factor.dim() == 3
     assert factor.error(values) == pytest.approx(0.5 * (4 + 1 + 0.25))
     assert_jacobians(factor, values, {key(CALIBRATION, 1): 4})
@@ -207,12 +210,14 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
     behind[0] -= [0.0, 0.0, 500.0]
     lost = residuals(marks, q, R, behind, made.tie_point_position_world_m)
     np.testing.assert_array_equal(np.isinf(lost).all(axis=1), ties.photograph == 0)
-    np.testing.assert_array_equal(np.isinf(linearise(marks, q, R, behind, made.tie_point_position_world_m).residual), np.isinf(lost))
+    np.testing.assert_array_equal(
+        np.isinf(linearise(marks, q, R, behind, made.tie_point_position_world_m).residual), np.isinf(lost)
+    )
 
 
 def test_observations_use_the_camera_they_are_of() -> None:
     problem, state = small()
-    two = np.vstack([state.parameters, state.parameters + [100.0, 5.0, -3.0, 0.01, 0.0, 0.0, 0.0, 0.0]])
+    two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, 0.0, 0.0, 0.0, 0.0])])
     mixed = replace(problem.tie, camera=(problem.tie.photograph % 2).astype(np.int64))
     found = residuals(mixed, two, state.rotation, state.position, state.tie_point)
     for c in (0, 1):
@@ -244,7 +249,9 @@ def test_linearised_observations_agree_with_differences() -> None:
     expected = {
         "pose": of(pose, 6, np.array([1e-4] * 3 + [1e-2] * 3)),
         "point": of(lambda t: replace(state, tie_point=state.tie_point + t), 3, np.full(3, 1e-2)),
-        "calibration": of(lambda t: replace(state, parameters=state.parameters + t), 8, np.array([1.0] * 3 + [1e-2] * 5)),
+        "calibration": of(
+            lambda t: replace(state, parameters=state.parameters + t), 8, np.array([1.0] * 3 + [1e-2] * 5)
+        ),
     }
     for name, numerical in expected.items():
         analytic = getattr(linear, name)
@@ -314,7 +321,8 @@ def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(
-    s=st.floats(0.0, 60.0), angle=st.floats(0.0, 6.28), k=st.floats(0.5, 8.0), loss=st.sampled_from(["none", "huber", "cauchy"])
+    s=st.floats(0.0, 60.0), angle=st.floats(0.0, 6.28), k=st.floats(0.5, 8.0),
+    loss=st.sampled_from(["none", "huber", "cauchy"]),
 )  # fmt: skip
 def test_the_weight_is_the_slope_of_the_cost(s: float, angle: float, k: float, loss: str) -> None:
     def of(square: float) -> tuple[float, float]:
@@ -360,16 +368,8 @@ def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> Non
             step = gtsam.VectorValues()
             for other in system.variables:
                 step.insert(other, sign * direction if other == variable else np.zeros(variable_size(problem, other)))
-            ends.append(cost(problem, graph, retract(problem, state, Step(step))))
+            ends.append(cost(problem, graph, retract(problem, state, Step(step, 0.0))))
         assert (ends[0] - ends[1]) / 2 == pytest.approx(float(gradient.at(variable) @ direction), rel=1e-4, abs=1e-8)
-
-
-class Step:
-    """A step as ``damped_step`` returns it."""
-
-    def __init__(self, values: gtsam.VectorValues) -> None:
-        self.values = values
-        self.predicted_decrease = 0.0
 
 
 # ---- the system -----------------------------------------------------------------------------------------------------
@@ -413,7 +413,9 @@ def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
     assert costs[-1] == pytest.approx(costs[-2], rel=1e-9)
     _, right, _ = dense(problem, state)
     assert np.abs(right).max() < 1e-2
-    np.testing.assert_allclose(state.rotation @ np.swapaxes(state.rotation, 1, 2), np.eye(3)[None].repeat(6, 0), atol=1e-12)
+    np.testing.assert_allclose(
+        state.rotation @ np.swapaxes(state.rotation, 1, 2), np.eye(3)[None].repeat(6, 0), atol=1e-12
+    )
 
 
 def test_elimination_is_the_schur_complement() -> None:
@@ -459,161 +461,3 @@ def test_elimination_is_the_schur_complement() -> None:
 
 def test_points_without_observations_are_between_the_others() -> None:
     assert first_observations(np.array([0, 0, 2, 2, 2]), 4).tolist() == [0, 2, 2, 5, 5]
-
-
-def assert_equal_blocks(found: np.ndarray, expected: np.ndarray) -> None:
-    sigma = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=1e-6)
-
-
-def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
-    """All covariances by their variable; calibrations of free parameters in the units of their variable."""
-    covariance = {key(POSE, i): found.pose(i) for i in range(len(problem.block.photographs))}
-    covariance |= {key(CONTROL_POINT, g): found.control(g) for g in range(len(problem.control_world_m))}
-    covariance |= {key(GNSS_OFFSET, f): found.offset(f) for f in range(len(problem.flights))}
-    covariance |= {key(TIE_POINT, p): V for p, V in enumerate(found.tie_point)}
-    for c, free in enumerate(problem.free):
-        if len(free):
-            unit = problem.scale[c][free]
-            covariance[key(CALIBRATION, c)] = found.calibration(c)[np.ix_(free, free)] / np.outer(unit, unit)
-    return covariance
-
-
-@pytest.mark.parametrize("loss", ["none", "huber"])
-def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> None:
-    problem, state = small(mismatches=0.05)
-    problem = replace(problem, robust_loss=loss)  # type: ignore[arg-type]
-    information, _, place = dense(problem, state)
-    scale = np.sqrt(np.diag(information))
-    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    found = blocks(problem, covariances(problem, state))
-    assert set(found) == set(place)
-    assert {kind_and_index(v)[0] for v in found} == {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION}
-    for variable, where in place.items():
-        assert_equal_blocks(found[variable], inverse[where, where])
-
-
-def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
-    problem, state = small()
-    system = linearise_all(problem, ground_graph(problem), state)
-    marginals = gtsam.Marginals(system.graph, gtsam.VectorValues.Zero(damped_step(system, 1e-9).values))
-    for variable, covariance in blocks(problem, covariances(problem, state)).items():
-        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
-
-
-def test_gtsams_own_factors_give_the_same_covariances() -> None:
-    """With the calibration held and no k3, GTSAM's projection factors build the whole graph without photogram's Jacobians."""
-    made = simulate_block(
-        replace(PLAN, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
-        start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
-    )  # fmt: skip
-    problem = make_problem(made.block, SETTINGS)
-    state = start_state(made.block, problem.flights)
-    f, cx, cy, k1, k2, _, p1, p2 = state.parameters[0]
-    calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
-    graph = ground_graph(problem)
-    for marks, kind in ((problem.tie, TIE_POINT), (problem.marks, CONTROL_POINT)):
-        for i in range(len(marks)):
-            noise = gtsam.noiseModel.Isotropic.Sigma(2, marks.sigma_px[i])
-            x, p = key(POSE, int(marks.photograph[i])), key(kind, int(marks.point[i]))
-            graph.add(gtsam.GenericProjectionFactorCal3DS2(marks.pixel[i], noise, x, p, calibration))
-    values = values_of(problem, state)
-    assert graph.error(values) == pytest.approx(cost(problem, ground_graph(problem), state), rel=1e-9)
-    marginals = gtsam.Marginals(graph, values)
-    found = blocks(problem, covariances(problem, state))
-    assert len(found) == 6 + 6 + 2 + 40
-    for variable, covariance in found.items():
-        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
-
-
-def test_fixed_parameters_have_no_covariance() -> None:
-    problem, state = small()
-    calibration = covariances(problem, state).calibration(0)
-    assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 6, 7]
-    assert not calibration[[4, 5]].any()
-    assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 6]] < np.array(FREE)[[0, 1, 2, 3, 6]])
-
-
-# ---- what cannot be solved ------------------------------------------------------------------------------------------
-
-
-def with_ties(problem: Problem, keep: np.ndarray) -> Problem:
-    return problem.with_tie_observations(problem.tie.select(keep))
-
-
-def floating(problem: Problem, photograph: int) -> Problem:
-    """The problem with one photograph that nothing holds: no rays, no marks, no measured position or attitude."""
-    free = replace(
-        problem.block.photographs[photograph], gnss_world_m=None, gnss_sigma_m=None,
-        attitude_world_from_camera=None, attitude_sigma_rad=None,
-    )  # fmt: skip
-    photographs = tuple(free if i == photograph else p for i, p in enumerate(problem.block.photographs))
-    block = replace(problem.block, photographs=photographs)
-    marks = problem.marks.select(problem.marks.photograph != photograph)
-    rays = problem.tie.photograph != photograph
-    enough = np.bincount(problem.tie.point[rays], minlength=40)[problem.tie.point] >= 2
-    return replace(problem, block=block, marks=marks, tie=problem.tie.select(rays & enough))
-
-
-def both_name(problem: Problem, state: State, expected: tuple[str, int]) -> None:
-    with pytest.raises(IndeterminateError) as fault:
-        damped_step(linearise_all(problem, ground_graph(problem), state), 0.0)
-    assert fault.value.variable == expected
-    with pytest.raises(IndeterminateError) as fault:
-        covariances(problem, state)
-    assert fault.value.variable == expected
-
-
-@pytest.mark.parametrize("photograph", [0, 4])
-def test_a_photograph_that_nothing_holds_is_named(photograph: int) -> None:
-    problem, state = small()
-    lonely = floating(problem, photograph)
-    used = np.unique(lonely.tie.point)
-    number = np.searchsorted(used, lonely.tie.point).astype(np.int64)
-    lonely = lonely.with_tie_observations(replace(lonely.tie, point=number))
-    both_name(lonely, replace(state, tie_point=state.tie_point[used]), (POSE, photograph))
-
-
-def test_a_tie_point_with_one_ray_is_named() -> None:
-    problem, state = small()
-    first = first_observations(problem.tie.point, 40)
-    keep = np.ones(len(problem.tie), dtype=bool)
-    keep[first[17] + 1 : first[18]] = False
-    both_name(with_ties(problem, keep), state, (TIE_POINT, 17))
-
-
-def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
-    problem, state = small()
-    unmarked = replace(problem, marks=problem.marks.select(problem.marks.point != 2))
-    found = covariances(unmarked, state).control(2)
-    np.testing.assert_allclose(found, np.diag(problem.control_sigma_m[2] ** 2), rtol=1e-9, atol=1e-16)
-
-
-def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
-    problem, state = small()
-    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
-    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
-    both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
-
-
-def test_a_block_without_any_datum_is_not_solved() -> None:
-    problem, state = small(sigmas=(0.0,) * 8)
-    photographs = tuple(
-        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
-        for p in problem.block.photographs
-    )
-    none = np.zeros((0, 3))
-    adrift = replace(
-        problem, block=replace(problem.block, photographs=photographs), flights=(),
-        marks=problem.marks.select(np.zeros(len(problem.marks), bool)), control_world_m=none, control_sigma_m=none,
-    )  # fmt: skip
-    with pytest.raises(IndeterminateError) as fault:
-        covariances(adrift, replace(state, control=none, offset=none))
-    assert fault.value.variable is not None
-    assert fault.value.variable[0] == POSE
-
-
-def test_ties_of_a_block_are_sorted_as_the_elimination_needs() -> None:
-    ties = simulate_block(PLAN, 1, tie_points=30).block.tie_points
-    assert isinstance(ties, TiePoints)
-    assert np.all(np.diff(ties.point) >= 0)

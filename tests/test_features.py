@@ -54,7 +54,7 @@ def test_blobs_are_found_where_they_are_in_photograms_pixel_frame() -> None:
     rng = np.random.default_rng(4)
     grid = np.stack(np.meshgrid(np.arange(40.0, 460.0, 60.0), np.arange(40.0, 300.0, 60.0)), axis=-1).reshape(-1, 2)
     centres = grid + rng.uniform(-0.5, 0.5, grid.shape)
-    found = find_features("blobs", blobs(500, 340, centres, 3.0), replace(ALL, tile_px=180))
+    found = find_features("blobs", blobs(500, 340, centres, 3.0), replace(ALL, tile_px=256))
     nearest, which = cKDTree(found.pixel).query(centres)
     # Half a pixel would show: the centre of the top-left pixel is (0, 0).
     assert np.abs(np.mean(found.pixel[which] - centres, axis=0)).max() < 0.03
@@ -88,7 +88,7 @@ def test_descriptors_are_the_square_roots_of_sifts(picture: np.ndarray, whole: F
     assert np.abs(length / 512 - 1).max() < 0.02
 
 
-@pytest.mark.parametrize("tile_px", [200, 333])
+@pytest.mark.parametrize("tile_px", [256, 333])
 def test_tiles_make_neither_gaps_nor_duplicates(picture: np.ndarray, whole: Features, tile_px: int) -> None:
     tiled = find_features("tiled", picture, replace(ALL, tile_px=tile_px))
     expected, actual = places(whole), places(tiled)
@@ -105,8 +105,8 @@ def test_tiles_make_neither_gaps_nor_duplicates(picture: np.ndarray, whole: Feat
 def test_rows_and_columns_of_tiles_are_not_confused() -> None:
     picture = textured(700, 200, 6)
     whole = find_features("whole", picture, replace(ALL, tile_px=4096))
-    tiled = find_features("tiled", picture, replace(ALL, tile_px=240))
-    turned = find_features("turned", np.ascontiguousarray(np.rot90(picture)), replace(ALL, tile_px=240))
+    tiled = find_features("tiled", picture, replace(ALL, tile_px=256))
+    turned = find_features("turned", np.ascontiguousarray(np.rot90(picture)), replace(ALL, tile_px=256))
     assert len(tiled) == pytest.approx(len(whole), rel=0.005)
     assert len(turned) == pytest.approx(len(whole), rel=0.02)
     back = np.column_stack([699 - turned.pixel[:, 1], turned.pixel[:, 0]])
@@ -148,3 +148,12 @@ def test_a_nearly_blank_photograph_is_refused_too() -> None:
     foggy = np.repeat(np.round(ramp).astype(np.uint8)[..., None], 3, axis=2)
     with pytest.raises(ImageError, match=r"fog: only [0-7] key points found in 300 x 200 px"):
         find_features("fog", foggy, FeatureSettings())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("maximum", 7), ("contrast_threshold", -0.01), ("tile_px", 255), ("overlap_px", 800), ("cells_per_side", 0)],
+)
+def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+        replace(FeatureSettings(), **{name: value})

@@ -138,7 +138,7 @@ def test_pairs_with_too_little_support_are_not_connected() -> None:
     few = candidates[:19]
     assert not verified_matches((camera, camera), both, few, SETTINGS).any()
     assert verified_matches((camera, camera), both, few, replace(SETTINGS, minimum_inliers=15)).sum() >= 15
-    assert not verified_matches((camera, camera), both, candidates[:7], replace(SETTINGS, minimum_inliers=1)).any()
+    assert not verified_matches((camera, camera), both, candidates[:7], replace(SETTINGS, minimum_inliers=8)).any()
     at_random = np.random.default_rng(0).permutation(len(candidates))
     chance = np.column_stack([candidates[:, 0], at_random])[:60]
     assert not verified_matches((camera, camera), both, chance, replace(SETTINGS, minimum_inliers=30)).any()
@@ -192,3 +192,11 @@ def test_the_number_of_pairs_grows_with_photographs_not_with_their_square() -> N
     assert len(pairs) <= 150 * SETTINGS.neighbours
     assert {i for pair in pairs for i in pair} == set(range(150))
     assert len(select_pairs(positions[:10], SETTINGS)) == 45
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("ratio", 1.2), ("threshold_px", 0.0), ("minimum_inliers", 7), ("neighbours", 0)]
+)
+def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+        replace(SETTINGS, **{name: value})

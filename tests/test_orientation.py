@@ -383,3 +383,9 @@ def test_another_programs_poses_are_found_again(number: int) -> None:
     assert np.linalg.norm(found.refined.position_world_m - numbers(pose.findtext(".//Center"))) < 1e-4
     np.testing.assert_allclose(found.refined.rotation_world_from_camera, axes, rtol=0, atol=2e-5)
     assert np.abs(found.residual_px).max() < 0.06
+
+
+def test_two_swapped_marks_of_four_are_a_contradiction() -> None:
+    points, pixel = ground(4, 1)
+    with pytest.raises(OrientationError, match="contradict each other"):
+        resect(CAMERA, points, pixel[[0, 1, 3, 2]], np.ones(4))

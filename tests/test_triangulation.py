@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -27,12 +29,12 @@ def cameras_and_numbers(block: SimulatedBlock) -> tuple[Camera, np.ndarray]:
     return block.truth.camera, np.zeros(len(block.truth.poses), dtype=np.int64)
 
 
-def consensus(block: SimulatedBlock, ties: TiePoints, limit_px: float) -> tuple[np.ndarray, np.ndarray]:
+def consensus(block: SimulatedBlock, ties: TiePoints, limit_px: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     camera, camera_of = cameras_and_numbers(block)
     R = np.array([pose.rotation_world_from_camera for pose in block.truth.poses])
     C = np.array([pose.position_world_m for pose in block.truth.poses])
     ideal = ideal_observations([camera], camera_of, ties)
-    limit = np.full(len(ties.point), limit_px)
+    limit = np.broadcast_to(limit_px, len(ties.point)).astype(np.float64)
     points, inlier = consensus_intersections(
         ties.first_observation, ties.photograph, camera_of, ties.pixel, ideal, limit, camera.parameters[None], R, C
     )
@@ -169,6 +171,45 @@ def test_consensus_rejects_planted_mismatches_and_nothing_else() -> None:
     for i in np.flatnonzero(inlier)[::50]:
         seen = project(camera, block.truth.poses[ties.photograph[i]], points[ties.point[i]][None])[0]
         assert np.linalg.norm(seen - ties.pixel[i]) < 3.0
+
+
+def midpoint(block: SimulatedBlock, ideal: np.ndarray, photographs: list[int]) -> np.ndarray | None:
+    """Halfway between two rays where they pass each other, None behind the photographs."""
+    poses = [block.truth.poses[i] for i in photographs]
+    a, b = (pose.rotation_world_from_camera @ [*xy, 1.0] for pose, xy in zip(poses, ideal, strict=True))
+    base = poses[1].position_world_m - poses[0].position_world_m
+    s, t, _ = np.linalg.solve(np.column_stack([a, -b, np.cross(a, b)]), base)
+    if s <= 0 or t <= 0:
+        return None
+    return np.asarray((poses[0].position_world_m + s * a + poses[1].position_world_m + t * b) / 2)
+
+
+def test_consensus_takes_the_pair_with_most_support_and_then_the_smallest_residuals() -> None:
+    block = simulate_block(PLAN, 17, tie_points=120, sigma_px=2.0, mismatches=0.2)
+    ties, (camera, camera_of) = block.block.tie_points, cameras_and_numbers(block)
+    limit = np.random.default_rng(0).uniform(0.5, 6.0, len(ties.point))
+    points, inlier = consensus(block, ties, limit)
+    ideal = ideal_observations([camera], camera_of, ties)
+    first, supports = ties.first_observation, []
+    for p in range(len(ties)):
+        members = np.arange(first[p], first[p + 1])
+        best: tuple[int, float] = (0, 0.0)
+        point, agreeing = np.full(3, np.nan), np.zeros(len(members), dtype=bool)
+        for i, j in combinations(members.tolist(), 2):
+            X = midpoint(block, ideal[[i, j]], ties.photograph[[i, j]].tolist())
+            if X is None:
+                continue
+            seen = np.array([project(camera, block.truth.poses[k], X[None])[0] for k in ties.photograph[members]])
+            error = np.sum((seen - ties.pixel[members]) ** 2, axis=1) / limit[members] ** 2
+            rank = (int(np.sum(error < 1)), -float(np.sum(error[error < 1])))
+            if rank[0] and (best[0] == 0 or rank > best):
+                best, point, agreeing = rank, X, error < 1
+        supports.append(best[0])
+        if best[0] < 2:
+            point, agreeing = np.full(3, np.nan), np.zeros(len(members), dtype=bool)
+        np.testing.assert_allclose(points[p], point, rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(inlier[members], agreeing)
+    assert {0, 1, 2, 3, 4} <= set(supports)
 
 
 def test_consensus_of_exact_rays_is_the_exact_point(exact: SimulatedBlock) -> None:

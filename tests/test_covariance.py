@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.elimination import first_observations
+from photogram.factors.graph import (
+    IndeterminateError,
+    Problem,
+    State,
+    cost,
+    damped_step,
+    ground_graph,
+    ground_values,
+    linearise_all,
+    variable_size,
+)
+from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key, kind_and_index
+from photogram.simulation import SurveyPlan, simulate_block
+
+PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
+SETTINGS = AdjustmentSettings(robust_loss="none")
+FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf)
+
+
+def small(seed: int = 1, sigmas: tuple[float, ...] = FREE, **changes: float) -> tuple[Problem, State]:
+    """A block of six photographs, 40 tie points, and everything that can hold it, close to its solution."""
+    made = simulate_block(
+        replace(PLAN, calibration_sigmas=sigmas), seed, tie_points=40, sigma_px=0.5, start_position_sigma_m=0.02,
+        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02, mismatches=changes.get("mismatches", 0.0),
+    )  # fmt: skip
+    problem = make_problem(made.block, SETTINGS)
+    state = start_state(made.block, problem.flights)
+    return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
+
+
+def dense(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray, dict[int, slice]]:
+    """The normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
+    system = linearise_all(problem, ground_graph(problem), state)
+    ordering, place, start = gtsam.Ordering(), {}, 0
+    for variable in system.variables:
+        ordering.push_back(variable)
+        size = variable_size(problem, variable)
+        place[variable] = slice(start, start + size)
+        start += size
+    information, right = system.graph.hessian(ordering)
+    return information, np.ravel(right), place
+
+
+def assert_equal_blocks(found: np.ndarray, expected: np.ndarray) -> None:
+    sigma = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=1e-6)
+
+
+def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
+    """All covariances by their variable; calibrations of free parameters in the units of their variable."""
+    covariance = {key(POSE, i): found.pose(i) for i in range(len(problem.block.photographs))}
+    covariance |= {key(CONTROL_POINT, g): found.control(g) for g in range(len(problem.control_world_m))}
+    covariance |= {key(GNSS_OFFSET, f): found.offset(f) for f in range(len(problem.flights))}
+    covariance |= {key(TIE_POINT, p): V for p, V in enumerate(found.tie_point)}
+    for c, free in enumerate(problem.free):
+        if len(free):
+            unit = problem.scale[c][free]
+            covariance[key(CALIBRATION, c)] = found.calibration(c)[np.ix_(free, free)] / np.outer(unit, unit)
+    return covariance
+
+
+@pytest.mark.parametrize("loss", ["none", "huber"])
+def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> None:
+    problem, state = small(mismatches=0.05)
+    problem = replace(problem, robust_loss=loss)  # type: ignore[arg-type]
+    information, _, place = dense(problem, state)
+    scale = np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    found = blocks(problem, covariances(problem, state))
+    assert set(found) == set(place)
+    assert {kind_and_index(v)[0] for v in found} == {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION}
+    for variable, where in place.items():
+        assert_equal_blocks(found[variable], inverse[where, where])
+
+
+def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
+    problem, state = small()
+    system = linearise_all(problem, ground_graph(problem), state)
+    marginals = gtsam.Marginals(system.graph, gtsam.VectorValues.Zero(damped_step(system, 1e-9).values))
+    for variable, covariance in blocks(problem, covariances(problem, state)).items():
+        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
+
+
+def test_gtsams_own_factors_give_the_same_covariances() -> None:
+    """With the calibration held and no k3, GTSAM's factors build the whole graph without photogram's Jacobians."""
+    made = simulate_block(
+        replace(PLAN, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
+        start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
+    )  # fmt: skip
+    problem = make_problem(made.block, SETTINGS)
+    state = start_state(made.block, problem.flights)
+    f, cx, cy, k1, k2, _, p1, p2 = state.parameters[0]
+    calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
+    graph = ground_graph(problem)
+    for marks, kind in ((problem.tie, TIE_POINT), (problem.marks, CONTROL_POINT)):
+        for i in range(len(marks)):
+            noise = gtsam.noiseModel.Isotropic.Sigma(2, marks.sigma_px[i])
+            x, p = key(POSE, int(marks.photograph[i])), key(kind, int(marks.point[i]))
+            graph.add(gtsam.GenericProjectionFactorCal3DS2(marks.pixel[i], noise, x, p, calibration))
+    values = ground_values(problem, state)
+    for p, X in enumerate(state.tie_point):
+        values.insert(key(TIE_POINT, p), X)
+    assert graph.error(values) == pytest.approx(cost(problem, ground_graph(problem), state), rel=1e-9)
+    marginals = gtsam.Marginals(graph, values)
+    found = blocks(problem, covariances(problem, state))
+    assert len(found) == 6 + 6 + 2 + 40
+    for variable, covariance in found.items():
+        assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
+
+
+def test_fixed_parameters_have_no_covariance() -> None:
+    problem, state = small()
+    calibration = covariances(problem, state).calibration(0)
+    assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 6, 7]
+    assert not calibration[[4, 5]].any()
+    assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 6]] < np.array(FREE)[[0, 1, 2, 3, 6]])
+
+
+# ---- what cannot be solved ------------------------------------------------------------------------------------------
+
+
+def with_ties(problem: Problem, keep: np.ndarray) -> Problem:
+    return problem.with_tie_observations(problem.tie.select(keep))
+
+
+def floating(problem: Problem, photograph: int) -> Problem:
+    """The problem with one photograph that nothing holds: no rays, no marks, no measured position or attitude."""
+    free = replace(
+        problem.block.photographs[photograph], gnss_world_m=None, gnss_sigma_m=None,
+        attitude_world_from_camera=None, attitude_sigma_rad=None,
+    )  # fmt: skip
+    photographs = tuple(free if i == photograph else p for i, p in enumerate(problem.block.photographs))
+    block = replace(problem.block, photographs=photographs)
+    marks = problem.marks.select(problem.marks.photograph != photograph)
+    rays = problem.tie.photograph != photograph
+    enough = np.bincount(problem.tie.point[rays], minlength=40)[problem.tie.point] >= 2
+    return replace(problem, block=block, marks=marks, tie=problem.tie.select(rays & enough))
+
+
+def both_name(problem: Problem, state: State, expected: tuple[str, int]) -> None:
+    with pytest.raises(IndeterminateError) as fault:
+        damped_step(linearise_all(problem, ground_graph(problem), state), 0.0)
+    assert fault.value.variable == expected
+    with pytest.raises(IndeterminateError) as fault:
+        covariances(problem, state)
+    assert fault.value.variable == expected
+
+
+@pytest.mark.parametrize("photograph", [0, 4])
+def test_a_photograph_that_nothing_holds_is_named(photograph: int) -> None:
+    problem, state = small()
+    lonely = floating(problem, photograph)
+    used = np.unique(lonely.tie.point)
+    number = np.searchsorted(used, lonely.tie.point).astype(np.int64)
+    lonely = lonely.with_tie_observations(replace(lonely.tie, point=number))
+    both_name(lonely, replace(state, tie_point=state.tie_point[used]), (POSE, photograph))
+
+
+def test_a_tie_point_with_one_ray_is_named() -> None:
+    problem, state = small()
+    first = first_observations(problem.tie.point, 40)
+    keep = np.ones(len(problem.tie), dtype=bool)
+    keep[first[17] + 1 : first[18]] = False
+    both_name(with_ties(problem, keep), state, (TIE_POINT, 17))
+
+
+def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
+    problem, state = small()
+    unmarked = replace(problem, marks=problem.marks.select(problem.marks.point != 2))
+    found = covariances(unmarked, state).control(2)
+    np.testing.assert_allclose(found, np.diag(problem.control_sigma_m[2] ** 2), rtol=1e-9, atol=1e-16)
+
+
+def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
+    problem, state = small()
+    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
+    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
+    both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
+
+
+def test_a_block_without_any_datum_is_not_solved() -> None:
+    problem, state = small(sigmas=(0.0,) * 8)
+    photographs = tuple(
+        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for p in problem.block.photographs
+    )
+    none = np.zeros((0, 3))
+    adrift = replace(
+        problem, block=replace(problem.block, photographs=photographs), flights=(),
+        marks=problem.marks.select(np.zeros(len(problem.marks), bool)), control_world_m=none, control_sigma_m=none,
+    )  # fmt: skip
+    with pytest.raises(IndeterminateError) as fault:
+        covariances(adrift, replace(state, control=none, offset=none))
+    assert fault.value.variable is not None
+    assert fault.value.variable[0] == POSE

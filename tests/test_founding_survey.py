@@ -1,0 +1,101 @@
+"""The founding survey: three real calibrated positions and tables, photographs rendered over the real surface.
+
+The data are not part of the repository; the tests are skipped where ``../shared/data/dtu_phantom4`` is absent.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from photogram.pipeline import load_project, open_run
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT.parent / "shared" / "data" / "dtu_phantom4"
+P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_0002_0100.JPG": 0.418}
+NEXT_MARK_PX = {"100_0002_0067.JPG": 1.1, "100_0002_0068.JPG": 4.8, "100_0002_0100.JPG": 3.0}
+
+pytestmark = [
+    pytest.mark.survey,
+    pytest.mark.skipif(not DATA.is_dir(), reason="the founding survey's data are not at ../shared/data/dtu_phantom4"),
+]
+Json = dict[str, Any]
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    return Path(shutil.copy(ROOT / "examples/dtu_phantom4/project.yaml", tmp_path / "project.yaml"))
+
+
+def check_resections(photographs: Json) -> None:
+    assert list(photographs) == list(P3P_TO_GNSS_M)
+    for name, distance_m in P3P_TO_GNSS_M.items():
+        resection = photographs[name]["resection"]
+        assert resection["gnss_difference_m"] == pytest.approx(distance_m, abs=0.005), name
+        assert resection["check_px"] == pytest.approx(NEXT_MARK_PX[name], abs=0.1), name
+
+
+def test_founding_survey(
+    project: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
+) -> None:
+    edit(project, lambda v: v.update(comparison={"reference": str(DATA / "surface_truth.tif")}))
+    outcome = photogram("adjust", project, "--photographs", DATA / "images")
+    assert outcome.code == 0, outcome.err
+    report = json.loads((project.parent / "results/report.json").read_text())
+    truth = json.loads((DATA / "truth.json").read_text())
+
+    check_resections(report["photographs"])
+    for distance_m in P3P_TO_GNSS_M.values():
+        assert any(f"{d:.3f}" in outcome.out for d in (distance_m, distance_m - 0.001, distance_m + 0.001))
+
+    camera = report["cameras"]["phantom4"]
+    assert camera["focal_px"] == pytest.approx(3661.6, rel=0.002)
+    assert camera["focal_px"] == pytest.approx(truth["focal_px"], abs=4 * camera["sigma"]["focal_px"])
+    for name, photograph in report["photographs"].items():
+        expected = truth["cameras"][name]
+        error_m = np.subtract(photograph["position_map_m"], expected["centre"])
+        assert np.linalg.norm(error_m) <= 0.10, name
+        turn = np.array(photograph["rotation_camera_from_map"]) @ np.array(expected["rotation_camera_from_world"]).T
+        error_deg = np.rad2deg(Rotation.from_matrix(turn).magnitude())
+        assert error_deg < 4 * np.linalg.norm(photograph["sigma_attitude_deg"]), name
+        assert error_deg < 0.1, name
+
+    assert report["adjustment"]["converged"]
+    nmad_m = {name: cloud["nmad_m"] for name, cloud in report["clouds"].items()}
+    assert nmad_m["adjusted"] <= 0.05
+    assert nmad_m["adjusted"] < min(nmad_m["linear_2view"], nmad_m["linear_3view"])
+    std_m = {name: cloud["std_m"] for name, cloud in report["clouds"].items()}
+    assert std_m["adjusted"] < min(std_m["linear_2view"], std_m["linear_3view"])
+    mean_m = {name: abs(cloud["mean_m"]) for name, cloud in report["clouds"].items()}
+    assert mean_m["adjusted"] < min(mean_m["linear_2view"], mean_m["linear_3view"])
+    # three photographs with four points each: the control itself is known to 0.05 m
+    assert mean_m["adjusted"] < 0.05
+
+
+@pytest.mark.filterwarnings("ignore:The 'future.infer_string' option")
+def test_camera_from_the_matlab_file(
+    project: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
+) -> None:
+    def from_matlab(values: Json) -> None:
+        camera = values["cameras"]["phantom4"]
+        for key in ("focal_px", "principal_point_px", "radial", "tangential"):
+            del camera[key]
+        camera.update(matlab=str(DATA / "DJI_Phantom4_cam.mat"), pixel_origin="photogram")
+
+    edit(project, from_matlab)
+    outcome = photogram("adjust", project, "--photographs", DATA / "images", "--until", "orientation")
+    assert outcome.code == 0, outcome.err
+    with open_run(load_project(project, DATA / "images")) as run:
+        block, orientation = run.block(), run.orientation()
+    for photograph, resection in zip(block.photographs, orientation.resections, strict=True):
+        assert resection is not None
+        centre, gnss = block.frame.map_from_world(np.array([resection.p3p.position_world_m, photograph.gnss_world_m]))
+        assert np.linalg.norm(centre - gnss) == pytest.approx(P3P_TO_GNSS_M[photograph.name], abs=0.005)
+        assert resection.check_px == pytest.approx(NEXT_MARK_PX[photograph.name], abs=0.1)
