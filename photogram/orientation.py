@@ -171,8 +171,8 @@ def _resection(
     check_px = float(error[others].max()) if others else float("nan")
     if check_px > CONTRADICTION * camera.width_px:
         raise OrientationError(
-            f"its four control points contradict each other: the pose of three of them misses the fourth by {check_px:.0f} "
-            "px; check their coordinates and marks, and that no two are swapped"
+            f"its four control points contradict each other: the pose of three of them misses the fourth "
+            f"by {check_px:.0f} px; check their coordinates and marks, and that no two are swapped"
         )
     refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
     return Resection(p3p, triple, solutions, check_px, refined, inliers, project(camera, refined, points) - pixel)

@@ -181,6 +181,7 @@ class Workspace:
                 ) from fault
             except OSError as fault:
                 raise WorkspaceError(
-                    f"{self.folder}: its file system knows no locks ({fault.strerror}): put the 'work' folder on a local disk"
+                    f"{self.folder}: its file system knows no locks ({fault.strerror}): "
+                    "put the 'work' folder on a local disk"
                 ) from fault
             yield

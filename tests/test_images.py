@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
+from photogram.files.atomic import replacing
 from photogram.files.images import (
     Dewarp,
     PhotographTags,
-    rotation_from_gimbal,
     check_photograph,
     read_grey,
     read_pixels,
     read_tags,
-    replacing,
     write_photograph,
 )
 
