@@ -63,7 +63,13 @@ def _candidates(project: Project, names: list[str], ratio: float) -> tuple[str, 
 
 def _show(result: RansacStudy) -> None:
     best = [f"best of {n}" for n in result.iterations]
-    table = Table("sample", "px", *best, "needed for 99 %", title="Inliers by sample size and threshold")
+    table = Table(
+        "sample",
+        "threshold" if result.residual == "algebraic" else "px",
+        *best,
+        "needed for 99 %",
+        title="Inliers by sample size and threshold",
+    )
     for s, size in enumerate(result.sample_sizes):
         for t, threshold in enumerate(result.thresholds_px):
             needed = float(needed_iterations(float(result.inlier_fraction[t]), size))
@@ -104,7 +110,8 @@ def ransac(
     folder = survey.results / "study"
     make_folder(folder)
     for number, threshold in enumerate(result.thresholds_px):
-        inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}px.png", result, number)
+        unit = "" if residual == "algebraic" else "px"
+        inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}{unit}.png", result, number)
     inliers_by_sample_size(folder / "ransac_sample_size.png", result)
     write_json(
         folder / "ransac.json",

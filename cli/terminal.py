@@ -121,6 +121,9 @@ def show_report(report: Mapping[str, Any]) -> None:
         )
     else:
         table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
+    unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
+    if unused:
+        table.add_row("check points with fewer than two marks", ", ".join(unused))
     console.print(table)
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
         table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")

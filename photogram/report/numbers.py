@@ -146,9 +146,10 @@ def check_numbers(points: list[Json]) -> Json:
 
 
 def adjustment_numbers(result: Adjustment, seconds: float) -> Json:
-    """Return what the joint adjustment says of itself."""
+    """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
     residual = np.sum(result.residual_px**2, axis=1)
     rays = result.block.tie_points.rays
+    axes = result.block.frame.rotation_world_from_map(np.zeros(3))
     return {
         "sigma0": result.sigma0,
         "redundancy": result.redundancy,
@@ -163,8 +164,8 @@ def adjustment_numbers(result: Adjustment, seconds: float) -> Json:
         "converged": result.converged,
         "gnss_offsets": {
             flight: {
-                "offset_m": result.offset_world_m[f].tolist(),
-                "sigma_m": np.sqrt(np.diag(result.offset_covariance_m2[f])).tolist(),
+                "offset_m": (axes.T @ result.offset_world_m[f]).tolist(),
+                "sigma_m": np.sqrt(np.diag(axes.T @ result.offset_covariance_m2[f] @ axes)).tolist(),
             }
             for f, flight in enumerate(result.flights)
         },
