@@ -9,7 +9,7 @@ import typer
 
 from photogram.cli.app import app
 from photogram.cli.terminal import Terminal, bars, console, show_report
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline import STAGES, load_project, run_pipeline
 
 ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
 Photographs = Annotated[
@@ -18,12 +18,21 @@ Photographs = Annotated[
 ]
 
 
+def _stage(name: str | None) -> str | None:
+    names = [stage.name for stage in STAGES]
+    if name is not None and name not in names:
+        raise typer.BadParameter(f"there is no stage {name!r}; the stages are {', '.join(names)}")
+    return name
+
+
 @app.command()
 def adjust(
     project: ProjectFile,
     photographs: Photographs = None,
-    start: Annotated[str | None, typer.Option("--from", help="Repeat this stage and all after it.")] = None,
-    until: Annotated[str | None, typer.Option("--until", help="End after this stage.")] = None,
+    start: Annotated[
+        str | None, typer.Option("--from", callback=_stage, help="Repeat this stage and all after it.")
+    ] = None,
+    until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
 ) -> None:
     """Orient, match and adjust the photographs of a project jointly, and make its point clouds and surface model."""
     survey = load_project(project, photographs)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from photogram.errors import WorkspaceError
+from photogram.files.atomic import make_folder
 from photogram.files.matlab import read_camera
 from photogram.project import Project, read_project
 from photogram.publication import publish
@@ -192,6 +193,7 @@ def run_pipeline(
     first = len(names) if start is None else names.index(stage_named(start).name)
     last = names.index(stage_named(until).name) if until else len(names) - 1
     with open_run(project, executor) as run:
+        make_folder(project.results)  # a folder that cannot be made must show before hours of work
         marks = fingerprints(run)
         for number, stage in enumerate(STAGES[: last + 1]):
             watcher.begin(stage)

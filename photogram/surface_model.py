@@ -51,11 +51,11 @@ class SurfaceSettings:
         for name in ("cell_m", "maximum_gap_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"surface: {name} is {value}: give a positive length in metres, or leave it out")
+                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
         if not self.spike_nmad >= 0 or not self.spike_minimum_m >= 0:
-            raise PhotogramError("surface: spike_nmad and spike_minimum_m cannot be negative (0 keeps every point)")
+            raise PhotogramError("spike_nmad and spike_minimum_m cannot be negative (0 keeps every point)")
         if self.spike_neighbours < 4:
-            raise PhotogramError(f"surface: spike_neighbours is {self.spike_neighbours}: give at least 4")
+            raise PhotogramError(f"spike_neighbours is {self.spike_neighbours}: give at least 4")
 
 
 def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = None) -> Raster:
