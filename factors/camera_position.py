@@ -9,19 +9,24 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
+from photogram.factors.noise import along_axes
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.survey import FloatArray
 
 
 def gnss_position(
-    photograph: int, gnss_world_m: FloatArray, sigma_m: FloatArray, flight: int | None
+    photograph: int,
+    gnss_world_m: FloatArray,
+    sigma_m: FloatArray,
+    flight: int | None,
+    axes: FloatArray | None = None,
 ) -> gtsam.NonlinearFactor:
-    """Return the factor of a GNSS position (3,) with sigmas (3,) in m; ``flight`` names its offset, None when it has
-    none.
+    """Return the factor of a GNSS position (3,) in the world, m; ``flight`` names its offset, None when it has none.
 
-    Residual C − offset − GNSS; Jacobians [0 R] on the pose's tangent (ω, v) and −I on the offset.
+    Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world. Residual
+    C − offset − GNSS; Jacobians [0 R] on the pose's tangent (ω, v) and −I on the offset.
     """
-    noise = gtsam.noiseModel.Diagonal.Sigmas(sigma_m)
+    noise = along_axes(sigma_m, axes)
     if flight is None:
         return gtsam.GPSFactor(key(POSE, photograph), gnss_world_m, noise)
 
@@ -35,9 +40,9 @@ def gnss_position(
     return gtsam.CustomFactor(noise, [key(POSE, photograph), key(GNSS_OFFSET, flight)], error)
 
 
-def offset_prior(flight: int, sigma_m: FloatArray) -> gtsam.NonlinearFactor:
-    """Return the prior of a flight's GNSS offset: zero with sigmas (3,) in m."""
-    return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), gtsam.noiseModel.Diagonal.Sigmas(sigma_m))
+def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = None) -> gtsam.NonlinearFactor:
+    """Return the prior of a flight's GNSS offset: zero with sigmas (3,) in m along the columns of ``axes`` (3, 3)."""
+    return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), along_axes(sigma_m, axes))
 
 
 def measured_attitude(

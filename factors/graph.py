@@ -117,16 +117,17 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
     """Return the factors on control points, GNSS positions, offsets, attitudes and calibrations."""
     graph = gtsam.NonlinearFactorGraph()
     block = problem.block
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
     for g in range(len(problem.control_world_m)):
-        graph.add(surveyed_position(g, problem.control_world_m[g], problem.control_sigma_m[g]))
+        graph.add(surveyed_position(g, problem.control_world_m[g], problem.control_sigma_m[g], axes))
     for i, photograph in enumerate(block.photographs):
         if photograph.gnss_world_m is not None and photograph.gnss_sigma_m is not None:
             flight = problem.flights.index(photograph.flight) if problem.flights else None
-            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight))
+            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight, axes))
         if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
             graph.add(measured_attitude(i, photograph.attitude_world_from_camera, photograph.attitude_sigma_rad))
     for f in range(len(problem.flights)):
-        graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, 1e-6)))
+        graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, 1e-6), axes))
     for c, camera in enumerate(block.cameras):
         free, scale = problem.free[c], problem.scale[c]
         if len(free):

@@ -79,6 +79,17 @@ class Camera:
         cx, cy = self.principal_point_px
         return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
 
+    @property
+    def largest_radius(self) -> float:
+        """Return the ideal radius, at unit focal length, up to which the radial distortion grows; infinite without end.
+
+        Beyond it the polynomial folds back and would show points from far outside within the photograph.
+        """
+        k1, k2, k3 = self.radial
+        squares = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        real = squares.real[(np.abs(squares.imag) < 1e-12) & (squares.real > 0)]
+        return float(np.sqrt(real.min())) if len(real) else float("inf")
+
     def contains(self, pixel: FloatArray) -> NDArray[np.bool_]:
         """Return which pixels (N, 2) lie within the photograph."""
         limit = np.array([self.width_px, self.height_px]) - 0.5
@@ -242,11 +253,18 @@ def _contiguous(array: FloatArray) -> FloatArray:
 
 
 def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArray:
-    """Project points (N, 3) of the world frame to pixels (N, 2); NaN for points at or behind the projection centre."""
+    """Project points (N, 3) of the world frame to pixels (N, 2).
+
+    NaN for points at or behind the projection centre, and for those so far off the axis that the distortion folds back.
+    """
     R = _contiguous(pose.rotation_world_from_camera)
     pixel: FloatArray = _project_all(
         camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m)
     )
+    limit = camera.largest_radius
+    if np.isfinite(limit):
+        x, y, z = pose.camera_from_world(points_world_m).T
+        pixel[np.hypot(x, y) >= limit * z] = np.nan
     return pixel
 
 

@@ -108,6 +108,12 @@ def collinear(points_world_m: FloatArray) -> bool:
     return len(points_world_m) < 3 or bool(singular[1] < COLLINEAR * singular[0])
 
 
+def _misfit_px(camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray) -> FloatArray:
+    """Distance (N,) between projected points and their marks, infinite where a point is not seen."""
+    distance = np.linalg.norm(project(camera, pose, points_world_m) - pixel, axis=1)
+    return np.where(np.isfinite(distance), distance, np.inf)
+
+
 def resect(
     camera: Camera,
     points_world_m: FloatArray,
@@ -141,8 +147,7 @@ def resect(
             continue
         poses = p3p_poses(camera, points_world_m[list(triple)], pixel[list(triple)])
         for pose in poses:
-            error = np.linalg.norm(project(camera, pose, points_world_m) - pixel, axis=1)
-            error = np.where(np.isfinite(error), error, np.inf)
+            error = _misfit_px(camera, pose, points_world_m, pixel)
             agrees = error < tolerance_px if count > 4 else np.ones(count, dtype=bool)
             misfit = float(error.max()) if count == 4 else float(np.sum(np.minimum(error, tolerance_px)))
             if count == 3 and expected_world_m is not None:
@@ -167,12 +172,13 @@ def _resection(
             "check their coordinates and marks"
         )
     others = [i for i in np.flatnonzero(inliers) if i not in triple]
-    error = np.linalg.norm(project(camera, p3p, points) - pixel, axis=1)
+    error = _misfit_px(camera, p3p, points, pixel)
     check_px = float(error[others].max()) if others else float("nan")
     if check_px > CONTRADICTION * camera.width_px:
+        misses = f"misses the fourth by {check_px:.0f} px" if np.isfinite(check_px) else "does not see the fourth"
         raise OrientationError(
-            f"its four control points contradict each other: the pose of three of them misses the fourth "
-            f"by {check_px:.0f} px; check their coordinates and marks, and that no two are swapped"
+            f"its four control points contradict each other: the pose of three of them {misses}; check their "
+            "coordinates and marks, and that no two are swapped"
         )
     refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
     return Resection(p3p, triple, solutions, check_px, refined, inliers, project(camera, refined, points) - pixel)

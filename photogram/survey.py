@@ -41,7 +41,8 @@ def check_range(name: str, value: float, low: float, high: float = float("inf"))
 class Photograph:
     """One photograph and what its tags or the project say of its exterior orientation.
 
-    ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,), both None when there is none;
+    ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,) along the axes of the map, both
+    None when there is none;
     ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes.
     Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it.
     """
@@ -164,8 +165,8 @@ class TiePoints:
 class ControlPoints:
     """Surveyed ground points and their marks in photographs.
 
-    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3); marks: ``mark_photograph``
-    (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3) along the axes of the map;
+    marks: ``mark_photograph`` (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
     """
 
     name: tuple[str, ...]

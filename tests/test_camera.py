@@ -268,3 +268,13 @@ def test_omega_phi_kappa_follow_their_formula(omega: float, phi: float, kappa: f
 
 def test_a_photograph_straight_down_with_its_top_to_the_north_has_no_angles() -> None:
     np.testing.assert_allclose(omega_phi_kappa_deg(rotation_from_gimbal(0.0, -90.0, 0.0)), np.zeros(3), atol=1e-12)
+
+
+def test_points_beyond_the_fold_of_the_distortion_are_not_seen() -> None:
+    # r (1 − r²/4) grows up to r² = 4/3 and is back at the centre at r = 2.
+    camera = Camera("fold", 1000, 800, 500.0, np.array([499.5, 399.5]), np.array([-0.25, 0.0, 0.0]))
+    assert camera.largest_radius == pytest.approx(np.sqrt(4.0 / 3.0))
+    nadir = Pose(np.eye(3), np.zeros(3))
+    pixel = project(camera, nadir, np.array([[1.1, 0.0, 1.0], [1.2, 0.0, 1.0], [2.0, 0.0, 1.0]]))
+    assert np.isfinite(pixel[0]).all()
+    assert np.isnan(pixel[1:]).all()

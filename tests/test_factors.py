@@ -461,3 +461,13 @@ def test_elimination_is_the_schur_complement() -> None:
 
 def test_points_without_observations_are_between_the_others() -> None:
     assert first_observations(np.array([0, 0, 2, 2, 2]), 4).tolist() == [0, 2, 2, 5, 5]
+
+
+def test_sigmas_lie_along_the_axes_of_the_map() -> None:
+    # A metre along the second axis, of sigma 4, weighs a sixteenth of a metre along the first.
+    axes = Rotation.from_euler("z", 30.0, degrees=True).as_matrix()
+    factor = surveyed_position(0, np.zeros(3), np.array([1.0, 4.0, 2.0]), axes)
+    for column, sigma in zip(axes.T, (1.0, 4.0, 2.0), strict=True):
+        values = gtsam.Values()
+        values.insert(key(CONTROL_POINT, 0), column)
+        assert factor.error(values) == pytest.approx(0.5 / sigma**2)
