@@ -86,7 +86,9 @@ class Camera:
         Beyond it the polynomial folds back and would show points from far outside within the photograph.
         """
         k1, k2, k3 = self.radial
-        squares = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        slope = np.array([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        # Coefficients that do nothing within any field of view would send the other roots to infinity.
+        squares = np.roots(np.where(np.abs(slope) < 1e-12, 0.0, slope))
         real = squares.real[(np.abs(squares.imag) < 1e-12) & (squares.real > 0)]
         return float(np.sqrt(real.min())) if len(real) else float("inf")
 

@@ -20,7 +20,8 @@ from photogram.demonstration import write_demonstration
 from photogram.pipeline import load_project, run_pipeline
 from photogram.simulation import SurveyPlan
 
-# The same examples on every run: a test must not fail by chance. To hunt for new ones: pytest --hypothesis-profile=default
+# The same examples on every run: a test must not fail by chance.
+# To hunt for new ones: pytest --hypothesis-profile=default
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
