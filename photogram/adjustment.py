@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.camera import Pose
-from photogram.determinacy import check_determined, undetermined
+from photogram.determinacy import check_determined, not_in_front, undetermined
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import (
@@ -79,7 +79,7 @@ def minimise(
     graph = ground_graph(problem)
     current = cost(problem, graph, state)
     if not np.isfinite(current):
-        raise AdjustmentError("a point that takes part lies behind a photograph at the start of the adjustment")
+        raise not_in_front(problem, state)
     damping, growth = 1e-5, 2.0
     for iteration in range(1, settings.maximum_iterations + 1):
         system = linearise_all(problem, graph, state)
@@ -198,8 +198,7 @@ def sigma0_and_redundancy(problem: Problem, minimum: Minimum) -> tuple[float, in
     unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
-    _, weight = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
-    robust, _ = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
+    robust, weight = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
     squares = 2.0 * (minimum.cost - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from photogram.errors import AdjustmentError
-from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.graph import IndeterminateError, Problem, State
+from photogram.factors.reprojection import residuals
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, WORDS
 
 
@@ -64,3 +65,22 @@ def undetermined(problem: Problem, fault: IndeterminateError) -> AdjustmentError
     """Return the fault that names the variable of an indeterminate system and what it lacks."""
     lacks = "it is not determined" if fault.variable is None else _LACKS[fault.variable[0]]
     return AdjustmentError(f"the adjustment has no unique solution: {_name(problem, fault.variable)}: {lacks}")
+
+
+def not_in_front(problem: Problem, state: State) -> AdjustmentError:
+    """Return the fault that names the photographs which start with a point behind them, and the marked points."""
+    block = problem.block
+    control = block.control_points.with_role("control")
+    marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    lost = ~np.isfinite(marks).all(axis=1)
+    marked = [
+        f"control point {control.name[g]} is marked in {block.photographs[p].name} but lies behind it"
+        for p, g in zip(problem.marks.photograph[lost], problem.marks.point[lost], strict=True)
+    ]
+    photographs = np.unique(problem.tie.photograph[~np.isfinite(tie).all(axis=1)])
+    seen = [f"tie points lie behind {block.photographs[p].name}" for p in photographs]
+    return AdjustmentError(
+        f"the adjustment cannot start: {'; '.join(marked + seen)}: check the marks, and the GNSS position and attitude "
+        "of these photographs"
+    )

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from photogram import __version__
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.matlab import read_camera
@@ -153,7 +154,8 @@ def fingerprints(run: Run) -> dict[str, str]:
     """Return the fingerprint that every stage should have."""
     marks: dict[str, str] = {}
     for stage in STAGES:
-        marks[stage.name] = fingerprint(stage.name, stage.settings(run), [marks[name] for name in stage.needs])
+        inputs = [marks[name] for name in stage.needs]
+        marks[stage.name] = fingerprint(__version__, stage.name, stage.settings(run), inputs)
     return marks
 
 

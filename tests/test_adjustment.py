@@ -309,6 +309,17 @@ def test_a_photograph_without_image_points_is_named() -> None:
         )
 
 
+def test_a_control_point_behind_its_photograph_is_named() -> None:
+    block = simulated(0).block
+    control = block.control_points
+    g = control.mark_point[0]
+    above = control.position_world_m.copy()
+    above[g, 2] += 500.0
+    name, photograph = control.name[g], block.photographs[control.mark_photograph[0]].name
+    with pytest.raises(AdjustmentError, match=f"{name} is marked in {photograph}"):
+        adjust(replace(block, control_points=replace(control, position_world_m=above)), SETTINGS)
+
+
 def test_a_photograph_without_a_pose_is_named() -> None:
     block = simulated(0).block
     with pytest.raises(AdjustmentError, match=block.photographs[2].name):
