@@ -286,7 +286,7 @@ def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px:
     root, vector, count = _grid_means(pixel, residual_px, side_px) if averaged else (pixel, residual_px, np.ones(1))
     typical_px = float(np.percentile(np.hypot(*vector.T), 95)) if len(vector) else 0.0
     enlargement = round_length((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
-    figure = new_figure(9.5, 9.2 * camera.height_px / camera.width_px + 1.0)
+    figure = new_figure(9.5, 9.2 * camera.height_px / camera.width_px + 1.5)
     axes = figure.add_subplot()
     axes.add_patch(Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY))
     arrows = axes.quiver(
@@ -300,7 +300,8 @@ def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px:
     axes.set_ylabel("v, px", fontsize=9)
     rms_px = float(np.sqrt(np.mean(residual_px**2))) if len(residual_px) else 0.0
     drawn = f"means on a grid of {side_px:.0f} px, about {np.median(count):.0f} each" if averaged else "each drawn"
-    axes.set_title(f"{title}\n{len(pixel)} residuals, RMS {rms_px:.2f} px per coordinate; {drawn}", fontsize=10, pad=24)
+    figure.suptitle(title, fontsize=12)
+    axes.set_title(f"{len(pixel)} residuals, RMS {rms_px:.2f} px per coordinate; {drawn}", fontsize=9, pad=24)
     key_px = round_length(1.5 * side_px / enlargement)
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
