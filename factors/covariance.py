@@ -24,6 +24,9 @@ from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET,
 from photogram.survey import FloatArray
 
 RANK_TOLERANCE = 1e-13
+MEANINGLESS_SIGMA_RAD = (
+    0.2  # an attitude known no better than this is not determined: nothing is linear over such angles
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +117,8 @@ def _weakest(S: FloatArray, variables: list[int], sizes: list[int]) -> tuple[str
 def covariances(problem: Problem, state: State) -> Covariances:
     """Compute the covariances of all variables at ``state``.
 
-    Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular.
+    Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
+    photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
     """
     columns, control_column, offset_column, variables, sizes = _layout(problem, state)
     linear_ground = linearise_ground(problem, ground_graph(problem), state)
@@ -130,6 +134,9 @@ def covariances(problem: Problem, state: State) -> Covariances:
     if not smallest > RANK_TOLERANCE:
         raise IndeterminateError(_weakest(S, variables, sizes))
     reduced = cho_solve(cho_factor(normalised), np.eye(columns.size)) / np.outer(scale, scale)
+    variance = np.diag(reduced)[columns.pose[:, None] + np.arange(3)].max(axis=1, initial=0.0)
+    if np.any(variance > MEANINGLESS_SIGMA_RAD**2):
+        raise IndeterminateError((POSE, int(np.argmax(variance))))
     tie_point = tie_point_covariances(problem.tie, linear, columns, V_inverse, reduced)
     unit = np.ones(columns.size)
     for c in range(len(problem.block.cameras)):
