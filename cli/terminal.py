@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -16,6 +17,7 @@ from photogram.stages import Stage
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
+MAXIMUM_LEFT_OUT = 10
 _CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 
 
@@ -95,11 +97,50 @@ def _resections(report: Mapping[str, Any]) -> Table | None:
     return table
 
 
+def _block(report: Mapping[str, Any]) -> Table:
+    block = report["block"]
+    table = Table("figure", "value", title="Block", show_header=False)
+    table.add_row("photographs registered", f"{block['registered']} of {block['photographs']}, by {block['method']}")
+    sizes = block["component_sizes"]
+    if len(sizes) > 1:
+        table.add_row(
+            "parts without tie points in common", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
+        )
+    if block["gsd_m"] is not None:
+        table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
+    overlap = block["overlap"]
+    if overlap is not None:
+        seen = f"median {overlap['median']:.0f}, 3 or more on {overlap['share_3_or_more']:.0%} of the area"
+        table.add_row("overlap, photographs", seen)
+    if block["mean_track_length"] is not None:
+        table.add_row("mean track length", f"{block['mean_track_length']:.2f} photographs per tie point")
+    rms = block["gnss_residual_rms_m"]
+    if rms["three_d"] is not None:
+        table.add_row("GNSS residual RMS in plan, height", f"{rms['plan']:.3f}, {rms['height']:.3f} m")
+    return table
+
+
+def _left_out(report: Mapping[str, Any]) -> Table | None:
+    missing = [(name, p["reason"]) for name, p in report["photographs"].items() if not p["registered"]]
+    if not missing:
+        return None
+    table = Table("photograph", "why", title=f"Left out: {len(missing)} photographs")
+    for name, reason in missing[:MAXIMUM_LEFT_OUT]:
+        table.add_row(escape(name), escape(reason))
+    if len(missing) > MAXIMUM_LEFT_OUT:
+        table.add_row(f"and {len(missing) - MAXIMUM_LEFT_OUT} more", "see photographs in report.json")
+    return table
+
+
 def show_report(report: Mapping[str, Any]) -> None:
     """Print the essentials of report.json."""
     resections = _resections(report)
     if resections is not None:
         console.print(resections)
+    console.print(_block(report))
+    left_out = _left_out(report)
+    if left_out is not None:
+        console.print(left_out)
     a, check = report["adjustment"], report["check_points"]
     table = Table("figure", "value", title="Result", show_header=False)
     table.add_row("tie points, observations", f"{a['tie_points']}, {a['observations']}")

@@ -1,29 +1,27 @@
-"""Covariances of all variables on the final linearisation, from the reduced system of poses, calibration and control.
+"""Covariances of all variables on the final linearisation, from the factor of the reduced system.
 
-A-priori sigmas are used as they stand: nothing is rescaled by sigma0.
+A-priori sigmas are used as they stand: nothing is rescaled by sigma0. With the reduced system [A B; Bᵀ E], T = A⁻¹ B and
+the border's covariance C = (E − Bᵀ T)⁻¹, two poses have the covariance (A⁻¹)_ij + T_i C T_jᵀ; only what lies within the
+band of A is ever computed of its inverse, and everything that shares a point does.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.sparse.linalg import LinearOperator, eigsh
 
-from photogram.factors.elimination import Columns, eliminate_tie_points, tie_point_covariances
-from photogram.factors.graph import (
-    IndeterminateError,
-    Problem,
-    State,
-    ground_graph,
-    linearise_ground,
-    linearise_tie_points,
-)
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key
-from photogram.survey import FloatArray
+from photogram.factors.bundle import limited_threads
+from photogram.factors.elimination import NO_LOSS, Cameras, Points, point_covariances
+from photogram.factors.graph import IndeterminateError, Problem, State
+from photogram.factors.ground_terms import bundle_of, eliminated, variable_at
+from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
+from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
+from photogram.survey import FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-13
+RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
 MEANINGLESS_SIGMA_RAD = (
     0.2  # an attitude known no better than this is not determined: nothing is linear over such angles
 )
@@ -33,85 +31,119 @@ MEANINGLESS_SIGMA_RAD = (
 class Covariances:
     """A-priori covariances at the solution.
 
-    ``reduced`` (n, n) of poses (tangent ω, v of each), control points, offsets and free calibration parameters (in
-    natural units), laid out by ``columns`` and the two first columns; ``tie_point`` (P, 3, 3) in the world, m².
+    ``inverse`` (flat) of the poses' matrix within the band of ``layout``, ``T`` (6 free, border), ``border`` (border,
+    border) of calibrations and offsets; ``factor`` of the system whose rows were divided by ``scale``. ``tie_point``
+    (P, 3, 3) and ``control_point`` (G, 3, 3) in the world, m², NaN for tie points without rays.
     """
 
-    reduced: FloatArray
-    columns: Columns
-    control_column: int
-    offset_column: int
+    layout: Layout
+    factor: Factor
+    scale: FloatArray
+    inverse: FloatArray
+    T: FloatArray
+    border: FloatArray
     tie_point: FloatArray
+    control_point: FloatArray
+
+    @property
+    def poses(self) -> FloatArray:
+        """Return the covariances (N, 6, 6) of all poses' tangents (ω in rad, v in m, camera frame)."""
+        rows = 6 * self.layout.place[:, None] + np.arange(6)
+        T = self.T[rows]
+        own = self._inverse(rows[:, :, None], rows[:, None, :])
+        return np.asarray(own + T @ self.border @ T.transpose(0, 2, 1))
 
     def pose(self, photograph: int) -> FloatArray:
         """Return the covariance (6, 6) of a pose's tangent (ω in rad, v in m, camera frame)."""
-        c = int(self.columns.pose[photograph])
-        return self.reduced[c : c + 6, c : c + 6]
+        return self.joint(np.array([photograph]))[:6, :6]
 
     def control(self, point: int) -> FloatArray:
         """Return the covariance (3, 3) of an adjusted control point in the world, m²."""
-        c = self.control_column + 3 * point
-        return self.reduced[c : c + 3, c : c + 3]
+        return np.asarray(self.control_point[point])
 
     def offset(self, flight: int) -> FloatArray:
         """Return the covariance (3, 3) of a flight's GNSS offset in the world, m²."""
-        c = self.offset_column + 3 * flight
-        return self.reduced[c : c + 3, c : c + 3]
+        column = self.layout.offset_column + 3 * flight
+        return self.border[column : column + 3, column : column + 3]
 
     def calibration(self, camera: int) -> FloatArray:
         """Return the covariance (8, 8) of a camera's parameters, zero where they are fixed."""
-        full = np.zeros((8, 8))
-        column = self.columns.calibration[camera]
-        free = np.flatnonzero(column >= 0)
-        full[np.ix_(free, free)] = self.reduced[np.ix_(column[free], column[free])]
-        return full
+        column, unit = int(self.layout.camera_column[camera]), self.layout.unit[camera]
+        if column < 0:
+            return np.zeros((8, 8))
+        return np.asarray(self.border[column : column + 8, column : column + 8] * np.outer(unit, unit))
+
+    def joint(self, photographs: IntArray) -> FloatArray:
+        """Return the joint covariance (6 k + border) of k poses, in the order given, and the border.
+
+        The border holds the calibrations, in their natural units, from ``layout.camera_column`` on, then the GNSS
+        offsets. Photographs farther apart than the band cost a solution of the system.
+        """
+        layout, place = self.layout, self.layout.place[photographs]
+        rows = (6 * place[:, None] + np.arange(6)).ravel()
+        if layout.dense or np.ptp(place) <= layout.reach:
+            own = self._inverse(rows[:, None], rows[None, :])
+        else:
+            right = np.zeros((layout.columns, len(rows)))
+            right[rows, np.arange(len(rows))] = 1.0 / self.scale[rows]
+            own = self.factor.solve_poses(right)[rows] / self.scale[rows][:, None]
+        T, unit = self.T[rows], np.ones(layout.border)
+        for column, units in zip(layout.camera_column, layout.unit, strict=True):
+            if column >= 0:
+                unit[column : column + 8] = units
+        cross = -T @ self.border
+        return np.block(
+            [[own - cross @ T.T, cross * unit], [(cross * unit).T, self.border * np.outer(unit, unit)]]
+        )  # fmt: skip
+
+    def _inverse(self, row: IntArray, column: IntArray) -> FloatArray:
+        low, high = np.minimum(row, column), np.maximum(row, column)
+        return np.asarray(self.inverse[low * self.layout.stride + high])
 
 
-def _layout(problem: Problem, state: State) -> tuple[Columns, int, int, list[int], list[int]]:
-    """Return columns, the first control and offset column, and the keys of all reduced variables with their sizes."""
-    variables = [(key(POSE, i), 6) for i in range(len(state.rotation))]
-    variables += [(key(CONTROL_POINT, g), 3) for g in range(len(state.control))]
-    variables += [(key(GNSS_OFFSET, f), 3) for f in range(len(state.offset))]
-    variables += [(key(CALIBRATION, c), len(free)) for c, free in enumerate(problem.free) if len(free)]
-    sizes = [n for _, n in variables]
-    control_column = 6 * len(state.rotation)
-    offset_column = control_column + 3 * len(state.control)
-    calibration = np.full((len(problem.block.cameras), 8), -1, dtype=np.int64)
-    column = offset_column + 3 * len(state.offset)
-    for c, free in enumerate(problem.free):
-        calibration[c, free] = column + np.arange(len(free))
-        column += len(free)
-    columns = Columns(6 * np.arange(len(state.rotation), dtype=np.int64), calibration, column)
-    return columns, control_column, offset_column, [k for k, _ in variables], sizes
+def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:
+    """Return the smallest eigenvalue of a factored system, and its eigenvector."""
+    m = factor.layout.columns
+    size = m + factor.layout.border
+
+    def solve(right: FloatArray) -> FloatArray:
+        poses, border = factor.solve(np.ravel(right)[:m], np.ravel(right)[m:])
+        return np.concatenate([poses, border])
+
+    inverse = LinearOperator((size, size), matvec=solve, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(size)
+    value, vector = eigsh(inverse, k=1, which="LM", v0=start, tol=1e-3)
+    return 1.0 / float(value[0]), np.asarray(vector[:, 0])
 
 
-def _ground_information(
-    linear: gtsam.GaussianFactorGraph, variables: list[int], sizes: list[int], size: int
-) -> FloatArray:
-    """Return the normal matrix (size, size) of a linear graph over ``variables``, zero for those it does not hold."""
-    S = np.zeros((size, size))
-    held = set(linear.keyVector())
-    ordering = gtsam.Ordering()
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-    index: list[int] = []
-    for i, variable in enumerate(variables):
-        if variable in held:
-            ordering.push_back(variable)
-            index.extend(range(start[i], start[i + 1]))
-    if index:
-        information, _ = linear.hessian(ordering)
-        S[np.ix_(index, index)] = information
-    return S
+def _undetermined(problem: Problem, normal: NormalEquations, scale: FloatArray) -> IndeterminateError:
+    """Return the fault that names the variable that moves most along a direction that nothing holds."""
+    layout = normal.layout
+    try:
+        _, direction = _weakest_direction(normal.factor(scale=scale, shift=RANK_SHIFT))
+    except SingularError as fault:
+        return IndeterminateError(variable_at(problem, layout, fault.column))
+    return IndeterminateError(_weakest(problem, layout, direction))
 
 
-def _weakest(S: FloatArray, variables: list[int], sizes: list[int]) -> tuple[str, int]:
-    """Return kind and index of the variable that moves most along the direction that nothing holds."""
-    scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
-    _, vectors = eigh(S / np.outer(scale, scale), subset_by_index=(0, 0))
-    owner = np.repeat(np.arange(len(sizes)), sizes)
-    weight = np.bincount(owner, weights=vectors[:, 0] ** 2)
-    symbol = gtsam.Symbol(variables[int(np.argmax(weight))])
-    return chr(symbol.chr()), int(symbol.index())
+def _weakest(problem: Problem, layout: Layout, direction: FloatArray) -> tuple[str, int]:
+    weight: dict[tuple[str, int], float] = {}
+    for column, square in enumerate((direction**2).tolist()):
+        variable = variable_at(problem, layout, column)
+        weight[variable] = weight.get(variable, 0.0) + square
+    return max(weight, key=lambda variable: weight[variable])
+
+
+def _checked_factor(problem: Problem, normal: NormalEquations, scale: FloatArray) -> Factor:
+    """Factor the normalised system. Raises IndeterminateError where it is singular to working precision."""
+    try:
+        factor = normal.factor(scale=scale)
+    except SingularError as fault:
+        raise _undetermined(problem, normal, scale) from fault
+    smallest, direction = _weakest_direction(factor)
+    if not smallest > RANK_TOLERANCE:
+        raise IndeterminateError(_weakest(problem, normal.layout, direction))
+    return factor
 
 
 def covariances(problem: Problem, state: State) -> Covariances:
@@ -120,26 +152,26 @@ def covariances(problem: Problem, state: State) -> Covariances:
     Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
     photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
     """
-    columns, control_column, offset_column, variables, sizes = _layout(problem, state)
-    linear_ground = linearise_ground(problem, ground_graph(problem), state)
-    S = _ground_information(linear_ground, variables, sizes, columns.size)
-    linear = linearise_tie_points(problem, state)
-    V_inverse, failed = eliminate_tie_points(problem.tie, linear, len(state.tie_point), columns, S)
-    if failed >= 0:
-        raise IndeterminateError((TIE_POINT, failed))
-    S = 0.5 * (S + S.T)
-    scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
-    normalised = S / np.outer(scale, scale)
-    smallest = eigh(normalised, subset_by_index=(0, 0), eigvals_only=True)[0]
-    if not smallest > RANK_TOLERANCE:
-        raise IndeterminateError(_weakest(S, variables, sizes))
-    reduced = cho_solve(cho_factor(normalised), np.eye(columns.size)) / np.outer(scale, scale)
-    variance = np.diag(reduced)[columns.pose[:, None] + np.arange(3)].max(axis=1, initial=0.0)
-    if np.any(variance > MEANINGLESS_SIGMA_RAD**2):
-        raise IndeterminateError((POSE, int(np.argmax(variance))))
-    tie_point = tie_point_covariances(problem.tie, linear, columns, V_inverse, reduced)
-    unit = np.ones(columns.size)
-    for c in range(len(problem.block.cameras)):
-        used = columns.calibration[c] >= 0
-        unit[columns.calibration[c][used]] = problem.scale[c][used]
-    return Covariances(reduced * np.outer(unit, unit), columns, control_column, offset_column, tie_point)
+    bundle = bundle_of(problem, state)
+    layout, m = bundle.layout, bundle.layout.columns
+    with limited_threads(len(bundle.tie)) as pool:
+        terms = bundle.ground.linearise(state)
+        normal = eliminated(bundle, state, terms, pool)
+        scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+        scale[m:][layout.fixed] = 1.0
+        factor = _checked_factor(problem, normal, scale)
+        inverse = factor.inverse_within_band()
+        scale_matrix(inverse, scale, layout)
+        T = factor.T * scale[m:] / scale[:m, None]
+        border = factor.border_covariance() / np.outer(scale[m:], scale[m:])
+        found = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
+        variance = np.einsum("naa->na", found.poses)[:, :3].max(axis=1, initial=0.0)
+        if np.any(variance > MEANINGLESS_SIGMA_RAD**2):
+            raise IndeterminateError((POSE, int(np.argmax(variance))))
+        cameras, blocks = Cameras(state.parameters, state.rotation, state.position), (inverse, T, border)
+        ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
+        tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)
+        control, missing = point_covariances(bundle.marks, cameras, controls, layout, NO_LOSS, blocks)
+    if lost >= 0 or missing >= 0:
+        raise IndeterminateError((TIE_POINT, lost) if lost >= 0 else (CONTROL_POINT, missing))
+    return Covariances(layout, factor, scale, inverse, T, border, tie, control)

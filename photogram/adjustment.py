@@ -6,7 +6,7 @@ and are tested between rounds, with re-admission; control points, marks and GNSS
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,22 +16,14 @@ from numpy.typing import NDArray
 from photogram.camera import Pose
 from photogram.determinacy import check_determined, not_in_front, undetermined
 from photogram.errors import AdjustmentError
+from photogram.factors.bundle import Minimum
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import (
-    IndeterminateError,
-    Problem,
-    State,
-    cost,
-    damped_step,
-    ground_graph,
-    linearise_all,
-    retract,
-    robust_cost_and_weight,
-)
+from photogram.factors.graph import IndeterminateError, Problem, State, ground_graph, robust_cost_and_weight
+from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, noise_scale, outlier_limit_px, settled
-from photogram.survey import Adjustment, Block, check_range
+from photogram.survey import Adjustment, Block, FloatArray, check_range
 
 Progress = Callable[[str], None]
 
@@ -49,6 +41,7 @@ class AdjustmentSettings:
     maximum_rounds: int = 6
     maximum_iterations: int = 50  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
+    engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
 
     def __post_init__(self) -> None:
         for name in ("tie_point_sigma_px", "robust_threshold", "outlier_threshold", "first_outlier_threshold_px"):
@@ -59,52 +52,21 @@ class AdjustmentSettings:
         check_range("relative_tolerance", self.relative_tolerance, 0.0, 0.1)
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Where Levenberg–Marquardt stopped."""
-
-    state: State
-    cost: float
-    iterations: int
-    converged: bool
-
-
 def minimise(
     problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = lambda _: None
 ) -> Minimum:
-    """Minimise the cost by Levenberg–Marquardt (Marquardt 1963) with the damping update of Nielsen (1999).
+    """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
 
-    Raises IndeterminateError when the linear system has no unique solution.
+    Raises IndeterminateError when the linear system has no unique solution, AdjustmentError when points lie behind
+    photographs at the start.
     """
-    graph = ground_graph(problem)
-    current = cost(problem, graph, state)
-    if not np.isfinite(current):
+    if settings.engine == "reference":
+        found = minimise_graph(problem, state, settings.maximum_iterations, settings.relative_tolerance, progress)
+    else:
+        found = minimise_problem(problem, state, settings.maximum_iterations, settings.relative_tolerance, progress)
+    if not np.isfinite(found.cost):
         raise not_in_front(problem, state)
-    damping, growth = 1e-5, 2.0
-    for iteration in range(1, settings.maximum_iterations + 1):
-        system = linearise_all(problem, graph, state)
-        while True:
-            step = damped_step(system, damping)
-            candidate = retract(problem, state, step)
-            value = cost(problem, graph, candidate)
-            gain = (current - value) / step.predicted_decrease if step.predicted_decrease > 0 else 0.0
-            small = step.predicted_decrease <= settings.relative_tolerance * max(current, 1e-12)
-            if gain > 0 and np.isfinite(value):
-                break
-            if small:
-                return Minimum(state, current, iteration, True)
-            damping *= growth
-            growth *= 2.0
-            if damping > 1e12:
-                return Minimum(state, current, iteration, False)
-        saved = current - value
-        state, current = candidate, value
-        damping = max(1e-9, damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-        growth = 2.0
-        progress(f"iteration {iteration}: cost {current:.6g}")
-        if small or saved <= settings.relative_tolerance * max(current, 1e-12):
-            return Minimum(state, current, iteration, True)
-    return Minimum(state, current, settings.maximum_iterations, False)
+    return found
 
 
 def start_state(block: Block, flights: tuple[str, ...]) -> State:
@@ -212,15 +174,91 @@ def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tupl
     return replace(block, cameras=cameras, poses=poses, tie_points=tie_points), kept
 
 
-def adjust(block: Block, settings: AdjustmentSettings, progress: Progress = lambda _: None) -> Adjustment:
+def _oriented(block: Block) -> tuple[Block, NDArray[np.int64]]:
+    """Return the block of the photographs that have a pose, and their indices (n,) in the whole.
+
+    Points and marks keep their numbers; observations in the other photographs are left out. Raises AdjustmentError when
+    no photograph has a pose.
+    """
+    index = np.array([i for i, pose in enumerate(block.poses) if pose is not None], dtype=np.int64)
+    if not len(index):
+        raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
+    number = np.full(len(block.poses), -1, dtype=np.int64)
+    number[index] = np.arange(len(index))
+    tie, points = block.tie_points, block.control_points
+    tie = tie.select(np.ones(len(tie), dtype=bool), number[tie.photograph] >= 0)
+    seen = number[points.mark_photograph] >= 0
+    control = replace(
+        points,
+        mark_photograph=number[points.mark_photograph[seen]],
+        mark_point=points.mark_point[seen],
+        mark_pixel=points.mark_pixel[seen],
+        mark_sigma_px=points.mark_sigma_px[seen],
+    )
+    part = replace(
+        block,
+        photographs=tuple(block.photographs[i] for i in index),
+        poses=tuple(block.poses[i] for i in index),
+        tie_points=replace(tie, photograph=number[tie.photograph]),
+        control_points=control,
+    )
+    return part, index
+
+
+def _of_all_photographs(whole: Block, part: Adjustment, index: NDArray[np.int64]) -> Adjustment:
+    """Return the adjustment of some photographs, ``index`` (n,) in ``whole``, as one of them all: nothing for the
+    others."""
+    poses: list[Pose | None] = [None] * len(whole.poses)
+    for i, pose in zip(index.tolist(), part.block.poses, strict=True):
+        poses[i] = pose
+    tie = part.block.tie_points
+    block = replace(
+        part.block,
+        photographs=whole.photographs,
+        poses=tuple(poses),
+        tie_points=replace(tie, photograph=index[tie.photograph]),
+        control_points=whole.control_points,
+    )
+    position, rotation = (np.full((len(poses), 3, 3), np.nan) for _ in range(2))
+    position[index], rotation[index] = part.position_covariance_m2, part.rotation_covariance_rad2
+    mark = np.full((len(whole.control_points.mark_photograph), 2), np.nan)
+    mark[np.isin(whole.control_points.mark_photograph, index)] = part.mark_residual_px
+    return replace(
+        part,
+        block=block,
+        position_covariance_m2=position,
+        rotation_covariance_rad2=rotation,
+        mark_residual_px=mark,
+    )
+
+
+def adjust(
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress = lambda _: None,
+    *,
+    start: Sequence[FloatArray] = (),
+) -> Adjustment:
     """Adjust a block jointly, reject mismatched observations, and compute covariances.
 
-    Every photograph needs a pose to start from; tie points need none. Raises AdjustmentError naming the variable that
-    is not determined, and what it lacks.
+    Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
+    orientation (8,) of each camera to start from, where it is not the given one, which stays the mean of the priors.
+    Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
+    part, index = _oriented(block)
+    adjusted = _adjust_oriented(part, settings, progress, start)
+    return adjusted if len(index) == len(block.poses) else _of_all_photographs(block, adjusted, index)
+
+
+def _adjust_oriented(
+    block: Block, settings: AdjustmentSettings, progress: Progress, start: Sequence[FloatArray]
+) -> Adjustment:
+    """Adjust a block whose photographs all have a pose to start from."""
     whole = make_problem(block, settings)
     try:
-        solved = _solve_rounds(whole, start_state(block, whole.flights), settings, progress)
+        first = start_state(block, whole.flights)
+        first = replace(first, parameters=np.array(start)) if len(start) else first
+        solved = _solve_rounds(whole, first, settings, progress)
         state = solved.minimum.state
         adjusted, kept = _adjusted_block(block, state, solved.used)
         camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
@@ -235,8 +273,7 @@ def adjust(block: Block, settings: AdjustmentSettings, progress: Progress = lamb
         raise undetermined(whole, fault) from fault
     sigma0, redundancy = sigma0_and_redundancy(final, replace(solved.minimum, state=final_state))
     ground, ground_covariance = ground_points(final, final_state, found)
-    poses = [found.pose(i) for i in range(len(block.photographs))]
-    R = state.rotation
+    poses, R = found.poses, state.rotation
     tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)
     return Adjustment(
         block=adjusted,
@@ -244,8 +281,8 @@ def adjust(block: Block, settings: AdjustmentSettings, progress: Progress = lamb
         redundancy=redundancy,
         residual_px=tie_residual * tie.sigma_px[:, None],
         mark_residual_px=mark_residuals_px(block, ground, state),
-        position_covariance_m2=np.array([R[i] @ S[3:, 3:] @ R[i].T for i, S in enumerate(poses)]),
-        rotation_covariance_rad2=np.array([S[:3, :3] for S in poses]),
+        position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
+        rotation_covariance_rad2=poses[:, :3, :3],
         calibration_covariance=np.array([found.calibration(c) for c in range(len(block.cameras))]),
         tie_point_covariance_m2=found.tie_point,
         ground_world_m=ground,

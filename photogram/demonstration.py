@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from photogram.camera import gimbal_from_rotation
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.images import PhotographTags, write_photograph
+from photogram.files.images import write_photograph
 from photogram.files.rasters import write_geotiff
-from photogram.frames import geodetic_from_map
 from photogram.simulation import (
     SimulatedSurvey,
     SurveyPlan,
@@ -23,7 +21,7 @@ from photogram.simulation import (
     simulate,
     truth_surface,
 )
-from photogram.survey import Photograph
+from photogram.survey_folder import photograph_tags, truth_record
 from photogram.workspace import fingerprint, read_json, write_json
 
 TRUTH_CELL_M = 0.1
@@ -51,42 +49,24 @@ class Judgement:
         return self.nmad_m["linear_3view"] / self.nmad_m["adjusted"]
 
 
-def _tags(survey: SimulatedSurvey, photograph: Photograph) -> PhotographTags:
-    camera = survey.approximate_camera
-    if (
-        photograph.gnss_world_m is None
-        or photograph.attitude_world_from_camera is None
-        or photograph.gnss_sigma_m is None
-    ):
-        raise ValueError(f"{photograph.name}: a simulated photograph has a GNSS position and an attitude")
-    lon, lat, height = geodetic_from_map(survey.frame.crs, survey.frame.map_from_world(photograph.gnss_world_m[None]))[
-        0
-    ]
-    yaw, pitch, roll = gimbal_from_rotation(photograph.attitude_world_from_camera)
-    east, north, up = (float(s) for s in photograph.gnss_sigma_m)
-    return PhotographTags(
-        make="DJI",
-        model="SIMULATED",
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        time=photograph.time,
-        longitude_deg=float(lon),
-        latitude_deg=float(lat),
-        height_m=float(height),
-        gnss_sigma_m=(east, north, up),
-        rtk_flag=50,
-        gimbal_yaw_deg=yaw,
-        gimbal_pitch_deg=pitch,
-        gimbal_roll_deg=roll,
-    )
-
-
 def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], digits: int) -> str:
     return "[" + ", ".join(f"{v:.{digits}f}" for v in values) + "]"
 
 
 def _sigma(value: float) -> str:
     return "free" if np.isinf(value) else f"{value:g}"
+
+
+def _gnss_lines(plan: SurveyPlan) -> list[str]:
+    if not plan.gnss_tags:
+        return ["  # the photographs' tags give neither position nor attitude"]
+    if plan.rtk_flag is not None:
+        return ["  # GNSS positions, their sigmas and the gimbal's attitude are in the photographs' own tags"]
+    sigma = _numbers(np.array(plan.gnss_sigma_m), 3)
+    return [
+        "  # GNSS positions and the gimbal's attitude are in the photographs' own tags, the sigmas are not",
+        f"  gnss_sigma_m: {sigma}",
+    ]
 
 
 def _project_text(survey: SimulatedSurvey) -> str:
@@ -111,7 +91,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
         "  folder: photographs",
         f"  camera: {camera.name}",
         f"  attitude_sigma_deg: {plan.attitude_sigma_deg:g}",
-        "  # GNSS positions, their sigmas and the gimbal's attitude are in the photographs' own tags",
+        *_gnss_lines(plan),
         "  list:",
         *(f'    - {{name: {p.name}, flight: "{p.flight}"}}' for p in survey.photographs),
         "gnss:",
@@ -139,20 +119,6 @@ def _project_text(survey: SimulatedSurvey) -> str:
     return "\n".join(lines)
 
 
-def _truth(survey: SimulatedSurvey) -> dict[str, object]:
-    camera = survey.truth.camera
-    positions = survey.frame.map_from_world(np.array([pose.position_world_m for pose in survey.truth.poses]))
-    return {
-        "simulated": True,
-        "seed": survey.seed,
-        "made_from": fingerprint(survey.plan, survey.seed),
-        "gsd_m": survey.plan.gsd_m,
-        "camera": {"name": camera.name, "parameters": camera.parameters.tolist()},
-        "positions_map_m": {p.name: c.tolist() for p, c in zip(survey.photographs, positions, strict=True)},
-        "gnss_offset_m": {flight: offset.tolist() for flight, offset in survey.truth.gnss_offset_world_m.items()},
-    }
-
-
 def write_demonstration(
     folder: Path, seed: int, progress: Callable[[int, int, str], None], plan: SurveyPlan | None = None
 ) -> Path:
@@ -171,11 +137,11 @@ def write_demonstration(
         zip(survey.photographs, render_photographs(survey), strict=True)
     ):
         progress(done, count, name)
-        write_photograph(folder / "photographs" / name, pixels, _tags(survey, photograph))
+        write_photograph(folder / "photographs" / name, pixels, photograph_tags(survey, photograph))
     write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
     with replacing(project) as temporary:
         temporary.write_text(_project_text(survey), encoding="utf-8")
-    write_json(truth, _truth(survey))
+    write_json(truth, truth_record(survey))
     progress(count, count, "")
     return project
 

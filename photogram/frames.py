@@ -64,6 +64,71 @@ def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatA
     return np.column_stack([easting, northing, height])
 
 
+def _plan_of(crs: CRS) -> CRS:
+    return (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
+
+
+def _transformer(source: CRS, target: CRS, names: str) -> Transformer:
+    """Return the best transformation that PROJ has; a datum that is given is never passed over."""
+    try:
+        return Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False)
+    except ProjError as fault:
+        datums = [crs.geodetic_crs.datum for crs in (source, target) if crs.geodetic_crs is not None]
+        if any(datum is not None and datum.name.startswith("Unknown") for datum in datums):
+            # A PROJ string with an ellipsoid and no datum can only be read as the other's datum.
+            return Transformer.from_crs(source, target, always_xy=True)
+        raise FrameError(
+            f"crs: PROJ has no transformation {names}, or lacks its grid: give the points in the project's CRS"
+        ) from fault
+
+
+def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
+    """Transform points (N, 3) of the CRS ``source`` to the map (N, 3) of the CRS ``target``, each exactly.
+
+    ``source`` is anything that PROJ knows, a map grid or geographic; its columns are easting or longitude, northing or
+    latitude, in its own unit (degrees where geographic), and height. Plan goes by the best transformation that this
+    PROJ can do. Heights are transformed where both CRS define a vertical axis, else only brought to metres by the
+    unit of the source's vertical axis, or left as they are where it has none: whether two heights have the same zero
+    is not checked here. Raises FrameError where ``source`` is unknown or geocentric, no transformation is known,
+    heights come beside feet without a unit of their own, or a point lies where the transformation has no values.
+    """
+    x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
+    try:
+        given = CRS.from_user_input(source)
+    except CRSError as fault:
+        raise FrameError(
+            f"crs: {source!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
+        ) from fault
+    plan = projected_crs(target)
+    if given.is_geocentric or len(given.axis_info) < 2:
+        raise FrameError(f"crs: {source!r} ({given.name}) has no easting and northing, nor longitude and latitude")
+    full = CRS.from_user_input(target)
+    upright = [axis for axis in given.axis_info if axis.direction == "up"]
+    upright_map = [axis for axis in full.axis_info if axis.direction == "up"]
+    names = f"from {source} to {target}"
+    if upright and upright_map:
+        easting, northing, height = _transformer(given, full, names).transform(x, y, z)
+        result = np.column_stack([easting, northing, height * upright_map[0].unit_conversion_factor])
+    else:
+        horizontal = _plan_of(given)
+        unit = horizontal.axis_info[0].unit_name
+        if not upright and horizontal.is_projected and unit != "metre":
+            raise FrameError(
+                f"crs: {source!r} ({given.name}) is in {unit} and says nothing of heights: name its height system too, "
+                "EPSG:2229+6360 for example, or give the points in metres"
+            )
+        easting, northing = _transformer(horizontal, plan, names).transform(x, y)
+        result = np.column_stack([easting, northing, z * (upright[0].unit_conversion_factor if upright else 1.0)])
+    lost = np.flatnonzero(~np.isfinite(result).all(axis=1))
+    if len(lost):
+        first = lost[0]
+        raise FrameError(
+            f"position {x[first]:.10g}, {y[first]:.10g} of {source} cannot be brought to {target}: check the CRS, and "
+            "that the columns are easting (or longitude) before northing (or latitude)"
+        )
+    return result
+
+
 def geodetic_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
     """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height
     unchanged."""

@@ -9,9 +9,9 @@ import numpy as np
 from photogram.camera import Camera, image_plane
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances
-from photogram.factors.elimination import eliminate_tie_points, first_observations, tie_point_covariances
+from photogram.factors.elimination import first_observations
 from photogram.factors.graph import Problem, State
-from photogram.factors.reprojection import Observations, linearise, residuals
+from photogram.factors.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.survey import Block, FloatArray
 from photogram.triangulation import consensus_intersections
 
@@ -38,15 +38,29 @@ def _check_points(
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
     X = intersect_weighted(observations, cameras, state, len(index))
     linear = linearise(observations, state.parameters, state.rotation, state.position, X)
-    V_inverse, failed = eliminate_tie_points(
-        observations, linear, len(index), found.columns, np.zeros_like(found.reduced)
-    )
-    if failed >= 0:
-        raise AdjustmentError(
-            f"check point {points.name[index[failed]]}: its rays are parallel, mark it in more photographs"
-        )
-    ground[index] = X
-    covariance[index] = tie_point_covariances(observations, linear, found.columns, V_inverse, found.reduced)
+    first = first_observations(number, len(index))
+    for n, g in enumerate(index):
+        rays = slice(int(first[n]), int(first[n + 1]))
+        ground[g], covariance[g] = X[n], _intersection_covariance(observations, linear, rays, found)
+
+
+def _intersection_covariance(
+    observations: Observations, linear: Linearisation, rays: slice, found: Covariances
+) -> FloatArray:
+    """Return the covariance (3, 3) of a point intersected from its marks with uncertain cameras."""
+    J_point = linear.point[rays].reshape(-1, 3)
+    photographs, number = np.unique(observations.photograph[rays], return_inverse=True)
+    border = 6 * len(photographs)
+    cameras = found.joint(photographs)
+    J = np.zeros((len(number), 2, len(cameras)))
+    for n, (i, camera) in enumerate(zip(number.tolist(), observations.camera[rays].tolist(), strict=True)):
+        J[n, :, 6 * i : 6 * i + 6] = linear.pose[rays][n]
+        column = int(found.layout.camera_column[camera])
+        if column >= 0:
+            J[n, :, border + column : border + column + 8] = linear.calibration[rays][n]
+    G = np.linalg.solve(J_point.T @ J_point, J_point.T)
+    rows = J.reshape(2 * len(number), -1)
+    return np.asarray(G @ (np.eye(len(G.T)) + rows @ cameras @ rows.T) @ G.T)
 
 
 def intersect_weighted(observations: Observations, cameras: Sequence[Camera], state: State, count: int) -> FloatArray:

@@ -1,240 +1,218 @@
-"""Resection of photographs from control points, and starting poses for the adjustment.
+"""Starting poses of all photographs, in the world: from control points, from measured poses, or from tie points alone.
 
-P3P gives up to four poses from three points (Grunert 1841; solver: Ding et al. 2023, in OpenCV); the fourth point
-chooses among them. With more than four points every triple, or a seeded sample of triples, is tried (RANSAC; Fischler
-& Bolles 1981) and the pose with the most agreeing marks wins. It is then refined on all agreeing marks by least
-squares.
+Where every photograph shows four control points it is resected from them. Else the block is started from measured
+positions and attitudes, if its tie points confirm them; else it is grown from its tie points. Either is then brought
+into the world by a robust similarity to control points or GNSS positions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, image_plane, project
+from photogram.camera import Pose
+from photogram.direct_orientation import direct_structure, measured
 from photogram.errors import OrientationError, PhotogramError
-from photogram.factors.reprojection import Observations, linearise
-from photogram.survey import Block, FloatArray
+from photogram.growth import extend, grow, settle
+from photogram.resection import Resection, collinear, resect
+from photogram.similarity import Similarity, robust_similarity, similarity_from_attitudes, straight
+from photogram.structure import BoolArray, Structure, StructureSettings
+from photogram.survey import Block, ControlPoints, FloatArray, IntArray, TiePoints
+from photogram.triangulation import consensus_intersections, ideal_observations
 
-TRIPLES = 400
-COLLINEAR = 0.02  # height of a triangle over its longest side
-CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
+Method = Literal["control", "attitude", "growth"]
+Progress = Callable[[int, int, str], None]
 
-
-@dataclass(frozen=True, eq=False)
-class Resection:
-    """Exterior orientation of one photograph from its control points.
-
-    ``p3p`` is the minimal solution, ``points`` the three marks it uses, ``solutions`` how many poses they allow, and
-    ``check_px`` the misfit of the mark, or of the worst agreeing mark, that chose it; NaN when the GNSS position
-    chose it. ``refined`` is the least-squares pose of all ``inliers`` (M,) and ``residual_px`` (M, 2) its projected
-    minus measured.
-    """
-
-    p3p: Pose
-    points: tuple[int, int, int]
-    solutions: int
-    check_px: float
-    refined: Pose
-    inliers: NDArray[np.bool_]
-    residual_px: FloatArray
+SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
 
 
-def p3p_poses(camera: Camera, points_world_m: FloatArray, pixel: FloatArray) -> list[Pose]:
-    """Return all poses (at most four) that see three world points (3, 3) at three pixels (3, 2)."""
-    origin = points_world_m.mean(axis=0)
-    ideal = image_plane(camera, pixel)
-    _, rotations, translations = cv2.solveP3P(
-        points_world_m - origin, ideal, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_P3P
-    )
-    poses = []
-    for rotation, translation in zip(rotations, translations, strict=True):
-        R = cv2.Rodrigues(rotation)[0]
-        pose = Pose(np.ascontiguousarray(R.T), origin - R.T @ translation.ravel())
-        if np.all(pose.camera_from_world(points_world_m)[:, 2] > 0):
-            poses.append(pose)
-    return poses
+@dataclass(frozen=True)
+class OrientationSettings(StructureSettings):
+    """How starting poses are found; ``auto`` takes the first method of the three that can be had and holds."""
 
-
-def refine_pose(
-    camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray, sigma_px: FloatArray
-) -> Pose:
-    """Refine a pose on points (N, 3) seen at pixels (N, 2) with sigmas (N,): Gauss–Newton with analytic Jacobians.
-
-    Raises OrientationError when the iteration leaves the points behind or does not settle.
-    """
-    zero = np.zeros(len(pixel), dtype=np.int64)
-    marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px, zero)
-    for _ in range(50):
-        R, C = pose.rotation_world_from_camera, pose.position_world_m
-        linear = linearise(marks, camera.parameters[None], R[None], C[None], points_world_m)
-        if not np.isfinite(linear.residual).all():
-            break
-        step = np.linalg.lstsq(linear.pose.reshape(-1, 6), -linear.residual.ravel(), rcond=None)[0]
-        pose = Pose(R @ Rotation.from_rotvec(step[:3]).as_matrix(), C + R @ step[3:])
-        if np.abs(step[3:]).max() < 1e-8 and np.abs(step[:3]).max() < 1e-10:
-            return pose
-    raise OrientationError("the least-squares resection does not settle: the marks contradict each other")
-
-
-def _triples(count: int, seed: int) -> list[tuple[int, int, int]]:
-    """All triples of ``count`` points, or a seeded sample of them when there are many; the first three points come
-    first."""
-    triples = list(combinations(range(count), 3)) if count <= 14 else []
-    if not triples:
-        rng = np.random.default_rng(seed)
-        sample = {tuple(sorted(rng.choice(count, 3, replace=False).tolist())) for _ in range(TRIPLES)}
-        triples = sorted((a, b, c) for a, b, c in sample)
-    return triples
-
-
-def _flatness(points: FloatArray) -> float:
-    """Height over the longest side of a triangle (3, 3); 0 when its corners are in one line."""
-    a, b = points[1] - points[0], points[2] - points[0]
-    longest = max(np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(a - b))
-    return float(np.linalg.norm(np.cross(a, b)) / longest**2) if longest > 0 else 0.0
-
-
-def collinear(points_world_m: FloatArray) -> bool:
-    """Return whether points (N, 3) lie so nearly in one line that no three of them fix a pose."""
-    centred = points_world_m - points_world_m.mean(axis=0)
-    singular = np.linalg.svd(centred, compute_uv=False)
-    return len(points_world_m) < 3 or bool(singular[1] < COLLINEAR * singular[0])
-
-
-def _misfit_px(camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray) -> FloatArray:
-    """Distance (N,) between projected points and their marks, infinite where a point is not seen."""
-    distance = np.linalg.norm(project(camera, pose, points_world_m) - pixel, axis=1)
-    return np.where(np.isfinite(distance), distance, np.inf)
-
-
-def resect(
-    camera: Camera,
-    points_world_m: FloatArray,
-    pixel: FloatArray,
-    sigma_px: FloatArray,
-    *,
-    expected_world_m: FloatArray | None = None,
-    tolerance_px: float = 10.0,
-    seed: int = 0,
-) -> Resection:
-    """Resect one photograph from at least three control points (N, 3) and their marks (N, 2) with sigmas (N,) in px.
-
-    Four points: P3P on the first three, chosen by the fourth. More: the triple with the most marks within
-    ``tolerance_px``. Three: the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError
-    when the points are too few, collinear, leave several poses, or contradict each other.
-    """
-    count = len(pixel)
-    if count < 3:
-        raise OrientationError(f"{count} control points are marked, resection needs 4, or 3 and a GNSS position")
-    if collinear(points_world_m):
-        raise OrientationError(
-            "its control points lie in one line, which leaves the photograph free to turn: mark a point beside it"
-        )
-    if count == 3 and expected_world_m is None:
-        raise OrientationError(
-            "3 control points leave up to four poses: mark a fourth point, or give the GNSS position"
-        )
-    best: tuple[float, float, tuple[int, int, int], int, Pose, NDArray[np.bool_]] | None = None
-    for triple in [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed):
-        if _flatness(points_world_m[list(triple)]) < COLLINEAR:
-            continue
-        poses = p3p_poses(camera, points_world_m[list(triple)], pixel[list(triple)])
-        for pose in poses:
-            error = _misfit_px(camera, pose, points_world_m, pixel)
-            agrees = error < tolerance_px if count > 4 else np.ones(count, dtype=bool)
-            misfit = float(error.max()) if count == 4 else float(np.sum(np.minimum(error, tolerance_px)))
-            if count == 3 and expected_world_m is not None:
-                misfit = float(np.linalg.norm(pose.position_world_m - expected_world_m))
-            rank = (-float(agrees.sum()), misfit)
-            if best is None or rank < best[:2]:
-                best = (*rank, triple, len(poses), pose, agrees)
-    if best is None:
-        raise OrientationError(
-            "no pose sees three of its control points where they are marked: check their coordinates and marks"
-        )
-    return _resection(camera, points_world_m, pixel, sigma_px, best[2], best[3], best[4], best[5])
-
-
-def _resection(
-    camera: Camera, points: FloatArray, pixel: FloatArray, sigma_px: FloatArray,
-    triple: tuple[int, int, int], solutions: int, p3p: Pose, inliers: NDArray[np.bool_],
-) -> Resection:  # fmt: skip
-    if len(pixel) > 4 and inliers.sum() < 4:
-        raise OrientationError(
-            f"only {inliers.sum()} of its {len(pixel)} control points agree with any pose: "
-            "check their coordinates and marks"
-        )
-    others = [i for i in np.flatnonzero(inliers) if i not in triple]
-    error = _misfit_px(camera, p3p, points, pixel)
-    check_px = float(error[others].max()) if others else float("nan")
-    if check_px > CONTRADICTION * camera.width_px:
-        misses = f"misses the fourth by {check_px:.0f} px" if np.isfinite(check_px) else "does not see the fourth"
-        raise OrientationError(
-            f"its four control points contradict each other: the pose of three of them {misses}; check their "
-            "coordinates and marks, and that no two are swapped"
-        )
-    refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
-    return Resection(p3p, triple, solutions, check_px, refined, inliers, project(camera, refined, points) - pixel)
+    method: Literal["auto", "control", "attitude", "growth"] = "auto"
 
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Starting poses of all photographs, and the resections of those that have enough control points (None
-    elsewhere)."""
+    """Starting poses in the world, and how they were found.
 
-    poses: tuple[Pose, ...]
+    ``poses[i]`` is None for a photograph that is not registered; ``reason[i]`` then says why. ``resections`` are those
+    of photographs with enough control points. ``component`` (N,): 0 for the block that is adjusted, 1 and more for
+    others that share no tie points with it, −1 for photographs in none. ``parameters``: the interior orientation
+    (8,) of each camera that came out of it, none where it was not touched.
+    """
+
+    poses: tuple[Pose | None, ...]
     resections: tuple[Resection | None, ...]
+    component: IntArray
+    method: Method
+    reason: tuple[str, ...]
+    parameters: tuple[FloatArray, ...] = field(default=())
+
+    @property
+    def registered(self) -> BoolArray:
+        """Return which photographs (N,) have a pose."""
+        return np.array([pose is not None for pose in self.poses], dtype=bool)
 
 
-def _orient_one(block: Block, index: int) -> tuple[Pose, Resection | None]:
-    photograph, points = block.photographs[index], block.control_points
-    control = np.array([role == "control" for role in points.role], dtype=bool)
-    marks = np.flatnonzero((points.mark_photograph == index) & control[points.mark_point])
-    gnss, attitude = photograph.gnss_world_m, photograph.attitude_world_from_camera
-    measured = Pose(attitude, gnss) if gnss is not None and attitude is not None else None
-    if len(marks) >= 4 or (len(marks) == 3 and gnss is not None):
+def resections_of(block: Block) -> tuple[Resection | None, ...]:
+    """Resect every photograph that shows four control points, or three and has a GNSS position, not in one line.
+
+    Raises OrientationError with one line per photograph whose control points contradict each other.
+    """
+    points = block.control_points.with_role("control")
+    found: list[Resection | None] = []
+    faults: list[str] = []
+    for index, photograph in enumerate(block.photographs):
+        marks = np.flatnonzero(points.mark_photograph == index)
         position = points.position_world_m[points.mark_point[marks]]
-        if measured is None or not collinear(position):
+        gnss = photograph.gnss_world_m
+        resection = None
+        if (len(marks) >= 4 or (len(marks) == 3 and gnss is not None)) and not collinear(position):
             pixel, sigma = points.mark_pixel[marks], points.mark_sigma_px[marks]
-            resection = resect(block.cameras[photograph.camera], position, pixel, sigma, expected_world_m=gnss)
-            return resection.refined, resection
-    if measured is not None:
-        return measured, None
+            try:
+                camera = block.cameras[photograph.camera]
+                resection = resect(camera, position, pixel, sigma, expected_world_m=gnss)
+            except PhotogramError as fault:
+                faults.append(f"photograph {photograph.name}: {fault}")
+        found.append(resection)
+    if faults:
+        raise OrientationError("\n".join(faults))
+    return tuple(found)
+
+
+def intersected_control(structure: Structure, points: ControlPoints) -> FloatArray:
+    """Return control points (G, 3) in the structure's frame from their marks, NaN with fewer than two that agree."""
+    usable = np.flatnonzero(structure.registered[points.mark_photograph])
+    order = usable[np.lexsort((points.mark_photograph[usable], points.mark_point[usable]))]
+    photograph, point = points.mark_photograph[order], points.mark_point[order]
+    marks = TiePoints(
+        photograph, point, np.zeros_like(point), points.mark_pixel[order], points.mark_sigma_px[order],
+        np.full((len(points), 3), np.nan), np.zeros((len(points), 3), dtype=np.uint8),
+    )  # fmt: skip
+    limit = np.maximum(3.0 * structure.settings.threshold_px, 5.0 * marks.sigma_px)
+    position: FloatArray = consensus_intersections(
+        marks.first_observation, photograph, structure.camera_of, marks.pixel,
+        ideal_observations(structure.calibrated(), structure.camera_of, marks), limit,
+        structure.parameters, structure.rotation, structure.position,
+    )[0]  # fmt: skip
+    return position
+
+
+def georeference(structure: Structure, block: Block) -> Similarity:
+    """Return the similarity that brings a structure into the world: by control points where three are intersected, not
+    in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open.
+
+    Raises OrientationError when neither is enough.
+    """
+    points = block.control_points.with_role("control")
+    source = intersected_control(structure, points)
+    known = np.isfinite(source).all(axis=1)
+    if not straight(points.position_world_m[known]):
+        target = points.position_world_m[known]
+        extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+        sigma = np.linalg.norm(points.sigma_m[known], axis=1) + SHAPE_TOLERANCE * extent
+        try:
+            return robust_similarity(source[known], target, sigma)[0]
+        except OrientationError as fault:
+            if sum(p.gnss_world_m is not None for p in block.photographs) < 2:
+                raise OrientationError(f"the control points do not fit the block: {fault}") from fault
+    index = [i for i in np.flatnonzero(structure.registered) if block.photographs[i].gnss_world_m is not None]
+    target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
+    sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)
+    sigma = sigma + SHAPE_TOLERANCE * float(np.linalg.norm(np.ptp(target, axis=0))) if len(index) else sigma
+    if not straight(target):
+        return robust_similarity(structure.position[index], target, sigma)[0]
+    with_attitude = [i for i in index if block.photographs[i].attitude_world_from_camera is not None]
+    if len(with_attitude) >= 2:
+        return similarity_from_attitudes(
+            structure.position[with_attitude],
+            structure.rotation[with_attitude],
+            np.array([block.photographs[i].gnss_world_m for i in with_attitude]),
+            np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
+        )
     raise OrientationError(
-        f"{len(marks)} control points are marked and {'no' if gnss is None else 'a'} GNSS position without attitude "
-        "is known; give 4 marks, or 3 and a GNSS position, or GNSS position and attitude"
+        f"the block of {int(structure.registered.sum())} photographs cannot be placed in {block.frame.crs}: "
+        f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
+        "give three of either, not in one line"
     )
 
 
-def orient(block: Block) -> Orientation:
-    """Find a starting pose for every photograph: by resection, or from its GNSS position and attitude where control
-    is short.
+def _components(block: Block, settings: OrientationSettings, progress: Progress) -> tuple[list[Structure], Method]:
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    everything = np.ones(len(camera_of), dtype=bool)
+    if settings.method != "growth" and measured(block).sum() >= 3:
+        progress(0, len(camera_of), "from measured poses")
+        structure = direct_structure(block, settings)
+        if structure is not None:
+            extend(structure, everything, progress)
+            settle(structure)
+            rest = ~structure.registered
+            others = grow(block.tie_points, block.cameras, camera_of, settings, progress, candidates=rest)
+            return [structure, *others], "attitude"
+        if settings.method == "attitude":
+            raise OrientationError(
+                "the tie points do not confirm the measured positions and attitudes: "
+                "set orientation: {method: growth}, or leave the choice out"
+            )
+    if settings.method == "attitude":
+        raise OrientationError("orientation by attitude needs three photographs with GNSS position and attitude")
+    return grow(block.tie_points, block.cameras, camera_of, settings, progress), "growth"
 
-    Raises OrientationError with one line per photograph that cannot be oriented.
+
+def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -> tuple[str, ...]:
+    rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
+    reasons = []
+    for i, number in enumerate(component.tolist()):
+        if number == 0:
+            reasons.append("")
+        elif number > 0:
+            size = int(np.count_nonzero(component == number))
+            reasons.append(f"shares no tie points with the block: one of {size} photographs by themselves")
+        elif rays[i] < settings.minimum_points:
+            reasons.append(f"{rays[i]} tie points with other photographs, {settings.minimum_points} are needed")
+        else:
+            reasons.append(f"its {rays[i]} tie points do not agree with the block")
+    return tuple(reasons)
+
+
+def orient(block: Block, settings: OrientationSettings, progress: Progress = lambda *_: None) -> Orientation:
+    """Find a starting pose for every photograph that can be joined to the block.
+
+    Raises OrientationError when control points contradict each other, when nothing can be oriented, or when nothing
+    places the block in the world.
     """
-    poses: list[Pose] = []
-    resections: list[Resection | None] = []
-    faults: list[str] = []
-    for index, photograph in enumerate(block.photographs):
-        try:
-            pose, resection = _orient_one(block, index)
-        except PhotogramError as fault:
-            faults.append(f"photograph {photograph.name}: {fault}")
-            continue
-        poses.append(pose)
-        resections.append(resection)
-    if faults:
-        raise OrientationError("\n".join(faults))
-    return Orientation(tuple(poses), tuple(resections))
-
-
-def with_poses(block: Block, poses: Sequence[Pose]) -> Block:
-    """Return the block with these poses."""
-    return replace(block, poses=tuple(poses))
+    count = len(block.photographs)
+    resections = resections_of(block)
+    if settings.method in ("auto", "control") and all(r is not None for r in resections):
+        poses = tuple(r.refined for r in resections if r is not None)
+        return Orientation(poses, resections, np.zeros(count, dtype=np.int64), "control", ("",) * count)
+    if settings.method == "control":
+        lacking = [p.name for p, r in zip(block.photographs, resections, strict=True) if r is None]
+        raise OrientationError(
+            f"orientation by control needs 4 marked control points in every photograph; {len(lacking)} have fewer, "
+            f"the first {lacking[0]}: mark them, or leave orientation.method out"
+        )
+    components, method = _components(block, settings, progress)
+    if not components:
+        raise OrientationError(
+            f"no two of the {count} photographs can be oriented to each other: they need {settings.minimum_points} tie "
+            "points in common, and views from different places: give photographs that overlap by 60 % or more"
+        )
+    structure = components[0]
+    fit = georeference(structure, block)
+    component = np.full(count, -1, dtype=np.int64)
+    for number, other in enumerate(components):
+        component[other.registered] = number
+    poses_found = [None if pose is None else fit.pose(pose) for pose in structure.poses()]
+    for i, resection in enumerate(resections):
+        if poses_found[i] is None and resection is not None:
+            poses_found[i], component[i] = resection.refined, 0
+    return Orientation(
+        tuple(poses_found), resections, component, method, _reasons(block, component, settings),
+        tuple(structure.parameters),
+    )  # fmt: skip

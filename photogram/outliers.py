@@ -29,7 +29,8 @@ def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
     seen = rays >= 2
     if not seen.any():
         return 1.0
-    return max(0.3, float(np.sqrt(np.median(squares[seen] / chi2.ppf(0.5, 2 * rays[seen] - 3)))))
+    median = chi2.ppf(0.5, np.maximum(2 * np.arange(rays.max() + 1) - 3, 1))
+    return max(0.3, float(np.sqrt(np.median(squares[seen] / median[rays[seen]]))))
 
 
 def outlier_limit_px(tie: TiePoints, scale: float, threshold: float) -> FloatArray:

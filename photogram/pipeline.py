@@ -1,8 +1,8 @@
 """The data flow: the stages of `photogram adjust`, their order, and how a run is resumed.
 
-    photographs ─┬─> orientation ─┬─> matches ──> tie_points ─┬─> intersection ─┬─> comparison ─┐
-                 └─> features ────┘                           └─> adjustment ───┤               ├─> results
-                                                                                └─> surface ────┘
+    photographs ──> features ──> matches ──> tie_points ──> orientation ─┬─> intersection ─┬─> comparison ─┐
+                                                                         └─> adjustment ───┤               ├─> results
+                                                                                           └─> surface ────┘
 
 Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
 carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
@@ -54,24 +54,17 @@ STAGES = (
         read_photographs,
     ),
     Stage(
-        "orientation",
-        "Resection",
-        ("photographs",),
-        lambda run: [run.project.world_kind, control_of(run.project)],
-        orient_photographs,
-    ),
-    Stage(
         "features",
         "Features",
         (),
-        lambda run: [run.photograph_fingerprints, run.project.features],
+        lambda run: [run.photograph_fingerprints, run.project.features, run.project.quality],
         detect_features,
     ),
     Stage(
         "matches",
         "Matching",
-        ("orientation", "features"),
-        lambda run: [run.project.matching, run.project.cameras],
+        ("photographs", "features"),
+        lambda run: [run.project.pairs, run.project.matching, run.project.cameras, run.project.world_kind, control_of(run.project)],
         match_photographs,
     ),
     Stage(
@@ -81,12 +74,19 @@ STAGES = (
         lambda run: run.project.adjustment.tie_point_sigma_px,
         join_tie_points,
     ),
+    Stage(
+        "orientation",
+        "Orientation",
+        ("photographs", "tie_points"),
+        lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
+        orient_photographs,
+    ),
     Stage("intersection", "Linear intersection", ("orientation", "tie_points"), lambda _: None, intersect_clouds),
     Stage(
         "adjustment",
         "Joint adjustment",
         ("orientation", "tie_points"),
-        lambda run: [run.project.adjustment, run.project.gnss_offset_sigma_m],
+        lambda run: [run.project.adjustment, run.project.gnss_offset_sigma_m, run.project.calibration],
         adjust_block,
     ),
     Stage("surface", "Surface model", ("adjustment",), lambda run: run.project.surface, model_surface),

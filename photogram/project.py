@@ -1,12 +1,13 @@
 """The project file: what a survey consists of, in the map frame, and how it is to be worked out.
 
-read_project checks everything that can be known without opening a photograph and reports every fault at once.
-Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel is (0, 0).
+read_project checks everything that can be known without opening a photograph and reports every fault at once. Files of
+ground points are read with it. Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel
+is (0, 0).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
@@ -21,9 +22,21 @@ from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
 from photogram.frames import LocalFrame, WorldKind
 from photogram.matching import MatchingSettings
+from photogram.orientation import OrientationSettings
+from photogram.pair_selection import PairSettings
 from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
-from photogram.project_schema import PIXEL_ORIGIN_PX, Attitude, CameraEntry, CameraSigmas, PhotographEntry, ProjectFile
+from photogram.project_points import GroundPoint, read_point_files
+from photogram.project_schema import (
+    PIXEL_ORIGIN_PX,
+    Attitude,
+    Calibration,
+    CameraEntry,
+    CameraSigmas,
+    PhotographEntry,
+    ProjectFile,
+    Quality,
+)
 from photogram.surface_model import SurfaceSettings
 from photogram.survey import ControlPoints, Role, check_shape
 
@@ -40,7 +53,7 @@ class ProjectPhotograph:
 
     ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,)
     holds for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
-    writes them.
+    writes them. ``height_above_ground_m`` is the flying height, None where the file says nothing.
     """
 
     name: str
@@ -51,6 +64,7 @@ class ProjectPhotograph:
     gnss_sigma_m: FloatArray | None = None
     attitude_deg: tuple[float, float, float] | None = None
     attitude_sigma_deg: float = 2.0
+    height_above_ground_m: float | None = None
 
     def __post_init__(self) -> None:
         if self.gnss_map_m is not None:
@@ -86,18 +100,26 @@ class ProjectControlPoint:
 class Project:
     """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
 
-    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
+    ``calibration`` and ``camera_source``, by camera: whether its parameters are freed as given or as the geometry
+    supports, and where its figures come from, empty where the file does not say. ``control_points`` holds those of the
+    list, then those of the files. ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and
+    control, zero where there is none.
     """
 
     path: Path
     crs: str
     world_kind: WorldKind
+    quality: Quality
     cameras: tuple[Camera, ...]
+    calibration: tuple[Calibration, ...]
+    camera_source: tuple[str, ...]
     photographs: tuple[ProjectPhotograph, ...]
     control_points: tuple[ProjectControlPoint, ...]
     gnss_offset_sigma_m: FloatArray
     features: FeatureSettings
+    pairs: PairSettings
     matching: MatchingSettings
+    orientation: OrientationSettings
     adjustment: AdjustmentSettings
     surface: SurfaceSettings
     reference: Path | None
@@ -136,14 +158,17 @@ def read_project(
     base = path.absolute().parent
     file = read_entry(document, ProjectFile)
     features = read_settings(document, "features", FeatureSettings)
+    pairs = read_settings(document, "pairs", PairSettings)
     matching = read_settings(document, "matching", MatchingSettings)
+    orientation = read_settings(document, "orientation", OrientationSettings)
     adjustment = read_settings(document, "adjustment", AdjustmentSettings)
     surface = read_settings(document, "surface", SurfaceSettings)
     folder = photographs_folder
     if folder is None and file.photographs.folder is not None:
         folder = base / file.photographs.folder
     photographs = photographs_of(document, file, folder)
-    check_project(document, file, photographs, folder, base)
+    surveyed, places = read_point_files(document, file, photographs, base)
+    check_project(document, file, photographs, folder, base, places)
     cameras = [
         _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
     ]
@@ -154,18 +179,37 @@ def read_project(
         path,
         _given(file.crs),
         file.world,
+        file.quality,
         tuple(_given(camera) for camera in cameras),
+        tuple(camera.calibration for camera in file.cameras.values()),
+        tuple(camera.source or "" for camera in file.cameras.values()),
         listed,
-        _control_points(file, [p.name for p in listed]),
+        _control_points(file, surveyed, [p.name for p in listed]),
         np.array(file.gnss.offset_sigma_m),
         _given(features),
+        _given(pairs),
         _given(matching),
+        _given(orientation),
         _given(adjustment),
         _given(surface),
         None if file.comparison.reference is None else base / file.comparison.reference,
         base / file.results,
         base / file.work,
     )
+
+
+def photograph_paths(path: Path, photographs_folder: Path | None = None) -> list[Path]:
+    """Return the photographs that a project file names, or all of its folder, whatever else is wrong with the file.
+
+    None of them where the folder cannot be known. Raises ProjectError where the file is not YAML.
+    """
+    document = Document(path)
+    file = read_entry(document, ProjectFile)
+    folder = photographs_folder
+    if folder is None and file.photographs.folder is not None:
+        folder = path.absolute().parent / file.photographs.folder
+    listed = photographs_of(document, file, folder) or []
+    return [] if folder is None else [folder / p.name for p in listed if p.name is not None]
 
 
 def _given(value: ValueT | None) -> ValueT:
@@ -229,6 +273,7 @@ def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, cameras
         None if sigma is None else np.array(sigma),
         None if entry.attitude_deg is None else _angles(entry.attitude_deg),
         entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
+        entry.height_above_ground_m or file.photographs.height_above_ground_m,
     )
 
 
@@ -236,7 +281,9 @@ def _angles(attitude: Attitude) -> tuple[float, float, float]:
     return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
 
 
-def _control_points(file: ProjectFile, photographs: list[str]) -> tuple[ProjectControlPoint, ...]:
+def _control_points(
+    file: ProjectFile, surveyed: Sequence[GroundPoint], photographs: list[str]
+) -> tuple[ProjectControlPoint, ...]:
     block = file.control_points
     origin = PIXEL_ORIGIN_PX[block.pixel_origin]
     index = {name: i for i, name in enumerate(photographs)}
@@ -253,6 +300,19 @@ def _control_points(file: ProjectFile, photographs: list[str]) -> tuple[ProjectC
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 np.full(marks, sigma_px),
+            )
+        )
+    for point in surveyed:
+        marked = np.array([index[name] for name in point.mark_photograph], dtype=np.int64)
+        points.append(
+            ProjectControlPoint(
+                point.name,
+                point.role,
+                point.position_map_m,
+                point.sigma_m,
+                marked,
+                point.mark_pixel,
+                point.mark_sigma_px,
             )
         )
     return tuple(points)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from os.path import isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
@@ -30,8 +31,21 @@ _SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png")
 _LIST: Key = ("photographs", "list")
 
 
+@dataclass(frozen=True, eq=False)
+class Located:
+    """A position (3,) of the project in its CRS, and where its figures would lie the other way round.
+
+    ``key`` is where the project file names it; ``label`` is empty, or the line of the file that it comes from.
+    """
+
+    key: Key
+    label: str
+    map_m: FloatArray
+    turned_map_m: FloatArray
+
+
 @dataclass(frozen=True)
-class _Area:
+class AreaOfUse:
     """Where a CRS is used, as ranges of easting and northing, and the wider ranges in which it is still believed."""
 
     low_m: FloatArray
@@ -39,7 +53,7 @@ class _Area:
     crs: str
 
     @classmethod
-    def of(cls, name: str) -> _Area | None:
+    def of(cls, name: str) -> AreaOfUse | None:
         """Return the area of use of a CRS, None where its definition gives none. Raises FrameError as projected_crs."""
         crs = projected_crs(name)
         area = crs.area_of_use
@@ -54,6 +68,7 @@ class _Area:
         return cls(corners.min(axis=0), corners.max(axis=0), f"{name} ({crs.name})")
 
     def contains(self, easting_northing_m: FloatArray) -> NDArray[np.bool_]:
+        """Return which positions (N, 2) are believed; NaN is not."""
         # zones are often used some degrees beyond their official area
         margin = np.minimum(0.5 * (self.high_m - self.low_m), 300_000.0)
         inside = (easting_northing_m >= self.low_m - margin) & (easting_northing_m <= self.high_m + margin)
@@ -98,8 +113,10 @@ def check_project(
     photographs: Sequence[PhotographEntry] | None,
     folder: Path | None,
     base: Path,
+    files: Sequence[Sequence[Located]] = (),
 ) -> None:
-    """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``."""
+    """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``, ``files`` are
+    the points that come from other files."""
     if file.photogram not in (None, 1):
         document.fault(("photogram",), f"format {file.photogram} is not known: this version reads photogram: 1")
     for name, camera in file.cameras.items():
@@ -108,7 +125,7 @@ def check_project(
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
     _check_control_points(document, file, photographs)
-    _check_positions(document, file)
+    _check_positions(document, file, files)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
@@ -218,37 +235,32 @@ def _check_marks(
             )
 
 
-def _check_positions(document: Document, file: ProjectFile) -> None:
+def _check_positions(document: Document, file: ProjectFile, files: Sequence[Sequence[Located]]) -> None:
     area = None
     if file.crs is not None:
         try:
-            area = _Area.of(file.crs)
+            area = AreaOfUse.of(file.crs)
         except FrameError as fault:
             document.fault(("crs",), str(fault).removeprefix("crs: "))
-    control: list[tuple[Key, tuple[float, float, float]]] = [
-        (("control_points", "list", i, "position_m"), p.position_m)
-        for i, p in enumerate(file.control_points.list)
-        if p.position_m is not None
-    ]
-    gnss: list[tuple[Key, tuple[float, float, float]]] = [
-        ((*_LIST, i, "gnss_m"), p.gnss_m) for i, p in enumerate(file.photographs.list or ()) if p.gnss_m is not None
-    ]
-    _check_plan(document, area, control, gnss)
-    for group in (control, gnss):
-        _check_heights(document, [key for key, _ in group], np.array([p[2] for _, p in group]))
+    control = _listed(
+        [(("control_points", "list", i, "position_m"), p.position_m) for i, p in enumerate(file.control_points.list)]
+    )
+    gnss = _listed([((*_LIST, i, "gnss_m"), p.gnss_m) for i, p in enumerate(file.photographs.list or ())])
+    _check_plan(document, area, [control, *files, gnss])
+    for group in ([*control, *chain.from_iterable(files)], gnss):
+        _check_heights(document, group)
 
 
-def _check_plan(
-    document: Document,
-    area: _Area | None,
-    control: Sequence[tuple[Key, tuple[float, float, float]]],
-    gnss: Sequence[tuple[Key, tuple[float, float, float]]],
-) -> None:
-    """Note swapped, distant and foreign positions; one fault for a whole list that has the same."""
-    plan = np.array([p[:2] for _, p in (*control, *gnss)]).reshape(-1, 2)
-    if not len(plan):
+def _listed(positions: Sequence[tuple[Key, tuple[float, float, float] | None]]) -> list[Located]:
+    return [Located(key, "", np.array(p), np.array([p[1], p[0], p[2]])) for key, p in positions if p is not None]
+
+
+def _check_plan(document: Document, area: AreaOfUse | None, groups: Sequence[Sequence[Located]]) -> None:
+    """Note swapped, distant and foreign positions; one fault for a whole list or file that has the same."""
+    every = list(chain.from_iterable(groups))
+    if not every:
         return
-    turned = plan[:, ::-1]
+    plan, turned = np.array([p.map_m[:2] for p in every]), np.array([p.turned_map_m[:2] for p in every])
     foreign = np.zeros(len(plan), dtype=bool) if area is None else ~area.contains(plan)
     swapped = foreign & area.contains(turned) if area is not None else foreign.copy()
     distance_km = np.zeros(len(plan))
@@ -264,32 +276,36 @@ def _check_plan(
         (distant, f"more than {FARTHEST_KM:g} km from the middle of all positions", "check its digits"),
     )
     start = 0
-    for group in (control, gnss):
+    for group in groups:
         part = slice(start, start + len(group))
         start += len(group)
         for mask, text, remedy in texts:
             wrong = np.flatnonzero(mask[part])
             whole = len(wrong) == len(group) > 1
             for i in wrong[:1] if whole else wrong:
-                key, (easting, northing, _) = group[i]
+                place = group[i]
                 where = f" in all {len(group)}, the first" if whole else ""
-                figures = f"easting {easting:.2f}, northing {northing:.2f}"
-                document.fault(key[:2] if whole else key, f"{text}{where}: found {figures}: {remedy}")
+                figures = f"easting {place.map_m[0]:.2f}, northing {place.map_m[1]:.2f}"
+                order = "give easting before northing" if place.label and mask is swapped else remedy
+                document.fault(
+                    place.key if place.label or not whole else place.key[:2],
+                    f"{place.label}{text}{where}: found {figures}: {order}",
+                )
 
 
-def _check_heights(document: Document, keys: Sequence[Key], height_m: FloatArray) -> None:
-    if not keys:
+def _check_heights(document: Document, places: Sequence[Located]) -> None:
+    if not places:
         return
+    height_m = np.array([place.map_m[2] for place in places])
     possible = (height_m >= LOWEST_M) & (height_m <= HIGHEST_M)
     middle = float(np.median(height_m[possible])) if possible.any() else 0.0
-    for key, height in zip(keys, height_m, strict=True):
+    for place, height in zip(places, height_m, strict=True):
         away = abs(height - middle)
         placeholder = abs(height) in _PLACEHOLDERS_M and away > _PLACEHOLDER_DISTANCE_M
+        text = None
         if placeholder or not LOWEST_M <= height <= HIGHEST_M:
-            document.fault(
-                key, f"height {height:.10g} m is no height on Earth or a placeholder: give the surveyed height"
-            )
+            text = "is no height on Earth or a placeholder: give the surveyed height"
         elif away > FARTHEST_HEIGHT_M:
-            document.fault(
-                key, f"height {height:.10g} m is {away:.0f} m from the others, about {middle:.10g} m: check its digits"
-            )
+            text = f"is {away:.0f} m from the others, about {middle:.10g} m: check its digits"
+        if text is not None:
+            document.fault(place.key, f"{place.label}height {height:.10g} m {text}")

@@ -122,13 +122,14 @@ class Document:
         return self._lines[self.known(key)]
 
     def where(self, key: Key) -> str:
-        """Return how a message calls a value: keys joined by points, list items by their name where they have one."""
+        """Return how a message calls a value: keys joined by points, list items by their name or path where they have
+        one."""
         words = ""
         value = self.value
         for part in key:
             value = _inside(value, part)
             if isinstance(part, int):
-                name = value.get("name") if isinstance(value, dict) else None
+                name = value.get("name", value.get("path")) if isinstance(value, dict) else None
                 words += f"[{name if isinstance(name, str | int) else f'#{part + 1}'}]"
             else:
                 words += f".{part}" if words else part

@@ -13,8 +13,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator
 
 from photogram.project_file import Entry, Needed, found
+from photogram.survey import Role
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
+
+Quality = Literal["high", "medium", "low"]
+Calibration = Literal["given", "auto"]
 
 PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
 """Coordinate of the centre of the top-left pixel, in both directions, in each convention."""
@@ -67,6 +71,13 @@ def _freedom(value: object) -> float:
     return number
 
 
+def _picture_size(value: object) -> tuple[int, int]:
+    whole = [v for v in value if isinstance(v, int) and v is not True and v > 0] if isinstance(value, list) else []
+    if not isinstance(value, list) or len(value) != 2 or len(whole) != 2:
+        raise ValueError(f"needs 2 whole numbers [width, height] greater than 0, found {found(value)}")
+    return whole[0], whole[1]
+
+
 Text = Annotated[str, PlainValidator(_text)]
 Freedom = Annotated[float, PlainValidator(_freedom)]
 Positive = Annotated[float, Field(gt=0)]
@@ -76,6 +87,7 @@ _MAP = ("easting", "northing", "height")
 Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
+PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
 
 
@@ -103,6 +115,8 @@ class CameraEntry(Entry):
     tangential: Annotated[tuple[float, float], _vector("p1", "p2")] | None = None
     pixel_origin: PixelOrigin | None = None
     sigmas: CameraSigmas = CameraSigmas()
+    calibration: Calibration = "given"
+    source: Text | None = None
 
 
 class Attitude(Entry):
@@ -122,6 +136,7 @@ class PhotographEntry(Entry):
     gnss_sigma_m: Sigma3 | None = None
     attitude_deg: Attitude | None = None
     attitude_sigma_deg: Positive | None = None
+    height_above_ground_m: Positive | None = None
     flight: Text = "1"
 
 
@@ -132,6 +147,7 @@ class PhotographsEntry(Entry):
     camera: Text | None = None
     gnss_sigma_m: Sigma3 | None = None
     attitude_sigma_deg: Positive = 2.0
+    height_above_ground_m: Positive | None = None
     list: Sequence[PhotographEntry] | None = None
 
 
@@ -145,11 +161,23 @@ class ControlPointEntry(Entry):
     """One ground point."""
 
     name: Annotated[Text | None, Needed("the point's name")] = None
-    role: Literal["control", "check"] = "control"
+    role: Role = "control"
     position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: Positive | None = None
     marks: dict[str, Pixel] = Field(default_factory=dict)
+
+
+class ControlFileEntry(Entry):
+    """A file of ground points, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the points, relative to this file")] = None
+    role: Role = "control"
+    marks: Text | None = None
+    crs: Text | None = None
+    picture_size_px: PictureSize | None = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: Positive | None = None
 
 
 class ControlPointsEntry(Entry):
@@ -158,6 +186,7 @@ class ControlPointsEntry(Entry):
     sigma_m: Sigma3 | None = None
     mark_sigma_px: Positive | None = None
     pixel_origin: PixelOrigin = "photogram"
+    files: Sequence[ControlFileEntry] = ()
     list: Sequence[ControlPointEntry] = ()
 
 
@@ -173,6 +202,7 @@ class ProjectFile(Entry):
     photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
     crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
     world: Literal["tangent", "grid"] = "tangent"
+    quality: Quality = "high"
     cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(
         default_factory=dict
     )
@@ -180,7 +210,9 @@ class ProjectFile(Entry):
     gnss: GnssEntry = GnssEntry()
     control_points: ControlPointsEntry = ControlPointsEntry()
     features: Any = None
+    pairs: Any = None
     matching: Any = None
+    orientation: Any = None
     adjustment: Any = None
     surface: Any = None
     comparison: ComparisonEntry = ComparisonEntry()

@@ -1,13 +1,16 @@
 """The last stage: everything a surveyor takes away, written beside the project file.
 
-Numbers in report.json, point clouds as text and LAZ, the DSM, tie points as npz and .mat, pictures. Every file is
-written whole or not at all; the stage is complete only when all of them are there.
+Numbers in report.json, exterior orientation as CSV and GeoJSON, point clouds as text and LAZ, the DSM, tie points as
+npz and .mat, pictures. Every file is written whole or not at all; the stage is complete only when all of them are
+there.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
+from heapq import nlargest
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +20,22 @@ from photogram.files.atomic import make_folder
 from photogram.files.images import read_pixels
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
+from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.records import Run
 from photogram.report.numbers import report_numbers
+from photogram.report.overlap import Overlap, ground_overlap
 from photogram.report.pictures import (
-    PlanContents,
     candidate_and_verified_matches,
     comparison_picture,
-    plan_picture,
     residual_picture,
     shaded_surface,
 )
+from photogram.report.plan import plan_contents, plan_picture
 from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
-from photogram.workspace import write_json, write_record
+from photogram.workspace import read_json, write_json, write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {
@@ -42,35 +46,48 @@ CLOUD_FILES = {
 MATCH_PICTURES = 3
 
 
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """What is published: the run, what it found, and the folder of results."""
+
+    run: Run
+    result: Adjustment
+    overlap: Overlap | None
+    results: Path
+
+
 def publish(run: Run, _: Path, progress: Progress) -> Mapping[str, object]:
-    """Write report.json, clouds, DSM, tie points and pictures into the project's folder of results."""
+    """Write report.json, exterior orientation, clouds, DSM, tie points and pictures into the project's folder of
+    results."""
     results = run.project.results
     make_folder(results / "pictures")
     products: list[str] = []
     result = run.adjustment()
-    steps = (_clouds, _tables, _pictures, _match_pictures, _numbers)
+    outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results)
+    steps = (_clouds, _tables, _photographs, _pictures, _match_pictures, _numbers)
     for number, step in enumerate(steps):
         progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
-        products += step(run, result, results)
+        products += step(outcome)
     progress(len(steps), len(steps), "")
     return {"products": products}
 
 
-def _clouds(run: Run, _: Adjustment, results: Path) -> list[str]:
+def _clouds(outcome: _Outcome) -> list[str]:
     products = []
     for name in CLOUDS:
-        cloud = run.cloud(name)
-        write_xyz(results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(results / f"{CLOUD_FILES[name]}.laz", cloud, run.project.crs)
+        cloud = outcome.run.cloud(name)
+        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.crs)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 
 
-def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
-    write_record(results / "tie_points.npz", result.block.tie_points)
-    write_tie_points(results / "tie_points.mat", run.names, result.block.tie_points)
+def _tables(outcome: _Outcome) -> list[str]:
+    run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
+    write_record(results / "tie_points.npz", tie_points)
+    write_tie_points(results / "tie_points.mat", run.names, tie_points)
     products = ["tie_points.npz", "tie_points.mat", "dsm.tif"]
-    common = seen_in_all(result.block.tie_points, range(len(run.names)))
+    common = seen_in_all(tie_points, range(len(run.names)))
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
@@ -78,38 +95,24 @@ def _tables(run: Run, result: Adjustment, results: Path) -> list[str]:
     return products
 
 
+def _photographs(outcome: _Outcome) -> list[str]:
+    write_pose_table(outcome.results / "photographs.csv", outcome.result)
+    write_pose_geojson(outcome.results / "photographs.geojson", outcome.result)
+    return ["photographs.csv", "photographs.geojson"]
+
+
 def _file_name(name: str) -> str:
     """Return a camera's or photograph's name without what a file name cannot hold."""
     return re.sub(r"[^\w-]+", "_", name.removesuffix(Path(name).suffix))
 
 
-def _plan(result: Adjustment) -> PlanContents:
-    """Gather what the plan shows, all in the map frame."""
-    block, frame = result.block, result.block.frame
-    position = frame.map_from_world(np.array([pose.position_world_m for pose in block.poses if pose is not None]))
-    gnss = np.full_like(position, np.nan)
-    for i, photograph in enumerate(block.photographs):
-        if photograph.gnss_world_m is not None:
-            gnss[i] = frame.map_from_world(photograph.gnss_world_m[None])[0]
-    points = block.control_points
-    surveyed = frame.map_from_world(points.position_world_m)
-    return PlanContents(
-        [p.name for p in block.photographs],
-        position,
-        position - gnss,
-        points.name,
-        points.role,
-        surveyed,
-        frame.map_from_world(result.ground_world_m) - surveyed,
-        frame.map_from_world(block.tie_points.position_world_m),
-    )
-
-
-def _pictures(run: Run, result: Adjustment, results: Path) -> list[str]:
-    pictures, block = results / "pictures", result.block
+def _pictures(outcome: _Outcome) -> list[str]:
+    run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
+    block = result.block
     products = ["pictures/surface.png", "pictures/plan.png"]
     shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
-    plan_picture(pictures / "plan.png", _plan(result), "Photographs, control points and tie points")
+    contents = plan_contents(result, outcome.overlap)
+    plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
@@ -124,15 +127,15 @@ def _pictures(run: Run, result: Adjustment, results: Path) -> list[str]:
     return products
 
 
-def _match_pictures(run: Run, _: Adjustment, results: Path) -> list[str]:
+def _match_pictures(outcome: _Outcome) -> list[str]:
     """Picture the pairs with the most verified matches."""
-    products = []
-    matches = sorted(run.matches(), key=lambda m: (-int(m[1].sum()), m[0].first, m[0].second))
-    for candidates, verified in matches[:MATCH_PICTURES]:
+    run, products = outcome.run, []
+    best = nlargest(MATCH_PICTURES, run.matches(), key=lambda m: (int(m[1].sum()), -m[0].first, -m[0].second))
+    for candidates, verified in best:
         first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
         name = f"pictures/matches_{_file_name(first.name)}_{_file_name(second.name)}.png"
         candidate_and_verified_matches(
-            results / name,
+            outcome.results / name,
             read_pixels(first.path),
             read_pixels(second.path),
             run.features(candidates.first).pixel[candidates.index[:, 0]],
@@ -144,20 +147,30 @@ def _match_pictures(run: Run, _: Adjustment, results: Path) -> list[str]:
     return products
 
 
-def _numbers(run: Run, result: Adjustment, results: Path) -> list[str]:
+def _numbers(outcome: _Outcome) -> list[str]:
+    run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
     stages = (
         "photographs",
-        "orientation",
         "features",
         "matches",
         "tie_points",
+        "orientation",
         "intersection",
         "adjustment",
         "surface",
         "comparison",
     )
-    seconds = {name: float(run.workspace.summary(name)["seconds"]) for name in stages}
-    value = report_numbers(result, run.orientation(), clouds, run.comparisons(), version=__version__, seconds=seconds)
-    write_json(results / "report.json", value)
+    value = report_numbers(
+        outcome.result,
+        run.orientation(),
+        clouds,
+        run.comparisons(),
+        outcome.overlap,
+        version=__version__,
+        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
+        held=read_json(run.workspace.stage("adjustment") / "held.json"),
+        sources=run.project.camera_source,
+    )
+    write_json(outcome.results / "report.json", value)
     return ["report.json"]

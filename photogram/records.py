@@ -20,8 +20,9 @@ from photogram.comparison import CloudStatistics, Comparison
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
-from photogram.orientation import Orientation, Resection
+from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
+from photogram.resection import Resection
 from photogram.survey import (
     Adjustment,
     Block,
@@ -152,6 +153,7 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
         None if gnss is None else np.array(tags["gnss_sigma_m"]),
         attitude,
         None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
+        tags["height_above_ground_m"],
     )
 
 
@@ -210,16 +212,45 @@ def resection_from(value: Mapping[str, Any]) -> Resection:
     )
 
 
-def orientation_from(value: Sequence[Mapping[str, Any]]) -> Orientation:
-    """Return the starting poses and resections of a list in JSON."""
-    resections = [None if v["resection"] is None else resection_from(v["resection"]) for v in value]
-    return Orientation(tuple(pose_from(v["pose"]) for v in value), tuple(resections))
+def orientation_to(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
+    """Return starting poses and resections as JSON."""
+    rows = zip(
+        names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True
+    )
+    return {
+        "method": orientation.method,
+        "photographs": [
+            {
+                "name": name,
+                "pose": None if pose is None else pose_to(pose),
+                "resection": None if resection is None else resection_to(resection),
+                "component": int(component),
+                "reason": reason,
+            }
+            for name, pose, resection, component, reason in rows
+        ],
+        "parameters": [q.tolist() for q in orientation.parameters],
+    }
+
+
+def orientation_from(value: Mapping[str, Any]) -> Orientation:
+    """Return the starting poses and resections that ``orientation_to`` wrote."""
+    rows = value["photographs"]
+    return Orientation(
+        tuple(None if v["pose"] is None else pose_from(v["pose"]) for v in rows),
+        tuple(None if v["resection"] is None else resection_from(v["resection"]) for v in rows),
+        np.array([v["component"] for v in rows], dtype=np.int64),
+        value["method"],
+        tuple(v["reason"] for v in rows),
+        tuple(np.array(q) for q in value["parameters"]),
+    )
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for its tie points, which have a file of their own."""
     arrays = record_arrays(replace(result, block=None, flights=None))  # type: ignore[arg-type]
-    poses = [pose for pose in result.block.poses if pose is not None]
+    nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
+    poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
@@ -237,7 +268,7 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
     adjusted = replace(
         block,
         cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
-        poses=tuple(Pose(R, C) for R, C in zip(rotation, position, strict=True)),
+        poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
     return Adjustment(block=adjusted, **values)

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from photogram.adjustment import adjust
 from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import find_features
@@ -20,10 +19,14 @@ from photogram.files.images import PhotographTags, check_photograph, read_pixels
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_from_geodetic
-from photogram.matching import match_pair, select_pairs
+from photogram.matching import match_pair
 from photogram.orientation import orient
+from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
-from photogram.records import Run, adjustment_arrays, pose_to, resection_to, write_comparison
+from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.registration import registered_block, with_all_photographs
+from photogram.retrieval import most_similar
+from photogram.self_calibration import calibrate
 from photogram.surface_model import surface_from_points
 from photogram.survey import (
     Features,
@@ -83,6 +86,7 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
         "gnss_sigma_m": None if gnss is None or sigma is None else [float(s) for s in sigma],
         "attitude_deg": None if angles is None else list(angles),
         "time": tags.time.isoformat() if tags.time else None,
+        "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
     }
 
 
@@ -101,23 +105,6 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
         raise ImageError("\n".join(faults))
     write_json(folder / "tags.json", notes)
     return {"photographs": len(notes)}
-
-
-# ---- orientation ---------------------------------------------------------------------------------------------------
-
-
-def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Find a starting pose for every photograph."""
-    block = run.block()
-    orientation = orient(block)
-    pairs = zip(run.names, orientation.poses, orientation.resections, strict=True)
-    value = [
-        {"name": name, "pose": pose_to(pose), "resection": None if r is None else resection_to(r)}
-        for name, pose, r in pairs
-    ]
-    write_json(folder / "poses.json", value)
-    progress(len(value), len(value), "resected")
-    return {"resected": sum(r is not None for r in orientation.resections)}
 
 
 # ---- features, matches, tie points ---------------------------------------------------------------------------------
@@ -139,23 +126,37 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     return {"key_points": counts}
 
 
+def select_photograph_pairs(run: Run) -> SelectedPairs:
+    """Select the pairs of photographs to match; where positions are missing, by what the photographs show."""
+    block, settings = run.block(), run.project.pairs
+    similar = None
+    if any(photograph.gnss_world_m is None for photograph in block.photographs):
+        similar = most_similar(run.features, len(run.names), settings.retrieved)
+    return select_pairs(block.photographs, block.cameras, settings, similar=similar)
+
+
 def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
     project = run.project
-    orientation = run.orientation()
-    pairs = select_pairs([pose.position_world_m for pose in orientation.poses], project.matching)
-    verified = 0
-    for done, (i, j) in enumerate(pairs):
+    progress(0, 0, "selecting pairs")
+    selected = select_photograph_pairs(run)
+
+    def match(pair: tuple[int, int]) -> bool:
+        i, j = pair
         path = folder / f"{i:05d}-{j:05d}.npz"
-        progress(done, len(pairs), f"{run.names[i]} – {run.names[j]}")
         if not path.is_file():
             cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
-            matches, good = match_pair((i, j), cameras, (run.features(i), run.features(j)), project.matching)
+            matches, good = match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching)
             write_arrays(path, {"index": matches.index, "verified": good})
-        verified += int(read_arrays(path)["verified"].any())
-    write_json(folder / "pairs.json", [list(pair) for pair in pairs])
-    progress(len(pairs), len(pairs), "")
-    return {"pairs": len(pairs), "verified_pairs": verified}
+        return bool(read_arrays(path)["verified"].any())
+
+    verified = 0
+    for done, ((i, j), found) in enumerate(zip(selected.pairs, run.executor.map(match, selected.pairs), strict=True)):
+        verified += found
+        progress(done + 1, len(selected), f"{run.names[i]} – {run.names[j]}")
+    write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
+    reasons = {reason: selected.reasons.count(reason) for reason in sorted(set(selected.reasons))}
+    return {"pairs": len(selected), "verified_pairs": verified, "selected_by": reasons}
 
 
 def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -173,15 +174,33 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     return {"tie_points": len(joined.tie_points), "conflicts": joined.conflicts}
 
 
+# ---- orientation ---------------------------------------------------------------------------------------------------
+
+
+def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Find a starting pose for every photograph that can be joined to the block."""
+    block = replace(run.block(), tie_points=run.tie_points())
+    orientation = orient(block, run.project.orientation, progress)
+    write_json(folder / "poses.json", orientation_to(orientation, run.names))
+    registered = int(orientation.registered.sum())
+    progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
+    return {
+        "method": orientation.method,
+        "registered": registered,
+        "resected": sum(r is not None for r in orientation.resections),
+    }
+
+
 # ---- clouds --------------------------------------------------------------------------------------------------------
 
 
 def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Intersect tie points linearly from the resected photographs, from two and from three views each."""
+    """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
     block, tie_points, orientation = run.block(), run.tie_points(), run.orientation()
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     ideal = ideal_observations(block.cameras, camera_of, tie_points)
-    poses = [None if r is None else r.refined for r in orientation.resections]
+    resected = orientation.method == "control"
+    poses = [r.refined if resected and r is not None else p for p, r in zip(orientation.poses, orientation.resections, strict=True)]
     counts = {}
     for rays in (2, 3):
         world = intersect_tie_points(tie_points, ideal, poses, rays)
@@ -203,14 +222,20 @@ def _sigma_map_m(
 def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Adjust the block jointly."""
     orientation = run.orientation()
-    block = replace(run.block(), poses=orientation.poses, tie_points=run.tie_points())
-    result = adjust(block, run.project.adjustment, lambda text: progress(0, 0, text))
+    block = replace(run.block(), tie_points=run.tie_points())
+    part, kept = registered_block(replace(block, poses=orientation.poses))
+    result, held = calibrate(
+        part, run.project.adjustment, run.project.calibration, orientation.parameters,
+        lambda text: progress(0, 0, text),
+    )  # fmt: skip
+    result = with_all_photographs(result, block, kept)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
+    write_json(folder / "held.json", held)
     return {"sigma0": result.sigma0, "converged": result.converged, "iterations": result.iterations}
 
 

@@ -17,6 +17,9 @@ from photogram.camera import Camera, Pose, image_plane, project_point
 from photogram.survey import FloatArray, IntArray, TiePoints
 
 
+MANY_PAIRS = 66  # all pairs of twelve rays
+
+
 def projection_matrices(poses: Sequence[Pose]) -> FloatArray:
     """Return the matrices (V, 3, 4) that take homogeneous world points to the camera frames of ``poses``."""
     R = np.array([pose.rotation_world_from_camera.T for pose in poses])
@@ -147,9 +150,13 @@ def _consensus(
     """The best two-ray intersection of one point by number of supporting rays, then by their residuals."""
     X = np.empty(3)
     inlier = np.zeros(end - begin, dtype=np.bool_)
-    best, best_cost = 0, np.inf
+    best, best_cost, pair = 0, np.inf, -1
+    stride = 1 + (end - begin) * (end - begin - 1) // 2 // MANY_PAIRS
     for i in range(begin, end):
         for j in range(i + 1, end):
+            pair += 1
+            if pair % stride:
+                continue
             p, s = photograph[i], photograph[j]
             if not _intersect_two(R[p], C[p], ideal[i], R[s], C[s], ideal[j], X):
                 continue
@@ -185,8 +192,9 @@ def consensus_intersections(
 
     ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``camera_of`` (photographs,), ``pixel`` and
     ``ideal`` (N, 2), ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3)
-    world. Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). All pairs of rays
-    are tried (RANSAC without the randomness; Fischler & Bolles 1981).
+    world. Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). Pairs of rays
+    are tried in turn, all of them up to MANY_PAIRS, evenly spread ones of a longer track (RANSAC without the
+    randomness; Fischler & Bolles 1981).
     """
     count = len(first) - 1
     points = np.full((count, 3), np.nan)

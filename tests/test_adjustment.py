@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
-from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.covariance import covariances
 from photogram.factors.graph import State, robust_cost_and_weight
 from photogram.outliers import noise_scale
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
@@ -60,14 +60,14 @@ def state_of(result: Adjustment) -> State:
 
 @dataclass(frozen=True)
 class Joint:
-    """Errors of all reduced variables, in the tangent of the solution, and their joint covariance."""
+    """Errors of poses, calibration and offset, in the tangent of the solution, and their joint covariance."""
 
     error: FloatArray
-    found: Covariances
+    covariance: FloatArray
 
     @property
     def squared(self) -> float:
-        return float(self.error @ np.linalg.solve(self.found.reduced, self.error))
+        return float(self.error @ np.linalg.solve(self.covariance, self.error))
 
 
 def joint(seed: int) -> Joint:
@@ -75,19 +75,18 @@ def joint(seed: int) -> Joint:
     state = state_of(result)
     problem = make_problem(replace(block.block, poses=result.block.poses, tie_points=result.block.tie_points), SETTINGS)
     found = covariances(problem, state)
-    error = np.zeros(found.columns.size)
+    layout, camera = found.layout, block.block.cameras[0]
+    error = np.zeros(layout.columns + layout.border)
     for i, truth in enumerate(block.truth.poses):
         R = state.rotation[i]
         error[6 * i : 6 * i + 3] = Rotation.from_matrix(R.T @ truth.rotation_world_from_camera).as_rotvec()
         error[6 * i + 3 : 6 * i + 6] = R.T @ (truth.position_world_m - state.position[i])
-    control = [g for g, role in enumerate(block.block.control_points.role) if role == "control"]
-    difference = block.truth.control_position_world_m[control] - state.control
-    error[found.control_column : found.offset_column] = difference.ravel()
-    error[found.offset_column : found.offset_column + 3] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
-    camera = block.block.cameras[0]
-    free = np.flatnonzero(camera.sigmas > 0)
-    error[found.columns.calibration[0, free]] = (block.truth.camera.parameters - state.parameters[0])[free]
-    return Joint(error, found)
+    border = error[layout.columns :]
+    border[layout.offset_column :] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
+    border[:8] = block.truth.camera.parameters - state.parameters[0]
+    moving = np.concatenate([np.ones(layout.columns, dtype=bool), camera.sigmas > 0, np.ones(3, dtype=bool)])
+    covariance = found.joint(np.arange(len(state.rotation)))
+    return Joint(error[moving], covariance[np.ix_(moving, moving)])
 
 
 def within_99(total: float, degrees: int) -> bool:
@@ -318,10 +317,65 @@ def test_a_control_point_behind_its_photograph_is_named() -> None:
         adjust(replace(block, control_points=replace(control, position_world_m=above)), SETTINGS)
 
 
-def test_a_photograph_without_a_pose_is_named() -> None:
+def test_a_photograph_without_a_pose_takes_no_part() -> None:
     block = simulated(0).block
-    with pytest.raises(AdjustmentError, match=block.photographs[2].name):
-        adjust(replace(block, poses=(*block.poses[:2], None, *block.poses[3:])), SETTINGS)
+    lost = replace(block, poses=(*block.poses[:2], None, *block.poses[3:]))
+    result = adjust(lost, SETTINGS)
+    assert result.block.photographs == block.photographs
+    assert [pose is None for pose in result.block.poses] == [i == 2 for i in range(6)]
+    assert not np.any(result.block.tie_points.photograph == 2)
+    for values in (result.position_covariance_m2, result.rotation_covariance_rad2):
+        assert np.flatnonzero(np.isnan(values).any(axis=(1, 2))).tolist() == [2]
+    marks = block.control_points.mark_photograph == 2
+    assert marks.any()
+    assert np.isnan(result.mark_residual_px[marks]).all()
+    without = adjust(without_photograph(block, 2), SETTINGS)
+    assert result.cost == without.cost
+    np.testing.assert_array_equal(np.delete(result.position_covariance_m2, 2, axis=0), without.position_covariance_m2)
+    np.testing.assert_array_equal(result.ground_world_m, without.ground_world_m)
+    np.testing.assert_array_equal(result.mark_residual_px[~marks], without.mark_residual_px)
+    assert result.block.control_points is block.control_points
+
+
+def without_photograph(block: Block, index: int) -> Block:
+    """The block as if the photograph had never been taken."""
+    tie, points = block.tie_points, block.control_points
+    tie = tie.select(np.ones(len(tie), dtype=bool), tie.photograph != index)
+    marks = points.mark_photograph != index
+    number = points.mark_photograph[marks]
+    control = replace(
+        points, mark_photograph=number - (number > index), mark_point=points.mark_point[marks],
+        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+    )  # fmt: skip
+    return replace(
+        block,
+        photographs=(*block.photographs[:index], *block.photographs[index + 1 :]),
+        poses=(*block.poses[:index], *block.poses[index + 1 :]),
+        tie_points=replace(tie, photograph=tie.photograph - (tie.photograph > index)),
+        control_points=control,
+    )
+
+
+def test_without_any_pose_there_is_nothing_to_adjust() -> None:
+    block = simulated(0).block
+    with pytest.raises(AdjustmentError, match="no photograph is oriented"):
+        adjust(replace(block, poses=(None,) * len(block.poses)), SETTINGS)
+
+
+# ---- two engines ---------------------------------------------------------------------------------------------------
+
+
+def test_both_engines_give_the_same_adjustment() -> None:
+    block = simulated(5, 0.05).block
+    fast, slow = (adjust(block, replace(SETTINGS, engine=engine)) for engine in ("fast", "reference"))  # type: ignore[arg-type]
+    assert (fast.iterations, fast.rounds, fast.converged) == (slow.iterations, slow.rounds, slow.converged)
+    assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
+    np.testing.assert_array_equal(fast.block.tie_points.feature, slow.block.tie_points.feature)
+    np.testing.assert_allclose(
+        fast.block.tie_points.position_world_m, slow.block.tie_points.position_world_m, rtol=0, atol=1e-7
+    )
+    np.testing.assert_allclose(fast.position_covariance_m2, slow.position_covariance_m2, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(fast.ground_covariance_m2, slow.ground_covariance_m2, rtol=1e-6, atol=1e-12)
 
 
 # ---- pieces --------------------------------------------------------------------------------------------------------

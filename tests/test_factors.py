@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
-from photogram.factors.elimination import Columns, eliminate_tie_points, first_observations, tie_point_covariances
 from photogram.factors.graph import (
     Problem,
     State,
@@ -23,7 +22,6 @@ from photogram.factors.graph import (
     ground_graph,
     ground_values,
     linearise_all,
-    linearise_tie_points,
     retract,
     robust_cost_and_weight,
     variable_size,
@@ -416,51 +414,6 @@ def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
     np.testing.assert_allclose(
         state.rotation @ np.swapaxes(state.rotation, 1, 2), np.eye(3)[None].repeat(6, 0), atol=1e-12
     )
-
-
-def test_elimination_is_the_schur_complement() -> None:
-    problem, state = small()
-    tie, count = problem.tie, len(state.tie_point)
-    linear = linearise_tie_points(problem, state)
-    n = 6 * len(state.rotation)
-    # A gap of two columns, the calibration between poses and a fixed parameter: every column is where it is said to be.
-    pose = (6 * np.arange(len(state.rotation)) + np.array([5] * 3 + [7] * 3)).astype(np.int64)
-    free = {0: 0, 1: 1, 2: 2, 3: 3, 6: 23, 7: 24}
-    calibration = np.full((1, 8), -1, dtype=np.int64)
-    for parameter, column in free.items():
-        calibration[0, parameter] = column
-    size = n + 7
-    J = np.zeros((2 * len(tie), size + 3 * count))
-    for i in range(len(tie)):
-        rows = slice(2 * i, 2 * i + 2)
-        J[rows, pose[tie.photograph[i]] : pose[tie.photograph[i]] + 6] = linear.pose[i]
-        for parameter, column in free.items():
-            J[rows, column] = linear.calibration[i][:, parameter]
-        J[rows, size + 3 * tie.point[i] : size + 3 * tie.point[i] + 3] = linear.point[i]
-    N = J.T @ J
-    U, W, V = N[:size, :size], N[:size, size:], N[size:, size:]
-    start = np.random.default_rng(0).standard_normal((size, size))
-    S = start.copy()
-    columns = Columns(pose, calibration, size)
-    V_inverse, failed = eliminate_tie_points(tie, linear, count, columns, S)
-    assert failed == -1
-    expected = U - W @ np.linalg.solve(V, W.T)
-    np.testing.assert_allclose(S - start, expected, rtol=0, atol=1e-8 * np.abs(U).max())
-    inverse = np.linalg.inv(V)
-    for p in range(count):
-        block = inverse[3 * p : 3 * p + 3, 3 * p : 3 * p + 3]
-        np.testing.assert_allclose(V_inverse[p], block, rtol=1e-7, atol=1e-9 * np.abs(block).max())
-    covariance = start @ start.T
-    G = inverse @ W.T
-    full = inverse + G @ covariance @ G.T
-    found = tie_point_covariances(tie, linear, columns, V_inverse, covariance)
-    for p in range(count):
-        block = full[3 * p : 3 * p + 3, 3 * p : 3 * p + 3]
-        np.testing.assert_allclose(found[p], block, rtol=1e-6, atol=1e-8 * np.abs(block).max())
-
-
-def test_points_without_observations_are_between_the_others() -> None:
-    assert first_observations(np.array([0, 0, 2, 2, 2]), 4).tolist() == [0, 2, 2, 5, 5]
 
 
 def test_sigmas_lie_along_the_axes_of_the_map() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
+from PIL import ExifTags, Image
+from scipy.spatial.transform import Rotation
 
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
@@ -18,11 +19,13 @@ from photogram.files.images import (
     Dewarp,
     PhotographTags,
     check_photograph,
+    inspect_photograph,
     read_grey,
     read_pixels,
     read_tags,
     write_photograph,
 )
+from photogram.files.tags import Kind, gimbal_from_camera_angles
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
 READERS = (read_pixels, read_grey, check_photograph)
@@ -30,16 +33,25 @@ READERS = (read_pixels, read_grey, check_photograph)
 TAGS = PhotographTags(
     make="DJI",
     model="FC6310R",
+    serial="ce3ccab369970d29",
+    lens="DL 24mm",
+    lens_serial="0123",
+    band="RGB",
     width_px=160,
     height_px=96,
     focal_mm=8.8,
     focal_35mm_mm=24.0,
+    pixels_per_mm=416.25,
+    calibrated_focal_mm=8.81,
+    calibrated_radial=(-0.26, 0.11, -0.03),
     time=datetime(2019, 5, 9, 10, 0, 7, 250000, timezone(timedelta(hours=-3, minutes=-30))),
     longitude_deg=-74.1855840912,
     latitude_deg=-11.2246986034,
     height_m=-40.524,
+    height_is_ellipsoidal=True,
     height_above_take_off_m=25.05,
     gnss_sigma_m=(0.01568, 0.01101, 0.03329),
+    gnss_horizontal_error_m=0.021,
     rtk_flag=50,
     gimbal_yaw_deg=-162.9,
     gimbal_pitch_deg=-89.9,
@@ -53,6 +65,8 @@ TAGS = PhotographTags(
         (8.1140137, -2.197998),
         (-0.408528, 0.360104, -0.414649),
         (0.0013461, 1e-7),
+        (1600.0, 960.0),
+        applied=True,
     ),
 )
 
@@ -82,6 +96,14 @@ def damaged(photograph: Path, content: bytes) -> Path:
 
 def test_tags_survive_writing_and_reading(photograph: Path) -> None:
     assert read_tags(photograph) == TAGS
+
+
+@pytest.mark.parametrize("kind", ["thermal", "panorama", "fisheye"])
+@pytest.mark.parametrize("ellipsoidal", [True, False])
+def test_kind_and_heights_survive_writing_and_reading(tmp_path: Path, kind: Kind, ellipsoidal: bool) -> None:
+    tags = replace(TAGS, kind=kind, height_is_ellipsoidal=ellipsoidal)
+    write_photograph(tmp_path / "a.jpg", np.zeros((96, 160, 3), np.uint8), tags)
+    assert inspect_photograph(tmp_path / "a.jpg") == tags
 
 
 def test_tags_are_none_where_nothing_is_said(tmp_path: Path) -> None:
@@ -147,7 +169,7 @@ def test_orientation_tag_does_not_turn_the_pixels(tmp_path: Path) -> None:
     assert check_photograph(path) == (40, 24)
 
 
-@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("read", [*READERS, inspect_photograph])
 @pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.9, -100, -2, -1])
 def test_truncated_jpeg_is_refused(photograph: Path, read: object, kept: float) -> None:
     whole = photograph.read_bytes()
@@ -189,11 +211,12 @@ def test_missing_photograph_is_refused(tmp_path: Path, read: object) -> None:
         read(tmp_path / "gone.jpg")  # type: ignore[operator]
 
 
-def test_deep_pixels_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("read", [read_pixels, inspect_photograph])
+def test_deep_pixels_are_refused(tmp_path: Path, read: object) -> None:
     path = tmp_path / "deep.tif"
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(path)
     with pytest.raises(ImageError, match="8-bit"):
-        read_pixels(path)
+        read(path)  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(
@@ -293,6 +316,7 @@ def test_rtk_tags_of_a_real_drone() -> None:
     assert fixed == PhotographTags(
         make="DJI",
         model="FC6360",
+        serial="ce3ccab369970d2995b38aac35c75ff8",
         width_px=1600,
         height_px=1300,
         focal_mm=5.74,
@@ -301,6 +325,7 @@ def test_rtk_tags_of_a_real_drone() -> None:
         longitude_deg=-74.18558409,
         latitude_deg=11.2246986,
         height_m=40.52,
+        height_is_ellipsoidal=True,
         height_above_take_off_m=25.05,
         gnss_sigma_m=(0.01568, 0.01101, 0.03329),
         rtk_flag=50,
@@ -316,6 +341,7 @@ def test_rtk_tags_of_a_real_drone() -> None:
             (8.1140137, 2.197998),
             (-0.408528, 0.360104, -0.414649),
             (0.0013461, 0.0013461),
+            (1600.0, 1300.0),
         ),
     )
     floats = [t for t in tags.values() if t.rtk_flag == 34]
@@ -347,3 +373,153 @@ def test_tags_of_an_ordinary_camera() -> None:
 def test_height_below_sea_level_is_negative() -> None:
     tags = read_tags(data_file("sheffield_cross") / "images" / "DJI_0054.JPG")
     assert tags.height_m == -5.677
+
+
+# ---- the conventions of other makers ---------------------------------------------------------------------------------
+
+PIX4D, SENSEFLY = "http://pix4d.com/camera/1.0/", "http://ns.sensefly.com/Camera/1.0/"
+AUTEL, PARROT = "http://www.autelrobotics.com/drone/1.0/", "http://www.parrot.com/drone-parrot/1.0/"
+MICASENSE = "http://micasense.com/DLS/1.0/"
+
+
+def with_xmp(path: Path, namespaces: dict[str, str], attributes: str, elements: str = "", before: str = "") -> Path:
+    declared = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in namespaces.items())
+    packet = (
+        f'{before}<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
+        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description rdf:about="" {declared} {attributes}>{elements}</rdf:Description>'
+        '</rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
+    )
+    Image.new("RGB", (16, 12)).save(path, xmp=packet.encode())
+    return path
+
+
+def camera_angles(tags: PhotographTags) -> tuple[float | None, float | None, float | None]:
+    return tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg
+
+
+def rotation_of(tags: PhotographTags) -> np.ndarray:
+    assert tags.gimbal_yaw_deg is not None
+    assert tags.gimbal_pitch_deg is not None
+    assert tags.gimbal_roll_deg is not None
+    return rotation_from_gimbal(tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
+
+
+@given(st.floats(-180, 180), st.floats(-85, 85), st.floats(-80, 80))
+def test_camera_angles_turn_a_camera_that_looks_down(yaw: float, pitch: float, roll: float) -> None:
+    body = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()  # north, east, down from the body
+    nose, right, down = body[[1, 0, 2]].T * np.array([1.0, 1.0, -1.0])  # east, north, up
+    expected = np.column_stack([right, -nose, down])
+    R = rotation_from_gimbal(*gimbal_from_camera_angles(yaw, pitch, roll))
+    np.testing.assert_allclose(R, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, -135.0])
+def test_camera_that_looks_straight_down_has_its_yaw(yaw: float) -> None:
+    assert gimbal_from_camera_angles(yaw, 0.0, 0.0) == pytest.approx((yaw, -90.0, 0.0), abs=1e-9)
+    assert gimbal_from_camera_angles(yaw, 90.0, 0.0) == pytest.approx((yaw, 0.0, 0.0), abs=1e-9)
+    straight_up = rotation_from_gimbal(*gimbal_from_camera_angles(yaw, 180.0, 0.0))
+    np.testing.assert_allclose(straight_up, rotation_from_gimbal(yaw, 90.0, 0.0), atol=1e-9)
+
+
+def test_sensefly_tags(tmp_path: Path) -> None:
+    attributes = 'Camera:Yaw="31.5" Camera:Pitch="4" Camera:Roll="0" Camera:GPSXYAccuracy="0.021"'
+    attributes += ' Camera:GPSZAccuracy="0.035" Camera:PerspectiveFocalLength="10.6"'
+    attributes += ' Camera:PerspectiveDistortion="0.01,-0.08,0.07,0.0004,-0.0002" Camera:ModelType="perspective"'
+    attributes += ' Camera:VerticCS="ellipsoidal" crs:Version="7.0"'
+    spaces = {"Camera": SENSEFLY, "crs": "http://ns.adobe.com/camera-raw-settings/1.0/"}
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", spaces, attributes))
+    assert camera_angles(tags) == pytest.approx((31.5, -86.0, 0.0), abs=1e-9)
+    assert tags.gnss_sigma_m == (0.021, 0.021, 0.035)
+    assert tags.calibrated_focal_mm == 10.6
+    assert tags.calibrated_radial == (0.01, -0.08, 0.07)
+    assert tags.kind == "frame"
+    assert tags.height_is_ellipsoidal is None  # of no position
+
+
+def test_parrot_sequoia_tags_as_elements_with_fractions(tmp_path: Path) -> None:
+    elements = (
+        "<Camera:Yaw>1250/100</Camera:Yaw><Camera:Pitch>-300/100</Camera:Pitch><Camera:Roll>0/1</Camera:Roll>"
+        "<Camera:AboveGroundAltitude>8025/100</Camera:AboveGroundAltitude>"
+        "<Camera:GPSXYAccuracy>0</Camera:GPSXYAccuracy><Camera:GPSZAccuracy>1/0</Camera:GPSZAccuracy>"
+        "<Camera:BandName><rdf:Seq><rdf:li>Green</rdf:li></rdf:Seq></Camera:BandName>"
+        "<Camera:ModelType>fisheye</Camera:ModelType>"
+    )
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", {"Camera": PIX4D}, "", elements))
+    assert rotation_of(tags) == pytest.approx(rotation_from_gimbal(12.5, -93.0, 0.0), abs=1e-9)
+    assert tags.height_above_take_off_m == 80.25
+    assert tags.gnss_sigma_m is None
+    assert tags.band == "Green"
+    assert tags.kind == "fisheye"
+
+
+def test_autel_tags_old_and_new(tmp_path: Path) -> None:
+    old = read_tags(
+        with_xmp(
+            tmp_path / "old.jpg",
+            {"Camera": PIX4D},
+            'Camera:Pitch="66.04" Camera:Yaw="2.42" Camera:Roll="0.000000" Camera:ModelType="perspective"',
+        )
+    )
+    assert camera_angles(old) == pytest.approx((2.42, -23.96, 0.0), abs=1e-9)
+    attributes = 'drone:GimbalPitchDegree="-89.5" drone:GimbalYawDegree="12.0" drone:GimbalRollDegree="0.0"'
+    attributes += ' drone:RtkFlag="50" drone:GpsLatitude="47.5" drone:GpsLongtitude="8.25"'
+    attributes += ' drone:AbsoluteAltitude="+502.1" drone:RelativeAltitude="+60.0"'
+    new = read_tags(with_xmp(tmp_path / "new.jpg", {"drone": AUTEL}, attributes))
+    assert camera_angles(new) == (12.0, -89.5, 0.0)
+    assert (new.longitude_deg, new.latitude_deg, new.height_m) == (8.25, 47.5, 502.1)
+    assert (new.rtk_flag, new.height_is_ellipsoidal, new.height_above_take_off_m) == (50, True, 60.0)
+
+
+def test_parrot_anafi_tags_come_before_its_camera_tags(tmp_path: Path) -> None:
+    attributes = 'p:CameraPitchDegree="-78.36" p:CameraRollDegree="-0.32" p:CameraYawDegree="176.31"'
+    attributes += ' Camera:Pitch="1" Camera:Yaw="2" Camera:Roll="3"'
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", {"p": PARROT, "Camera": PIX4D}, attributes))
+    assert camera_angles(tags) == (176.31, -78.36, -0.32)
+
+
+def test_light_sensor_and_missing_sensor_are_no_attitude(tmp_path: Path) -> None:
+    light = with_xmp(tmp_path / "a.jpg", {"DLS": MICASENSE}, 'DLS:Yaw="1" DLS:Pitch="2" DLS:Roll="3"')
+    zeros = with_xmp(
+        tmp_path / "b.jpg", {"Camera": PIX4D}, 'Camera:Yaw="0/100" Camera:Pitch="0/100" Camera:Roll="0/100"'
+    )
+    assert camera_angles(read_tags(light)) == camera_angles(read_tags(zeros)) == (None, None, None)
+
+
+def test_xmp_that_gdal_has_copied_is_read(tmp_path: Path) -> None:
+    path = with_xmp(tmp_path / "a.jpg", {"drone": AUTEL}, 'drone:RtkFlag="16"', before="xml:XMP=")
+    assert read_tags(path).rtk_flag == 16
+
+
+def test_wrong_camera_calibration_is_named(tmp_path: Path) -> None:
+    attributes = 'Camera:PerspectiveFocalLength="10" Camera:PerspectiveDistortion="0.1,0.2"'
+    path = with_xmp(tmp_path / "a.jpg", {"Camera": PIX4D}, attributes)
+    with pytest.raises(ImageError, match=r"PerspectiveDistortion is '0\.1,0\.2', expected"):
+        read_tags(path)
+
+
+@pytest.mark.parametrize(
+    ("unit", "resolution"), [(2, 25.4 * 166.0), (3, 1660.0), (4, 166.0), (5, 0.166), (None, 4216.4)]
+)
+def test_camera_with_geotags_and_exif_alone(tmp_path: Path, unit: int | None, resolution: float) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = "SONY", "ILCE-7RM4"
+    inner, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
+    inner[ExifTags.Base.FocalLength], inner[ExifTags.Base.FocalLengthIn35mmFilm] = 35.0, 35
+    inner[ExifTags.Base.LensModel], inner[ExifTags.Base.BodySerialNumber] = "FE 35mm F1.8", "S01"
+    inner[ExifTags.Base.FocalPlaneXResolution] = resolution
+    if unit is not None:
+        inner[ExifTags.Base.FocalPlaneResolutionUnit] = unit
+    gps[ExifTags.GPS.GPSLatitudeRef], gps[ExifTags.GPS.GPSLatitude] = "S", (33.0, 30.0, 0.0)
+    gps[ExifTags.GPS.GPSLongitudeRef], gps[ExifTags.GPS.GPSLongitude] = "W", (70.0, 45.0, 0.0)
+    gps[ExifTags.GPS.GPSAltitudeRef], gps[ExifTags.GPS.GPSAltitude] = b"\x02", 812.5
+    gps[ExifTags.GPS.GPSHPositioningError] = 0.04
+    path = tmp_path / "DSC00001.JPG"
+    Image.new("RGB", (24, 16)).save(path, exif=exif)
+    tags = inspect_photograph(path)
+    assert tags.pixels_per_mm == pytest.approx(166.0, rel=1e-6)
+    assert (tags.longitude_deg, tags.latitude_deg, tags.height_m) == (-70.75, -33.5, 812.5)
+    assert tags.height_is_ellipsoidal
+    assert tags.gnss_horizontal_error_m == pytest.approx(0.04)
+    assert (tags.lens, tags.serial, tags.focal_35mm_mm) == ("FE 35mm F1.8", "S01", 35.0)
+    assert camera_angles(tags) == (None, None, None)

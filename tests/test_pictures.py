@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver, QuiverKey
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -14,29 +18,35 @@ from photogram.camera import Camera
 from photogram.comparison import Comparison, statistics
 from photogram.errors import WorkspaceError
 from photogram.ransac_study import RansacStudy, study
+from photogram.report import plan
 from photogram.report.pictures import (
-    PlanContents,
-    _enlargement,
     _grid_means,
-    _place_labels,
     _round_up,
     _thinned,
     candidate_and_verified_matches,
     comparison_picture,
     length_label,
     new_figure,
-    plan_picture,
     residual_picture,
     round_length,
     save_picture,
     shaded_surface,
+)
+from photogram.report.plan import (
+    FEW,
+    MAXIMUM_PHOTOGRAPH_NAMES,
+    PlanContents,
+    enlargement,
+    overlap_levels,
+    place_labels,
+    plan_picture,
 )
 from photogram.report.study_pictures import inliers_by_iteration, inliers_by_sample_size
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]
 SITE = np.array([719_900.0, 6_191_900.0, 70.0])
-SKY, ORANGE, VERMILION = (86, 180, 233), (230, 159, 0), (213, 94, 0)
+SKY, ORANGE, VERMILION, GREEN = (86, 180, 233), (230, 159, 0), (213, 94, 0), (0, 158, 115)
 CAMERA = Camera("wide", 600, 400, 500.0, np.array([300.0, 200.0]))
 
 
@@ -67,16 +77,20 @@ def a_comparison(spread_m: float, count: int = 300) -> Comparison:
     return Comparison(SITE + random.uniform(0, 50, (count, 3)), difference, np.abs(difference), figures, figures, 3)
 
 
-def contents(photographs: int = 4, ground: int = 6) -> PlanContents:
+def contents(photographs: int = 4, ground: int = 6, unregistered: int = 0, flights: int = 1) -> PlanContents:
     random = np.random.default_rng(photographs)
     roles = ["control" if i % 2 else "check" for i in range(ground)]
     positions, points = (SITE + random.uniform(0, [60, 40, 5], (n, 3)) for n in (photographs, ground))
     gnss = np.full((photographs, 3), np.nan)
     gnss[1:] = 0.3
+    rows, columns = np.mgrid[0:40, 0:60]
+    counts = np.minimum(np.minimum(rows, 39 - rows), np.minimum(columns, 59 - columns)).astype(np.float32)
+    counts[:5, :9] = np.nan
     return PlanContents(
-        [f"DJI_{i:04d}.JPG" for i in range(photographs)], positions, gnss,
+        [f"DJI_{i:04d}.JPG" for i in range(photographs)], [f"{i % flights}" for i in range(photographs)],
+        np.arange(photographs) >= unregistered, positions, gnss,
         [f"G{i}" for i in range(ground)], roles, points,
-        random.normal(0, 0.02, (ground, 3)), SITE + random.uniform(0, [60, 40, 5], (400, 3)), [points[:4]],
+        random.normal(0, 0.02, (ground, 3)), Raster(counts, SITE[0], SITE[1] + 40, 1.0),
     )  # type: ignore[arg-type]  # fmt: skip
 
 
@@ -204,17 +218,119 @@ def test_few_residuals_and_none_are_drawn(tmp_path: Path) -> None:
         assert pixels_near(path, VERMILION) > 20
 
 
-@pytest.mark.parametrize(("photographs", "ground"), [(1, 0), (0, 3), (80, 30)])
-def test_plans_of_every_size(tmp_path: Path, photographs: int, ground: int) -> None:
-    plan_picture(tmp_path / "plan.png", contents(photographs, ground), "plan")
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures as they were saved."""
+    figures: list[Figure] = []
+
+    def keep(figure: Figure, path: Path) -> None:
+        figures.append(figure)
+        save_picture(figure, path)
+
+    monkeypatch.setattr(plan, "save_picture", keep)
+    return figures
+
+
+def legend_of(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def words_in(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.axes[0].texts)
+
+
+@pytest.mark.parametrize(
+    ("photographs", "ground", "unregistered", "flights"),
+    [(1, 0, 0, 1), (0, 3, 0, 1), (2, 3, 2, 1), (80, 30, 3, 2), (400, 12, 40, 9)],
+)
+@pytest.mark.filterwarnings("error")
+def test_plans_of_every_size(tmp_path: Path, photographs: int, ground: int, unregistered: int, flights: int) -> None:
+    plan_picture(tmp_path / "plan.png", contents(photographs, ground, unregistered, flights), "plan")
     assert (pixels_near(tmp_path / "plan.png", VERMILION) > 30) == (ground > 0)
+    assert (pixels_near(tmp_path / "plan.png", GREEN) > 30) == (ground > 0)
+
+
+def test_the_legend_counts_what_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
+    plan_picture(tmp_path / "one.png", contents(12, 6), "plan")
+    assert legend_of(drawn[0]) == ["photographs (12)", "control points (3)", "check points (3)"]
+    plan_picture(tmp_path / "two.png", contents(12, 0, 2, 2), "plan")
+    assert legend_of(drawn[1]) == ["flight 0 (5)", "flight 1 (5)", "not registered (2)"]
+    plan_picture(tmp_path / "nine.png", contents(90, 0, 0, 9), "plan")
+    assert legend_of(drawn[2]) == [*(f"flight {i} (10)" for i in range(5)), "4 more flights (40)"]
+
+
+def test_the_scale_of_the_arrows_is_said_and_true(tmp_path: Path, drawn: list[Figure]) -> None:
+    plan_picture(tmp_path / "plan.png", contents(12, 6), "plan")
+    axes = drawn[0].axes[0]
+    arrows = [child for child in axes.get_children() if isinstance(child, Quiver)]
+    keys = [child for child in axes.get_children() if isinstance(child, QuiverKey)]
+    assert len(arrows) == len(keys) == 3
+    for quiver, key in zip(arrows, keys, strict=True):
+        assert f"(× {1 / quiver.scale:g})" in key.text.get_text()
+        assert length_label(key.U) in key.text.get_text()
+    assert np.allclose(arrows[0].U, 0.3)
+    assert arrows[0].N == 11, "a photograph without GNSS has no arrow"
+
+
+def test_few_photographs_are_named_and_many_are_not(tmp_path: Path, drawn: list[Figure]) -> None:
+    plan_picture(tmp_path / "few.png", contents(8, 3), "plan")
+    plan_picture(tmp_path / "many.png", contents(MAXIMUM_PHOTOGRAPH_NAMES + 1, 3, 1), "plan")
+    assert words_in(drawn[0]).count("DJI_") > 5
+    assert "DJI_0000" in words_in(drawn[1])
+    assert words_in(drawn[1]).count("DJI_") == 1, "only the one that was left out"
+    assert "Δh" in words_in(drawn[1])
+
+
+def test_photographs_of_another_place_do_not_shrink_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
+    here = contents(12, 3, 2)
+    away = here.photograph_map_m.copy()
+    away[0] += [0.0, 30_000.0, 0.0]
+    away[1] = np.nan
+    plan_picture(tmp_path / "here.png", here, "plan")
+    plan_picture(tmp_path / "away.png", replace(here, photograph_map_m=away), "plan")
+    limits = [(figure.axes[0].get_xlim(), figure.axes[0].get_ylim()) for figure in drawn]
+    assert limits[0] == limits[1]
+    assert "1 not registered, outside the plan" in words_in(drawn[1])
+    assert "1 not registered, without a position" in words_in(drawn[1])
+    assert "not registered" not in words_in(drawn[0])
+
+
+def test_overlap_has_whole_numbers_and_a_colour_each(tmp_path: Path, drawn: list[Figure]) -> None:
+    shown = contents(8, 0)
+    plan_picture(tmp_path / "plan.png", shown, "plan")
+    bar = drawn[0].axes[1]
+    labels = [label.get_text() for label in bar.get_yticklabels()]
+    assert labels == ["0", "1", "2", "3", "4", "5", "6–7", "8–9", "10–14", "15–19"]
+    (picture,) = drawn[0].axes[0].get_images()
+    rgba = np.asarray(picture.get_array())
+    assert shown.overlap is not None
+    for number, colour in enumerate(FEW):
+        cells = rgba[shown.overlap.values == number]
+        assert np.allclose(cells, to_rgba(colour), atol=1 / 255)
+    assert np.all(rgba[np.isnan(shown.overlap.values)][:, 3] == 0)
+    # north is up, and the raster lies where it says
+    assert tuple(picture.get_extent()) == (SITE[0], SITE[0] + 60, SITE[1], SITE[1] + 40)
+    plan_picture(tmp_path / "none.png", replace(shown, overlap=None), "plan")
+    assert len(drawn[1].axes) == 1
+
+
+@pytest.mark.parametrize("most", [0, 1, 5, 10, 11, 14, 15, 37, 250, 1000])
+def test_classes_of_overlap_hold_every_number_once(most: int) -> None:
+    levels = overlap_levels(most)
+    assert levels[0] == 0
+    assert levels == sorted(set(levels))
+    assert levels[-1] <= most
+    assert len(levels) <= 24
+    assert levels[: min(most, 6) + 1] == list(range(min(most, 6) + 1))
 
 
 def test_vectors_are_enlarged_by_a_round_factor() -> None:
-    vectors = np.array([[0.03, 0.04, 9.0], [np.nan, np.nan, np.nan], [0.01, 0.0, 0.0]])
-    assert _enlargement(vectors, 12.0) == 200
-    assert _enlargement(vectors * 0, 12.0) is None
-    assert _enlargement(vectors[:0], 12.0) is None
+    vectors = np.array([[0.03, 0.04, 9.0], [np.nan, np.nan, np.nan], [0.03, 0.04, 0.0]])
+    assert enlargement(vectors, 12.0) == 200
+    assert enlargement(vectors * 0, 12.0) is None
+    assert enlargement(vectors[:0], 12.0) is None
+    usual = np.tile([0.05, 0.0, 0.0], (40, 1))
+    assert enlargement(np.vstack([usual, [[40.0, 0.0, 0.0]]]), 12.0) == 200, "one wrong fix hides no other"
 
 
 def test_names_never_cover_each_other_or_a_point() -> None:
@@ -222,7 +338,7 @@ def test_names_never_cover_each_other_or_a_point() -> None:
     anchors = random.uniform(0.1, 0.9, (40, 2))
     figure = new_figure(5, 4)
     axes = figure.add_subplot()
-    placed = _place_labels(figure, axes, anchors, [f"point {i}" for i in range(40)], anchors)
+    placed = place_labels(figure, axes, anchors, [f"point {i}" for i in range(40)], anchors)
     boxes = np.array([text.get_window_extent().extents for text in axes.texts])
     assert 10 < placed == len(boxes) < 40
     points = axes.transData.transform(anchors)
@@ -233,7 +349,7 @@ def test_names_never_cover_each_other_or_a_point() -> None:
 
 
 def test_an_empty_plan_or_comparison_is_a_defect(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="no photograph"):
+    with pytest.raises(ValueError, match="no registered photograph"):
         plan_picture(tmp_path / "plan.png", contents(0, 0), "plan")
     with pytest.raises(ValueError, match="no comparison"):
         comparison_picture(tmp_path / "comparison.png", {})

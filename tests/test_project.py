@@ -3,8 +3,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -18,9 +16,9 @@ from photogram.adjustment import AdjustmentSettings
 from photogram.camera import Camera
 from photogram.errors import ImageError, ProjectError
 from photogram.features import FeatureSettings
+from photogram.files.control_files import read_marks, read_points
 from photogram.frames import LocalFrame
 from photogram.project import Project, read_project
-from photogram.project_file import Document, read_settings
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "dtu_phantom4" / "project.yaml"
 SHARED = Path(__file__).parents[2] / "shared" / "data" / "dtu_phantom4"
@@ -315,6 +313,9 @@ def test_full_example_of_the_documentation(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for name in ("images/100_0002_0067.JPG", "images/100_0002_0068.JPG", "m300.mat", "reference.tif"):
         (tmp_path / name).touch()
+    (tmp_path / "gcp_list.txt").write_text("EPSG:25832\n719970 6191960 70 2000 1000 100_0002_0067.JPG G1\n")
+    (tmp_path / "check.csv").write_text("name,lon,lat,height\nK1,12.5114,55.823,70\n")
+    (tmp_path / "marks.csv").write_text("name,photograph,u,v\nK1,100_0002_0068.JPG,100,200\n")
 
     def reader(path: Path, name: str, width_px: int, height_px: int, _: str) -> Camera:
         assert path.name == "m300.mat"
@@ -323,7 +324,17 @@ def test_full_example_of_the_documentation(tmp_path: Path) -> None:
     project = read_project(tmp_path / "project.yaml", read_matlab_camera=reader)
     assert [camera.name for camera in project.cameras] == ["phantom4", "m300"]
     assert [p.camera for p in project.photographs] == [0, 1]
-    assert [p.role for p in project.control_points] == ["control", "check"]
+    assert [p.name for p in project.control_points] == ["67-1", "C2", "G1", "K1"]
+    assert [p.role for p in project.control_points] == ["control", "check", "control", "check"]
+
+
+def test_tables_of_the_documentation(tmp_path: Path) -> None:
+    text = (EXAMPLE.parents[2] / "docs" / "project-file.md").read_text().split("## Ground points from files")[1]
+    for name, part in zip(("gcp_list.txt", "points.csv", "marks.csv"), text.split("```\n")[1::2], strict=False):
+        (tmp_path / name).write_text(part)
+    assert [p.name for p in read_points(tmp_path / "gcp_list.txt").points] == ["67-1"]
+    assert [p.role for p in read_points(tmp_path / "points.csv").points] == ["check", None]
+    assert [m.sigma_px for m in read_marks(tmp_path / "marks.csv")] == [0.5, None]
 
 
 # -- faults: each with its exact line ---------------------------------------------------------------------------------
@@ -702,38 +713,6 @@ def test_matlab_faults(survey: Path) -> None:
     assert fault.startswith("9: cameras.phantom4.pixel_origin: must be matlab or photogram for a .mat file")
 
 
-# -- files that are no project ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"photogram: 1\ncameras: [1, 2\nworld: grid\n", r":3: column 6: not valid YAML, .*: check indentation"),
-        (b"photogram: 1\n\tcrs: x\n", r":2: column 1: not valid YAML, .*'\\t'"),
-        (b"photogram: 1\nworld: \xff\n", r":2: byte 0xff is not UTF-8: save the file as UTF-8"),
-        (b"photogram: 1\nworld: \x07\n", r":2: the character U\+0007 is not allowed in YAML"),
-        (b"# nothing\n- a list\n", r":2: a project file is a block of keys, beginning with photogram: 1"),
-        (b"a: 1\n---\nb: 1\n", r":2: column 1: not valid YAML, .*another document"),
-        (b"a: &x [*x]\n", r":1: a: unknown key"),
-        (b"? [a, b]\n: 1\n", r":1: a key must be plain text in one line"),
-        (b"", r":1: photogram: is missing"),
-    ],
-)
-def test_what_is_no_project_file(tmp_path: Path, content: bytes, message: str) -> None:
-    (tmp_path / "project.yaml").write_bytes(content)
-    with pytest.raises(ProjectError, match=message):
-        read(tmp_path)
-
-
-def test_no_file_and_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(
-        ProjectError, match=r"project\.yaml: cannot be read \(No such file or directory\): give the path"
-    ):
-        read(tmp_path)
-    with pytest.raises(ProjectError, match=r"cannot be read \(Is a directory\)"):
-        read_project(tmp_path, read_matlab_camera=no_matlab)
-
-
 def test_byte_order_mark_and_windows_lines_are_read(survey: Path) -> None:
     (survey / "project.yaml").write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
     assert read(survey).cameras[1].name == "small"
@@ -761,72 +740,3 @@ def test_nothing_in_any_place_is_a_defect(survey: Path, shift: int) -> None:
             continue
         refused += 1
     assert refused > 60
-
-
-# -- settings of any dataclass ----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Inner:
-    depth: int = 1
-
-
-@dataclass(frozen=True)
-class Settings:
-    needed: float
-    ratio: float = 0.8
-    count: int | None = None
-    kind: Literal["huber", "cauchy"] = "huber"
-    sizes: tuple[int, ...] = (1, 2)
-    either: float | Literal["all"] = 1.0
-    inner: Inner = field(default_factory=Inner)
-    derived: int = field(default=0, init=False)
-
-    def __post_init__(self) -> None:
-        if not 0 < self.ratio < 1:
-            raise ValueError(f"ratio must lie between 0 and 1, not {self.ratio}")
-
-
-@pytest.fixture
-def document(tmp_path: Path) -> Callable[[str], Document]:
-    def write(text: str) -> Document:
-        (tmp_path / "project.yaml").write_text(text)
-        return Document(tmp_path / "project.yaml")
-
-    return write
-
-
-def test_settings_are_the_dataclass(document: Callable[[str], Document]) -> None:
-    text = "s: {needed: 2, count: 3, kind: cauchy, sizes: [4, 5, 6], either: all, inner: {depth: 2}}"
-    expected = Settings(2.0, 0.8, 3, "cauchy", (4, 5, 6), "all", Inner(2))
-    assert read_settings(document(text), "s", Settings) == expected
-    assert read_settings(document("s: {needed: 1, ratio: 0.5, count:}"), "s", Settings) == Settings(1.0, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("s: {}", ["s.needed: is missing: give this setting, it has no default"]),
-        ("t: 1", ["s.needed: is missing: give this setting, it has no default"]),
-        ("s: {needed: 1, ratio: 2}", ["s: ratio must lie between 0 and 1, not 2.0"]),
-        ("s: {needed: 1, derived: 2}", ["s.derived: unknown key: known here: "]),
-        ("s: {needed: 1, inner: {dept: 2}}", ["s.inner.dept: unknown key: did you mean 'depth'?"]),
-        ("s: {needed: 1, inner: 5}", ["s.inner: needs a block of keys, found 5"]),
-        ("s: {needed: 1, sizes: [1, 2.5]}", ["s.sizes[#2]: must be a whole number, found 2.5"]),
-        ("s: {needed: 1, sizes: 3}", ["s.sizes: needs a list, found 3"]),
-        ("s: {needed: 1, either: some}", ["s.either: must be a number, found the text 'some', or must be all, found"]),
-        (
-            "s: {needed: '1', kind: hubber}",
-            ["s.needed: must be a number, found the text '1'", "s.kind: must be huber or"],
-        ),
-    ],
-)
-def test_settings_faults(document: Callable[[str], Document], text: str, expected: list[str]) -> None:
-    opened = document(text)
-    assert read_settings(opened, "s", Settings) is None
-    with pytest.raises(ProjectError) as raised:
-        opened.raise_faults()
-    lines = [line for line in str(raised.value).splitlines() if "faults:" not in line]
-    assert len(lines) == len(expected)
-    for start in expected:
-        assert any(f"project.yaml:1: {start}" in line for line in lines), lines

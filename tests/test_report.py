@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,16 @@ import rasterio
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
+from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.files.images import read_tags
 from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.orientation import Orientation
+from photogram.registration import registered_block, with_all_photographs
+from photogram.report.numbers import NOT_ADJUSTED, gnss_residual_m, report_numbers
+from photogram.report.overlap import ground_overlap
+from photogram.simulation import SurveyPlan, simulate_block
+from photogram.survey import Adjustment, Block
+from photogram.workspace import write_json
 
 Json = dict[str, Any]
 
@@ -54,6 +64,37 @@ def test_keys_of_photographs(report: Json) -> None:
         assert numbers(photograph["resection"]["gnss_difference_m"])
 
 
+def test_every_photograph_says_whether_it_is_registered(report: Json) -> None:
+    for photograph in report["photographs"].values():
+        assert photograph["registered"] is True
+        assert photograph["reason"] is None
+        assert photograph["tie_points"] > 0
+        assert numbers(photograph["gnss_residual_m"], 3)
+        assert numbers(photograph["gsd_m"])
+
+
+def test_keys_of_block(report: Json, finished_survey: Path) -> None:
+    block, adjustment = report["block"], report["adjustment"]
+    assert block["registered"] == block["photographs"] == 4
+    assert block["components"] == [list(report["photographs"])]
+    assert block["component_sizes"] == [4]
+    assert block["method"] in {"control", "attitude", "growth"}
+    for key in ("tie_points", "observations"):
+        assert block[key] == adjustment[key], key
+    assert block["mean_track_length"] == pytest.approx(adjustment["observations"] / adjustment["tie_points"])
+    truth = json.loads((finished_survey / "truth.json").read_text())
+    assert block["gsd_m"] == pytest.approx(truth["gsd_m"], rel=0.05)
+    overlap = block["overlap"]
+    assert all(numbers(overlap[key]) for key in overlap)
+    assert 2 <= overlap["median"] <= 4
+    assert overlap["share_3_or_more"] <= overlap["share_2_or_more"] <= 1
+    residual = np.array([p["gnss_residual_m"] for p in report["photographs"].values()])
+    rms = block["gnss_residual_rms_m"]
+    assert rms["plan"] == pytest.approx(np.sqrt((residual[:, :2] ** 2).sum(axis=1).mean()))
+    assert rms["height"] == pytest.approx(np.sqrt((residual[:, 2] ** 2).mean()))
+    assert rms["three_d"] == pytest.approx(np.hypot(rms["plan"], rms["height"]))
+
+
 def test_keys_of_cameras(report: Json) -> None:
     assert list(report["cameras"]) == ["simulated"]
     camera = report["cameras"]["simulated"]
@@ -64,6 +105,10 @@ def test_keys_of_cameras(report: Json) -> None:
     free = {name for name, sigma in camera["sigma"].items() if sigma is not None}
     assert free == {"focal_px", "cx_px", "cy_px", "k1"}
     assert all(camera["sigma"][name] > 0 for name in free)
+    assert {name for name, sigma in camera["prior_sigma"].items() if sigma != 0} == free
+    assert set(camera["held"]) >= set(camera["sigma"]) - free
+    assert all(type(reason) is str and reason for reason in camera["held"].values())
+    assert camera["source"] is None
 
 
 def test_keys_of_adjustment(report: Json) -> None:
@@ -219,6 +264,25 @@ def test_matlab_file_holds_the_same_observations(finished_survey: Path) -> None:
         assert np.array_equal(matlab["position_world_m"], archive["position_world_m"])
 
 
+def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_survey: Path) -> None:
+    comment, *lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
+    assert report["crs"] in comment
+    rows = {row["name"]: row for row in csv.DictReader(lines)}
+    features = json.loads((finished_survey / "results/photographs.geojson").read_text(encoding="utf-8"))["features"]
+    points = {f["properties"]["name"]: f for f in features if f["properties"]["kind"] == "photograph"}
+    assert list(rows) == list(points) == list(report["photographs"])
+    columns = {
+        "position_map_m": ("easting_m", "northing_m", "height_m"),
+        "sigma_m": ("sigma_easting_m", "sigma_northing_m", "sigma_height_m"),
+        "omega_phi_kappa_deg": ("omega_deg", "phi_deg", "kappa_deg"),
+        "sigma_attitude_deg": ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg"),
+    }
+    for name, photograph in report["photographs"].items():
+        for key, names in columns.items():
+            for values in (rows[name], points[name]["properties"]):
+                assert [float(values[n]) for n in names] == pytest.approx(photograph[key], abs=6e-5), (name, key)
+
+
 def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
     with rasterio.open(finished_survey / "results/dsm.tif") as raster:
         assert raster.crs.to_epsg() == 25832
@@ -273,5 +337,109 @@ def test_check_points_never_enter_the_adjustment(
     shift = np.array(moved["control_points"][index]["residual_m"]) - report["control_points"][index]["residual_m"]
     assert shift == pytest.approx([-400.0, 300.0, -50.0], abs=1e-6)
     for product in sorted((finished_survey / "results").iterdir()):
-        if product.suffix in {".txt", ".laz", ".tif", ".npz", ".mat"}:
+        if product.suffix in {".txt", ".laz", ".tif", ".npz", ".mat", ".csv", ".geojson"}:
             assert (adjusted_survey / "results" / product.name).read_bytes() == product.read_bytes(), product.name
+
+
+# ---- a block that is not whole -------------------------------------------------------------------------------------
+
+LOST = {1: "3 tie points with other photographs, 12 are needed", 6: ""}
+
+
+@pytest.fixture(scope="module")
+def broken() -> tuple[Adjustment, Orientation, Block]:
+    """Eight photographs of two flights: the second and the seventh are not registered, the fifth has no GNSS."""
+    plan = SurveyPlan(
+        width_px=400, height_px=300, focal_px=600.0, flying_height_m=40.0, strips=2, photographs_per_strip=4,
+        flights=2, relief_m=4.0, control_points=6, check_points=3, gnss_offset_sigma_m=(3.0, 3.0, 5.0),
+    )  # fmt: skip
+    block = simulate_block(plan, 3, tie_points=400).block
+    photographs = list(block.photographs)
+    photographs[4] = replace(photographs[4], gnss_world_m=None, gnss_sigma_m=None)
+    block = replace(block, photographs=tuple(photographs))
+    poses = tuple(None if i in LOST else pose for i, pose in enumerate(block.poses))
+    component = np.array([{1: -1, 6: 1}.get(i, 0) for i in range(8)], dtype=np.int64)
+    reasons = tuple(LOST.get(i, "") for i in range(8))
+    orientation = Orientation(poses, (None,) * 8, component, "attitude", reasons)
+    part, kept = registered_block(block, orientation)
+    return with_all_photographs(adjust(part, AdjustmentSettings()), block, kept), orientation, block
+
+
+@pytest.fixture(scope="module")
+def numbers_of_broken(broken: tuple[Adjustment, Orientation, Block], tmp_path_factory: pytest.TempPathFactory) -> Json:
+    result, orientation, _ = broken
+    overlap = ground_overlap(result, result.block.frame.map_from_world(result.block.tie_points.position_world_m))
+    value = report_numbers(
+        result, orientation, {}, {}, overlap, version="1", seconds={"adjustment": 1.0},
+        held={"simulated": {"k3": "held at its given value"}}, sources=("the laboratory",),
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("broken") / "report.json"
+    write_json(path, value)
+    return dict(json.loads(path.read_text()))
+
+
+def test_photographs_that_are_left_out_say_why(numbers_of_broken: Json) -> None:
+    photographs = numbers_of_broken["photographs"]
+    assert list(photographs) == [f"sim_{i + 1:04d}.JPG" for i in range(8)]
+    left_out = {name: p for name, p in photographs.items() if not p["registered"]}
+    assert left_out == {
+        "sim_0002.JPG": {"camera": "simulated", "registered": False, "reason": LOST[1], "tie_points": 0,
+                         "gnss_residual_m": None},
+        "sim_0007.JPG": {"camera": "simulated", "registered": False, "reason": NOT_ADJUSTED, "tie_points": 0,
+                         "gnss_residual_m": None},
+    }  # fmt: skip
+    assert photographs["sim_0005.JPG"]["gnss_residual_m"] is None
+    assert photographs["sim_0005.JPG"]["registered"] is True
+
+
+def test_block_counts_parts_and_photographs(numbers_of_broken: Json) -> None:
+    block = numbers_of_broken["block"]
+    names = [f"sim_000{i}.JPG" for i in range(1, 9)]
+    assert (block["registered"], block["photographs"]) == (6, 8)
+    assert block["components"] == [[names[i] for i in (0, 2, 3, 4, 5, 7)], ["sim_0007.JPG"]]
+    assert block["component_sizes"] == [6, 1]
+    assert block["method"] == "attitude"
+    assert block["overlap"]["median"] <= 6
+
+
+def test_gnss_residuals_are_without_the_offset_of_the_flight(
+    broken: tuple[Adjustment, Orientation, Block], numbers_of_broken: Json
+) -> None:
+    """The offsets are of metres, the receiver's noise of centimetres: a residual that keeps an offset shows it."""
+    result, _, block = broken
+    assert np.linalg.norm(result.offset_world_m, axis=1).min() > 1.0
+    residual = gnss_residual_m(result)
+    assert np.isnan(residual).all(axis=1).tolist() == [i in (1, 4, 6) for i in range(8)]
+    known = residual[np.isfinite(residual).all(axis=1)]
+    assert np.abs(known).max() < 0.15
+    # each flight's residuals cancel: its offset is what they had in common
+    for flight in ("1", "2"):
+        rows = residual[[p.flight == flight for p in block.photographs]]
+        assert np.abs(np.nanmean(rows, axis=0)).max() < 0.02
+    rms = numbers_of_broken["block"]["gnss_residual_rms_m"]
+    assert rms["three_d"] == pytest.approx(np.sqrt(np.mean(np.sum(known**2, axis=1))))
+
+
+def test_marks_in_photographs_that_are_left_out_have_no_residual(numbers_of_broken: Json) -> None:
+    marks = [m for p in numbers_of_broken["control_points"] if p["adjusted_map_m"] for m in p["marks"]]
+    assert {m["photograph"] for m in marks} >= {"sim_0002.JPG", "sim_0007.JPG"}
+    for mark in marks:
+        left_out = mark["photograph"] in {"sim_0002.JPG", "sim_0007.JPG"}
+        assert mark["residual_px"] is None if left_out else numbers(mark["residual_px"], 2)
+
+
+def test_cameras_say_what_was_held_and_where_they_come_from(numbers_of_broken: Json) -> None:
+    camera = numbers_of_broken["cameras"]["simulated"]
+    assert camera["held"] == {"k3": "held at its given value"}
+    assert camera["source"] == "the laboratory"
+    assert camera["prior_sigma"]["focal_px"] == 5.0
+    assert camera["prior_sigma"]["k3"] == 0.0
+
+
+def test_a_block_without_gnss_and_without_area(broken: tuple[Adjustment, Orientation, Block]) -> None:
+    result, orientation, _ = broken
+    photographs = tuple(replace(p, gnss_world_m=None, gnss_sigma_m=None) for p in result.block.photographs)
+    bare = replace(result, block=replace(result.block, photographs=photographs))
+    block = report_numbers(bare, orientation, {}, {}, None, version="1", seconds={"adjustment": 1.0})["block"]
+    assert block["gnss_residual_rms_m"] == {"plan": None, "height": None, "three_d": None}
+    assert block["overlap"] is None

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,9 +17,11 @@ from photogram.simulation import (
     SurveyPlan,
     demonstration_plan,
     render_photographs,
+    rtk_plan,
     simulate,
     simulate_block,
     truth_surface,
+    whole_survey_plan,
 )
 
 SMALL = SurveyPlan(width_px=400, height_px=300, focal_px=600.0, flying_height_m=60.0, cell_m=0.2, buildings=5, trees=30)
@@ -60,6 +63,8 @@ def test_plan_knows_its_ground_sampling_distance_and_refuses_nonsense() -> None:
         SurveyPlan(strips=2, flights=3)
     with pytest.raises(ValueError, match="eight"):
         SurveyPlan(calibration_sigmas=(1.0,))
+    with pytest.raises(ValueError, match="oblique strip"):
+        SurveyPlan(oblique_strip=True, oblique_photographs=0)
 
 
 @pytest.mark.parametrize("seed", [2, 3])
@@ -262,6 +267,73 @@ def test_oblique_strip_crosses_and_looks_at_the_site() -> None:
     assert np.bincount(block.block.tie_points.photograph, minlength=16).min() > 50
     with pytest.raises(ValueError, match="horizon"):
         simulate_block(replace(plan, oblique_angle_deg=75.0), 2, tie_points=10)
+
+
+@pytest.mark.parametrize("tilt_deg", [15.0, 25.0, 40.0])
+def test_oblique_cameras_look_forward_at_the_ground_below_the_strip(tilt_deg: float) -> None:
+    """Flown without error, the axis meets level ground on the strip's own line, centred on the site."""
+    plan = replace(
+        SMALL, oblique_strip=True, oblique_angle_deg=tilt_deg, oblique_photographs=5, attitude_noise_deg=0.0,
+        position_noise_m=0.0, control_points=0, check_points=0,
+    )  # fmt: skip
+    poses = simulate_block(plan, 2, tie_points=500).truth.poses
+    assert len(poses) == 12 + 5
+    ground = []
+    for pose in poses[12:]:
+        right, down, axis = pose.rotation_world_from_camera.T
+        assert np.degrees(np.arccos(-axis[2])) == pytest.approx(tilt_deg)
+        np.testing.assert_allclose(right, [0, -1, 0], atol=1e-12)  # flying east, south is to the right
+        assert down[2] < 0
+        assert down[0] < 0
+        np.testing.assert_allclose(np.cross(right, down), axis, atol=1e-12)
+        ground.append(pose.position_world_m - axis * pose.position_world_m[2] / axis[2])
+    np.testing.assert_allclose(np.mean(ground, axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(ground, axis=0), [[plan.base_m, 0, 0]] * 4, atol=1e-9)
+
+
+def test_gnss_is_of_the_kind_the_sigmas_say() -> None:
+    assert whole_survey_plan().rtk_flag is None
+    assert rtk_plan().rtk_flag == 50
+    assert replace(rtk_plan(), gnss_sigma_m=(0.3, 0.2, 0.5)).rtk_flag == 34
+    block = simulate_block(replace(whole_survey_plan(400), strips=12, photographs_per_strip=12), 1, tie_points=50)
+    pairs = list(zip(block.block.photographs, block.truth.poses, strict=True))
+    gnss = np.array([p.gnss_world_m + block.truth.gnss_offset_world_m["1"] - t.position_world_m for p, t in pairs])
+    assert gnss.std() == pytest.approx(2.0, rel=0.1)
+    assert all(abs(p.height_above_ground_m - t.position_world_m[2]) <= 0.05 + 1e-9 for p, t in pairs)
+
+
+def test_exif_focal_length_is_in_whole_millimetres_and_nothing_more_is_known() -> None:
+    plan = whole_survey_plan(900)
+    camera = simulate_block(plan, 1, tie_points=50).block.cameras[0]
+    assert camera.focal_px == pytest.approx(29 / np.hypot(36, 24) * np.hypot(900, 675))
+    assert np.array_equal(camera.principal_point_px, [449.5, 337.0])
+    assert not camera.radial.any()
+    assert not camera.tangential.any()
+    assert abs(camera.focal_px - plan.focal_px) < 0.01 * plan.focal_px
+
+
+def test_without_gnss_tags_nothing_else_changes() -> None:
+    with_tags, without = (
+        simulate_block(replace(SMALL, gnss_tags=tags), 3, tie_points=300).block for tags in (True, False)
+    )
+    for photograph in without.photographs:
+        assert photograph.gnss_world_m is None
+        assert photograph.gnss_sigma_m is None
+        assert photograph.attitude_world_from_camera is None
+        assert photograph.time is None
+        assert photograph.height_above_ground_m is None
+    assert np.array_equal(with_tags.tie_points.pixel, without.tie_points.pixel)
+    assert np.array_equal(with_tags.control_points.mark_pixel, without.control_points.mark_pixel)
+
+
+def test_memory_of_a_block_follows_its_observations() -> None:
+    """Ground points are not tried in every photograph: that alone would take three times as much."""
+    plan = replace(SMALL, strips=20, photographs_per_strip=40, control_points=20, check_points=10)
+    tracemalloc.start()
+    block = simulate_block(plan, 1, tie_points=16_000).block
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 600 * len(block.tie_points.photograph)
 
 
 def test_plans_that_cannot_be_met_say_so() -> None:

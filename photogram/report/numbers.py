@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,16 @@ from photogram.accuracy import check_accuracy
 from photogram.camera import PARAMETER_NAMES, Pose, omega_phi_kappa_deg
 from photogram.comparison import Comparison
 from photogram.frames import LocalFrame
-from photogram.orientation import Orientation, Resection
+from photogram.orientation import Orientation
+from photogram.report.overlap import Overlap, ground_sampling_distance_m
+from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
 
 Json = dict[str, Any]
+Held = Mapping[str, Mapping[str, str]]
+"""Why parameters are held, by the names of the camera and of the parameter."""
+
+NOT_ADJUSTED = "no measurement of it took part in the adjustment"
 
 
 def _map(frame: LocalFrame, position_world_m: FloatArray) -> FloatArray:
@@ -55,41 +62,101 @@ def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, 
     }
 
 
+def gnss_residual_m(result: Adjustment) -> FloatArray:
+    """Return adjusted projection centre − (GNSS position + offset of the flight) of every photograph (N, 3): easting,
+    northing, height; NaN rows for photographs without a GNSS position and for those that are not registered.
+    """
+    photographs, frame = result.block.photographs, result.block.frame
+    centre, expected = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3), np.nan)
+    offset = dict(zip(result.flights, result.offset_world_m, strict=True))
+    for i, (photograph, pose) in enumerate(zip(photographs, result.block.poses, strict=True)):
+        if pose is not None and photograph.gnss_world_m is not None:
+            centre[i] = pose.position_world_m
+            expected[i] = photograph.gnss_world_m + offset.get(photograph.flight, np.zeros(3))
+    return frame.map_from_world(centre) - frame.map_from_world(expected)
+
+
+def _exterior(result: Adjustment, index: int, pose: Pose) -> Json:
+    frame = result.block.frame
+    rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
+    return {
+        "position_map_m": _map(frame, pose.position_world_m).tolist(),
+        "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.position_covariance_m2[index]),
+        "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
+        "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[index]))).tolist(),
+        "rotation_camera_from_map": rotation.tolist(),
+    }
+
+
 def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
-    """Return exterior orientation, sigmas and resection of every photograph."""
+    """Return exterior orientation, sigmas and resection of every photograph; of those that are not registered, why."""
     block, frame = result.block, result.block.frame
     control = block.control_points.with_role("control")
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
+    gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
     numbers: Json = {}
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
+        entry: Json = {"camera": block.cameras[photograph.camera].name, "registered": pose is not None}
+        numbers[photograph.name] = entry
         if pose is None:
+            entry.update(reason=orientation.reason[i] or NOT_ADJUSTED, tie_points=0, gnss_residual_m=None)
             continue
-        rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
-        entry: Json = {
-            "camera": block.cameras[photograph.camera].name,
-            "position_map_m": _map(frame, pose.position_world_m).tolist(),
-            "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.position_covariance_m2[i]),
-            "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
-            "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[i]))).tolist(),
-            "rotation_camera_from_map": rotation.tolist(),
-            "tie_points": int(rays[i]),
-        }
-        if photograph.gnss_world_m is not None:
-            flight = result.flights.index(photograph.flight) if photograph.flight in result.flights else None
-            offset = np.zeros(3) if flight is None else result.offset_world_m[flight]
-            residual = _difference_map_m(frame, pose.position_world_m, photograph.gnss_world_m + offset)
-            entry["gnss_residual_m"] = residual.tolist()
+        entry.update(reason=None, **_exterior(result, i, pose), tie_points=int(rays[i]))
+        entry["gsd_m"] = float(gsd_m[i])
+        entry["gnss_residual_m"] = residual_m[i].tolist() if np.isfinite(residual_m[i]).all() else None
         resection = orientation.resections[i]
         if resection is not None:
             names = [control.name[g] for g in control.mark_point[control.mark_photograph == i]]
             entry["resection"] = _resection(frame, photograph, resection, names)
-        numbers[photograph.name] = entry
     return numbers
 
 
-def camera_numbers(result: Adjustment) -> Json:
-    """Return the interior orientation of every camera with the sigmas of its free parameters (null where it was
-    held)."""
+def _rms(values: FloatArray) -> float | None:
+    return float(np.sqrt(np.mean(values))) if len(values) else None
+
+
+def _overlap(overlap: Overlap) -> Json:
+    return {
+        "median": float(np.median(overlap.counts)),
+        "mean": float(overlap.counts.mean()),
+        "share_2_or_more": overlap.share(2),
+        "share_3_or_more": overlap.share(3),
+        "area_m2": overlap.area_m2,
+        "cell_m": overlap.photographs.cell_m,
+    }
+
+
+def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap | None) -> Json:
+    """Return what describes the block as a whole; ``overlap`` is None where the tie points span no area."""
+    block, tie = result.block, result.block.tie_points
+    names = np.array([photograph.name for photograph in block.photographs])
+    components = [
+        names[orientation.component == c].tolist() for c in range(int(orientation.component.max(initial=-1)) + 1)
+    ]
+    gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
+    squares = residual_m[np.isfinite(residual_m).all(axis=1)] ** 2
+    return {
+        "registered": sum(pose is not None for pose in block.poses),
+        "photographs": len(block.photographs),
+        "components": components,
+        "component_sizes": [len(component) for component in components],
+        "method": orientation.method,
+        "gsd_m": float(np.nanmedian(gsd_m)) if np.isfinite(gsd_m).any() else None,
+        "overlap": None if overlap is None else _overlap(overlap),
+        "mean_track_length": len(tie.photograph) / len(tie) if len(tie) else None,
+        "tie_points": len(tie),
+        "observations": len(tie.photograph),
+        "gnss_residual_rms_m": {
+            "plan": _rms(squares[:, :2].sum(axis=1)),
+            "height": _rms(squares[:, 2]),
+            "three_d": _rms(squares.sum(axis=1)),
+        },
+    }
+
+
+def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Json:
+    """Return the interior orientation of every camera, the sigmas of its free parameters (null where it was held) and
+    what was known before; ``sources`` by camera, or empty."""
     numbers: Json = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
@@ -100,6 +167,11 @@ def camera_numbers(result: Adjustment) -> Json:
             "radial": camera.radial.tolist(),
             "tangential": camera.tangential.tolist(),
             "sigma": {n: float(s) if f else None for n, s, f in zip(PARAMETER_NAMES, sigma, free, strict=True)},
+            "prior_sigma": {
+                n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)
+            },
+            "held": dict(held.get(camera.name, {})),
+            "source": (sources[c] or None) if sources else None,
             "width_px": camera.width_px,
             "height_px": camera.height_px,
         }
@@ -129,7 +201,9 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,
                         "pixel": points.mark_pixel[m].tolist(),
-                        "residual_px": result.mark_residual_px[m].tolist() if known else None,
+                        "residual_px": result.mark_residual_px[m].tolist()
+                        if np.isfinite(result.mark_residual_px[m]).all()
+                        else None,
                     }
                     for m in marks
                 ],
@@ -205,18 +279,26 @@ def report_numbers(
     orientation: Orientation,
     clouds: Mapping[str, PointCloud],
     comparisons: Mapping[str, Comparison],
+    overlap: Overlap | None,
     *,
     version: str,
     seconds: Mapping[str, float],
+    held: Held = MappingProxyType({}),
+    sources: Sequence[str] = (),
 ) -> Json:
-    """Return the whole of report.json; ``seconds`` holds the time of every stage."""
+    """Return the whole of report.json.
+
+    ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
+    calibration of each camera comes from, empty texts where that is not known.
+    """
     frame, points = result.block.frame, ground_numbers(result)
     return {
         "photogram": version,
         "crs": frame.crs,
         "world": {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)},
+        "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
-        "cameras": camera_numbers(result),
+        "cameras": camera_numbers(result, held, sources),
         "adjustment": adjustment_numbers(result, seconds["adjustment"]),
         "control_points": points,
         "check_points": check_numbers(points),

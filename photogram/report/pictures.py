@@ -1,4 +1,4 @@
-"""Pictures of a finished survey: matches, surface, comparisons, residuals, plan.
+"""Pictures of a finished survey: matches, surface, comparisons, residuals.
 
 Every function writes one PNG, whole or not at all, the same bytes for the same data. Colours are told apart with
 every kind of colour vision (Okabe & Ito 2008; diverging scale of Brewer). Figures are drawn through matplotlib's
@@ -7,10 +7,8 @@ object interface: no global state, no display.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,8 +20,6 @@ from matplotlib.colors import LightSource, Normalize
 from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnchoredOffsetbox, AnchoredText, AuxTransformBox, TextArea, VPacker
 from matplotlib.patches import Rectangle
-from matplotlib.patheffects import withStroke
-from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -31,20 +27,14 @@ from scipy.ndimage import distance_transform_edt
 from photogram.camera import Camera
 from photogram.comparison import Comparison
 from photogram.files.atomic import make_folder, replacing
-from photogram.survey import ByteArray, FloatArray, Raster, Role, check_shape
+from photogram.survey import ByteArray, FloatArray, Raster
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
 GREY, PAGE_DPI = "#666666", 130
 MAXIMUM_LINES = 300
 MAXIMUM_ARROWS = 400
-MAXIMUM_NAMES = 60
 MAXIMUM_DOTS = 20_000
 MAXIMUM_RASTER_PX = 1400
-AROUND = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
-HALO = [withStroke(linewidth=2, foreground="white")]
-PLACES_PT = tuple((dx * far, dy * far) for far in (5, 12) for dx, dy in AROUND)
-"""Offsets of a label from its point, tried in this order."""
-SIDES = {1: ("left", "bottom"), -1: ("right", "top"), 0: ("center", "center")}
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -319,168 +309,3 @@ def _grid_means(
     columns = (*pixel.T, *residual_px.T)
     mean = np.column_stack([np.bincount(group, column) / count for column in columns])
     return mean[:, :2], mean[:, 2:], count.astype(np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class PlanContents:
-    """What a plan shows, in the map frame, m; differences are adjusted minus measured or surveyed.
-
-    ``photograph_map_m`` (N, 3) with ``photograph_names`` and ``gnss_difference_m`` (N, 3), NaN rows without GNSS;
-    ``ground_map_m`` (G, 3) with ``ground_names``, ``ground_roles`` and ``ground_residual_m`` (G, 3);
-    ``tie_point_map_m`` (P, 2 or 3); ``footprints_map_m`` any number of closed outlines (K, 2 or 3).
-    """
-
-    photograph_names: Sequence[str]
-    photograph_map_m: FloatArray
-    gnss_difference_m: FloatArray
-    ground_names: Sequence[str]
-    ground_roles: Sequence[Role]
-    ground_map_m: FloatArray
-    ground_residual_m: FloatArray
-    tie_point_map_m: FloatArray
-    footprints_map_m: Sequence[FloatArray] = ()
-
-    def __post_init__(self) -> None:
-        check_shape("photograph_map_m", self.photograph_map_m, (len(self.photograph_names), 3))
-        check_shape("gnss_difference_m", self.gnss_difference_m, self.photograph_map_m.shape)
-        check_shape("ground_map_m", self.ground_map_m, (len(self.ground_names), 3))
-        check_shape("ground_residual_m", self.ground_residual_m, self.ground_map_m.shape)
-        check_shape("ground_roles", np.asarray(self.ground_roles, dtype=str), (len(self.ground_names),))
-        check_shape("tie_point_map_m", self.tie_point_map_m, (None, None))
-
-
-def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
-    """Draw the survey in plan: photographs, ground points, tie points, and differences as enlarged arrows.
-
-    GNSS differences and ground residuals have a scale each; the height residual stands beside the name of a ground
-    point. Names that find no free place are left out, and counted. Raises ValueError when there is neither a
-    photograph nor a ground point, WorkspaceError when the file cannot be written.
-    """
-    roots = np.vstack([contents.ground_map_m, contents.photograph_map_m])[:, :2]
-    if len(roots) == 0:
-        raise ValueError("no photograph and no ground point to draw")
-    low, high = _plan_extent(contents, roots)
-    span_m = high - low
-    figure = new_figure(10.0, float(np.clip(9.2 * span_m[1] / span_m[0], 4.0, 12.0)) + 1.6)
-    axes = figure.add_subplot()
-    tie_points = contents.tie_point_map_m[_evenly(len(contents.tie_point_map_m), MAXIMUM_DOTS), :2]
-    shown = f" ({len(tie_points)} shown)" if len(tie_points) < len(contents.tie_point_map_m) else ""
-    label = f"{len(contents.tie_point_map_m)} tie points{shown}"
-    axes.plot(*tie_points.T, ".", color="#8a8a8a", markersize=2.2, mew=0, label=label, zorder=1)
-    for outline in contents.footprints_map_m:
-        axes.fill(*outline[:, :2].T, facecolor=(0, 0.45, 0.7, 0.04), edgecolor=SKY, linewidth=0.8, zorder=2)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    map_axes(axes)
-    tips = _plan_vectors(figure, axes, contents, float(span_m.min()) / 8)
-    figure.suptitle(title, fontsize=12)
-    axes.set_title(" ", fontsize=14)  # room for the scales of the arrows
-    legend = figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    for dot in legend.get_lines()[:1]:
-        dot.set_markersize(6)
-    heights = [_height_label(residual) for residual in contents.ground_residual_m]
-    names = [f"{name}{height}" for name, height in zip(contents.ground_names, heights, strict=True)]
-    if len(contents.photograph_names) <= MAXIMUM_NAMES:
-        names += [Path(name).stem for name in contents.photograph_names]
-    left_out = len(roots) - _place_labels(figure, axes, roots[: len(names)], names, np.vstack([roots, tips]))
-    if left_out:
-        note = f"{left_out} of {len(roots)} names left out for want of room"
-        axes.annotate(note, (0.99, 0.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8, color=GREY)
-    save_picture(figure, path)
-
-
-def _plan_extent(contents: PlanContents, roots: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the corners (2,) of the plan; the outermost hundredth of the tie points does not count."""
-    corners = [roots, *(outline[:, :2] for outline in contents.footprints_map_m)]
-    tie_points = contents.tie_point_map_m[np.isfinite(contents.tie_point_map_m).all(axis=1), :2]
-    if len(tie_points):
-        corners.append(np.percentile(tie_points, [0.5, 99.5], axis=0))
-    every = np.vstack(corners)
-    low, high = every.min(axis=0), every.max(axis=0)
-    margin_m = 0.08 * float((high - low).max()) + 1.0
-    # A single flight line would make a plan as thin as a thread.
-    thin = np.maximum(0.35 * (high - low).max() - (high - low), 0.0) / 2
-    return low - thin - margin_m, high + thin + margin_m
-
-
-def _plan_vectors(figure: Figure, axes: Axes, contents: PlanContents, longest_m: float) -> FloatArray:
-    """Draw symbols, arrows and their scales; return the tips (V, 2) of the arrows in the map frame."""
-    roles = np.asarray(contents.ground_roles, dtype=str)
-    ground_scale = _enlargement(contents.ground_residual_m, longest_m)
-    gnss_scale = _enlargement(contents.gnss_difference_m, longest_m)
-    control, check = roles == "control", roles == "check"
-    ground = contents.ground_map_m, contents.ground_residual_m
-    layers = (
-        ("photographs", contents.photograph_map_m, contents.gnss_difference_m, gnss_scale, BLUE, "s", 5.0),
-        ("control points", ground[0][control], ground[1][control], ground_scale, VERMILION, "^", 8.0),
-        ("check points", ground[0][check], ground[1][check], ground_scale, GREEN, "o", 7.0),
-    )
-    tips, keys = [np.zeros((0, 2))], {"photographs": "GNSS differences"}
-    # The scales stand 14 points above the frame, whatever its height.
-    place, above = 0.085, 1 + 14 / (72 * (figure.get_figheight() - 1.6))
-    for name, root, vector, scale, colour, marker, size in layers:
-        if len(root) == 0:
-            continue
-        axes.plot(*root[:, :2].T, marker, color=colour, markersize=size, mec="white", mew=0.6, label=name, zorder=4)
-        known = np.isfinite(vector).all(axis=1)
-        if scale is None or not known.any():
-            continue
-        arrow: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / scale, "width": 0.003, "zorder": 5}
-        arrows = axes.quiver(*root[known, :2].T, *vector[known, :2].T, color=colour, **arrow)
-        key_m = round_length(0.8 * longest_m / scale)
-        text = f"{length_label(key_m)}, {keys.get(name, name)} (× {scale:g})"
-        axes.quiverkey(arrows, place, above, key_m, text, labelpos="E", fontproperties={"size": 8.5})
-        place += 0.34
-        steps = np.linspace(0.34, 1.0, 3)[:, None, None]
-        tips.append((root[known, :2] + steps * scale * vector[known, :2]).reshape(-1, 2))
-    return np.vstack(tips)
-
-
-def _enlargement(vectors_m: FloatArray, longest_m: float) -> float | None:
-    """Return the round factor that draws the longest of vectors (N, 3) in plan about ``longest_m`` long, None without
-    one.
-    """
-    length_m = np.hypot(vectors_m[:, 0], vectors_m[:, 1])
-    longest = float(np.nanmax(length_m)) if np.isfinite(length_m).any() else 0.0
-    return round_length(longest_m / longest) if longest > 0 else None
-
-
-def _height_label(residual_m: FloatArray) -> str:
-    if not np.isfinite(residual_m[2]):
-        return ""
-    sign = "−" if residual_m[2] < 0 else "+"
-    return f"\nΔh {sign}{abs(residual_m[2]) * 100:.1f} cm"
-
-
-def _place_labels(figure: Figure, axes: Axes, anchors: FloatArray, texts: Sequence[str], obstacles: FloatArray) -> int:
-    """Write each text beside its anchor (N, 2) where it covers no obstacle (M, 2) and no other text.
-
-    Returns how many found a place.
-    """
-    # The layout settles in two passes; then the texts must not move it again.
-    figure.draw_without_rendering()
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    frame = axes.get_window_extent()
-    blocked = axes.transData.transform(obstacles)
-    artists = [child for child in axes.get_children() if isinstance(child, AnchoredOffsetbox | Annotation)]
-    taken = np.array([artist.get_window_extent().extents for artist in artists]).reshape(-1, 4)
-    placed = 0
-    for anchor, text in zip(anchors, texts, strict=True):
-        for dx, dy in PLACES_PT:
-            side: dict[str, Any] = {
-                "ha": SIDES[np.sign(dx)][0],
-                "va": SIDES[np.sign(dy)][1],
-                "fontsize": 7.5,
-                "zorder": 6,
-            }
-            label = axes.annotate(text, tuple(anchor), (dx, dy), "data", "offset points", path_effects=HALO, **side)
-            west, south, east, north = box = label.get_window_extent().padded(1.5).extents
-            covered = (taken[:, :2] < (east, north)).all(axis=1) & (taken[:, 2:] > (west, south)).all(axis=1)
-            hit = (blocked > (west, south)).all(axis=1) & (blocked < (east, north)).all(axis=1)
-            clear = not covered.any() and not hit.any()
-            if clear and frame.x0 < west and frame.x1 > east and frame.y0 < south and frame.y1 > north:
-                taken = np.vstack([taken, box])
-                placed += 1
-                break
-            label.remove()
-    return placed

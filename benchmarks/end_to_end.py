@@ -1,0 +1,239 @@
+"""photogram beside COLMAP's incremental mapper (pycolmap) on one folder of photographs: seconds, memory, agreement.
+
+    python -m pip install "photogram[bench]"
+    python benchmarks/end_to_end.py [FOLDER] [--features 8192] [--repeat 1] [--keep DIRECTORY]
+
+Both work on the CPU alone, one after the other, each in a process of its own, on pictures of full size, with the same
+number of features for each photograph. pycolmap runs with its defaults: every pair is matched, as is usual for so few
+photographs, the focal length starts from EXIF, and one camera of its OPENCV model (f, k1 k2 p1 p2) is estimated.
+Reading the tags, surface and report are not counted: COLMAP's mapper makes none of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from PIL import Image
+
+DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "brighton_beach" / "images"
+COUNTED = ("features", "matching", "orientation + adjustment")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one program did: seconds of its stages, and the block; ``centres`` are (3,) by photograph, in any frame."""
+
+    seconds: dict[str, float]
+    photographs: int
+    registered: int
+    points_3_views: int
+    mean_rays: float
+    reprojection_rms_px: float
+    focal_px: float
+    centres: dict[str, list[float]]
+    peak_memory_gb: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Return the seconds of the stages that both programs have."""
+        return sum(self.seconds[stage] for stage in COUNTED)
+
+
+def _pictures(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in {".jpg", ".jpeg", ".tif", ".tiff", ".png"})
+
+
+def colmap(folder: Path, work: Path, features: int) -> Outcome:
+    """Run COLMAP's feature extraction, exhaustive matching and incremental mapper."""
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.WARNING
+    pictures, database = _pictures(folder), work / "database.db"
+    extraction = pycolmap.FeatureExtractionOptions()
+    with Image.open(pictures[0]) as picture:
+        extraction.max_image_size = max(picture.size)
+    extraction.sift.max_num_features = features
+    reader = pycolmap.ImageReaderOptions(camera_model="OPENCV")
+    mapping = pycolmap.IncrementalPipelineOptions(random_seed=0)
+    seconds = {}
+    began = time.perf_counter()
+    pycolmap.extract_features(
+        database, folder, [p.name for p in pictures], pycolmap.CameraMode.SINGLE, reader, extraction,
+        pycolmap.Device.cpu,
+    )  # fmt: skip
+    seconds["features"] = time.perf_counter() - began
+    began = time.perf_counter()
+    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    seconds["matching"] = time.perf_counter() - began
+    began = time.perf_counter()
+    models = pycolmap.incremental_mapping(database, folder, work / "sparse", mapping)
+    seconds["orientation + adjustment"] = time.perf_counter() - began
+    if not models:
+        raise SystemExit("pycolmap registered no photograph")
+    best = max(models.values(), key=lambda model: model.num_reg_images())
+    camera = next(iter(best.cameras.values()))
+    rays = np.array([point.track.length() for point in best.points3D.values()])
+    return Outcome(
+        seconds,
+        len(pictures),
+        best.num_reg_images(),
+        int(np.count_nonzero(rays >= 3)),
+        float(rays.mean()),
+        _colmap_rms(best),
+        float(camera.mean_focal_length()),
+        {image.name: image.projection_center().tolist() for image in best.images.values() if image.has_pose},
+    )
+
+
+def _colmap_rms(model: Any) -> float:  # noqa: ANN401 - pycolmap has no types
+    """Return the root mean square of the reprojection error, length of the two-vector, of all observations."""
+    squares, count = 0.0, 0
+    for image in model.images.values():
+        if not image.has_pose:
+            continue
+        camera, pose = model.cameras[image.camera_id], image.cam_from_world()
+        seen = [p for p in image.points2D if p.has_point3D()]
+        if seen:
+            world = np.array([model.points3D[p.point3D_id].xyz for p in seen])
+            projected = camera.img_from_cam(world @ pose.rotation.matrix().T + pose.translation)
+            squares += float(np.sum((np.asarray(projected) - np.array([p.xy for p in seen])) ** 2))
+            count += len(seen)
+    return float(np.sqrt(squares / count))
+
+
+def photogram(folder: Path, work: Path, features: int) -> Outcome:
+    """Run `photogram init` and `photogram adjust`, with the number of features set."""
+    from photogram.cli.main import main
+    from photogram.pipeline import load_project, run_pipeline
+
+    project = work / "project.yaml"
+    sys.argv = ["photogram", "init", str(folder), "--project", str(project)]
+    try:
+        main()
+    except SystemExit as end:
+        if end.code:
+            raise
+    values = yaml.safe_load(project.read_text(encoding="utf-8"))
+    values["features"] = {**(values.get("features") or {}), "maximum": features}
+    project.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    survey = load_project(project)
+    report = run_pipeline(survey)
+
+    def stage(*names: str) -> float:
+        return sum(json.loads((survey.work / n / "stage.json").read_text())["seconds"] for n in names)
+
+    with np.load(survey.work / "adjustment" / "tie_points.npz") as ties:
+        rays = np.bincount(ties["point"])
+    registered = {n: p for n, p in report["photographs"].items() if p["registered"]}
+    camera = next(iter(report["cameras"].values()))
+    return Outcome(
+        {
+            "features": stage("features"),
+            "matching": stage("matches", "tie_points"),
+            "orientation + adjustment": stage("orientation", "adjustment"),
+        },
+        len(report["photographs"]),
+        len(registered),
+        int(np.count_nonzero(rays >= 3)),
+        float(rays[rays > 0].mean()),
+        float(report["adjustment"]["reprojection_rms_px"]),
+        float(camera["focal_px"]),
+        {name: p["position_map_m"] for name, p in registered.items()},
+    )
+
+
+PROGRAMS: dict[str, Callable[[Path, Path, int], Outcome]] = {"photogram": photogram, "pycolmap": colmap}
+
+
+def _child(program: str, folder: Path, work: Path, features: int) -> None:
+    outcome = asdict(PROGRAMS[program](folder, work, features))
+    outcome["peak_memory_gb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    (work / "outcome.json").write_text(json.dumps(outcome), encoding="utf-8")
+
+
+def run(program: str, folder: Path, work: Path, features: int) -> Outcome:
+    """Run one program in a process of its own."""
+    work.mkdir(parents=True, exist_ok=True)
+    process = multiprocessing.get_context("spawn").Process(target=_child, args=(program, folder, work, features))
+    process.start()
+    process.join()
+    if process.exitcode != 0:
+        raise SystemExit(f"{program} ended with exit code {process.exitcode}")
+    return Outcome(**json.loads((work / "outcome.json").read_text(encoding="utf-8")))
+
+
+def agreement(a: Outcome, b: Outcome) -> tuple[int, float]:
+    """Return how many photographs both have, and the RMS distance (m) of their centres after a similarity."""
+    from photogram.similarity import fit_similarity
+
+    common = sorted(a.centres.keys() & b.centres.keys())
+    target, source = (np.array([o.centres[name] for name in common]) for o in (a, b))
+    fitted = fit_similarity(source, target).points(source)
+    return len(common), float(np.sqrt(np.mean(np.sum((fitted - target) ** 2, axis=1))))
+
+
+def show(ours: Outcome | None, theirs: Outcome | None) -> None:
+    """Print the table."""
+    both = [o for o in (ours, theirs) if o is not None]
+    names = [name for name, o in (("photogram", ours), ("pycolmap", theirs)) if o is not None]
+    ratio = ours is not None and theirs is not None
+    print(f"{'':28}" + "".join(f"{name:>12}" for name in names) + ("       ratio" if ratio else ""))
+
+    def row(title: str, values: list[float], digits: int, *, compared: bool = True) -> None:
+        line = f"{title:28}" + "".join(f"{v:12.{digits}f}" for v in values)
+        print(line + (f"{values[0] / values[1]:12.2f}" if ratio and compared else ""))
+
+    for stage in COUNTED:
+        row(f"{stage} (s)", [o.seconds[stage] for o in both], 1)
+    row("all three (s)", [o.total for o in both], 1)
+    row("peak memory (GB)", [o.peak_memory_gb for o in both], 2)
+    row(f"registered of {both[0].photographs}", [o.registered for o in both], 0, compared=False)
+    row("points in 3 or more views", [o.points_3_views for o in both], 0)
+    row("mean rays of a point", [o.mean_rays for o in both], 2, compared=False)
+    row("reprojection RMS (px)", [o.reprojection_rms_px for o in both], 2, compared=False)
+    row("focal length (px)", [o.focal_px for o in both], 1, compared=False)
+    if ours is not None and theirs is not None:
+        count, rms = agreement(ours, theirs)
+        print(f"centres of {count} photographs agree to {rms:.3f} m RMS after a similarity")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=DEFAULT, help="folder of photographs")
+    parser.add_argument("--features", type=int, default=8192, help="key points of a photograph, at most")
+    parser.add_argument("--repeat", type=int, default=1, help="runs of each; the fastest counts")
+    parser.add_argument("--only", choices=list(PROGRAMS), help="run this program alone")
+    parser.add_argument("--keep", type=Path, help="keep the workspaces here")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run both programs and print the table."""
+    arguments = _arguments()
+    if not arguments.folder.is_dir():
+        raise SystemExit(f"{arguments.folder}: there is no such folder: give a folder of photographs")
+    with tempfile.TemporaryDirectory() as temporary:
+        root, best = arguments.keep or Path(temporary), {}
+        for number in range(arguments.repeat):
+            for program in [arguments.only] if arguments.only else PROGRAMS:
+                work = root / f"{program}-{number}"
+                outcome = run(program, arguments.folder.resolve(), work, arguments.features)
+                if program not in best or outcome.total < best[program].total:
+                    best[program] = outcome
+        show(best.get("photogram"), best.get("pycolmap"))
+
+
+if __name__ == "__main__":
+    main()

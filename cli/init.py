@@ -1,0 +1,189 @@
+"""photogram init: a project file from a folder of photographs."""
+
+from __future__ import annotations
+
+import os
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from photogram.cli.app import app
+from photogram.cli.terminal import bars, console
+from photogram.errors import ImageError, ProjectError
+from photogram.files.atomic import replacing
+from photogram.files.control_files import read_points
+from photogram.files.images import inspect_photograph
+from photogram.pipeline import load_project
+from photogram.project_draft import (
+    ControlFile,
+    LeftOut,
+    ProjectDraft,
+    TaggedPhotograph,
+    Wishes,
+    draft_project,
+)
+from photogram.project_text import count, project_text
+from photogram.survey import Role
+
+_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
+
+
+def _is_hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
+
+
+def _names(folder: Path, recursive: bool) -> list[str]:
+    """Return the names of the photographs in the folder, relative to it."""
+    if not folder.is_dir():
+        raise ImageError(f"{folder}: there is no such folder: give the folder of the photographs")
+    try:
+        found = folder.rglob("*") if recursive else folder.iterdir()
+        paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
+    except OSError as fault:
+        raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
+    names = sorted(p.as_posix() for p in paths if not _is_hidden(p))
+    if not names:
+        within = "" if recursive else "; --recursive looks into the folders within"
+        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) in it: give the folder of the photographs{within}")
+    return names
+
+
+def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
+    if not name.isprintable():
+        return LeftOut(repr(name), "its name has characters that cannot be printed: rename it")
+    path = folder / name
+    try:
+        return TaggedPhotograph(name, inspect_photograph(path))
+    except ImageError as fault:
+        return LeftOut(name, str(fault).removeprefix(f"photograph {path}: "))
+
+
+def _inspect(folder: Path, names: list[str]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    found: list[TaggedPhotograph | LeftOut] = []
+    with bars() as progress, ThreadPoolExecutor(os.cpu_count()) as executor:
+        task = progress.add_task("Photographs", total=len(names), text="")
+        for result in executor.map(lambda name: _inspected(folder, name), names):
+            found.append(result)
+            progress.update(task, completed=len(found), text=result.name)
+    return (
+        [p for p in found if isinstance(p, TaggedPhotograph)],
+        [p for p in found if isinstance(p, LeftOut)],
+    )
+
+
+def _picture_size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([1-9]\d*)\s*[xX×]\s*([1-9]\d*)\s*", text)
+    if found is None:
+        raise typer.BadParameter(f"{text!r} is no size in pixels: write width x height, 4000x3000 for example")
+    return int(found[1]), int(found[2])
+
+
+def _relative(path: Path, project: Path) -> str:
+    return Path(os.path.relpath(path.absolute(), project.absolute().parent)).as_posix()
+
+
+def _control_file(
+    path: Path, role: Role, marks: Path | None, project: Path, size: tuple[int, int] | None, sigma_m: float | None
+) -> ControlFile:
+    file = read_points(path)
+    return ControlFile(
+        _relative(path, project),
+        role,
+        np.array([p.position for p in file.points]).reshape(-1, 3),
+        file.crs,
+        file.geographic,
+        file.holds_marks,
+        all(None not in p.sigma_m for p in file.points),
+        None if file.holds_marks or marks is None else _relative(marks, project),
+        size,
+        None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
+    )
+
+
+def _show(draft: ProjectDraft, project: Path) -> None:
+    table = Table(title=escape(str(project)), show_header=False)
+    flights = f" in {count(draft.flights, 'flight')}"
+    table.add_row("photographs", f"{len(draft.photographs)}{flights}")
+    for camera in draft.cameras:
+        number = sum(p.camera == camera.name for p in draft.photographs)
+        focal = f"f {camera.focal_px:.0f} ± {camera.sigmas[0]:.0f} px"
+        table.add_row(camera.name, f"{count(number)}, {focal}: {escape(camera.source)}")
+    kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
+    without = sum(p.gnss is None for p in draft.photographs)
+    table.add_row(
+        "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
+    )
+    attitudes = sum(p.has_attitude for p in draft.photographs)
+    table.add_row("attitude", f"in the tags of {count(attitudes)}" if attitudes else "none")
+    table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
+    for file in draft.control:
+        table.add_row(file.role, f"{count(len(file.position), 'point')} of {escape(file.path)}")
+        if not file.has_marks and file.marks is None:
+            table.add_row("", f"no marks in photographs for {escape(file.path)}: give them with --marks FILE")
+    for site in draft.other_sites:
+        where = f"{site.distance_m / 1000:.1f} km away at {site.longitude_deg:.4f}, {site.latitude_deg:.4f}"
+        table.add_row("another site, left out", f"{count(len(site.names))} {where}: {escape(_short(site.names))}")
+    for photograph in draft.left_out[:10]:
+        table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
+    if len(draft.left_out) > 10:
+        table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(project))}")
+    console.print(table)
+
+
+def _short(names: tuple[str, ...]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]}"
+
+
+@app.command()
+def init(
+    photographs: Annotated[Path, typer.Argument(help="Folder of the photographs.", show_default=False)],
+    control: Annotated[
+        list[Path] | None, typer.Option("--control", help="Control points: gcp_list.txt, or a table (CSV).")
+    ] = None,
+    check: Annotated[
+        list[Path] | None, typer.Option("--check", help="Check points, which take no part in the adjustment.")
+    ] = None,
+    marks: Annotated[
+        Path | None, typer.Option("--marks", help="Where the points are seen: name, photograph, u, v (CSV).")
+    ] = None,
+    crs: Annotated[str | None, typer.Option("--crs", help="Map grid, EPSG:25832 for example.")] = None,
+    project: Annotated[Path, typer.Option("--project", help="The project file to be written.")] = Path("project.yaml"),
+    picture_size: Annotated[
+        str | None, typer.Option("--picture-size", help="Size of the pictures the marks were measured in, 4000x3000.")
+    ] = None,
+    control_sigma: Annotated[
+        float | None, typer.Option("--control-sigma", min=1e-4, help="Accuracy of the ground points in m.")
+    ] = None,
+    focal_px: Annotated[
+        float | None, typer.Option("--focal-px", min=1.0, help="Focal length in px, where the tags do not give it.")
+    ] = None,
+    recursive: Annotated[bool, typer.Option("--recursive", help="Take the folders within as well.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the project file.")] = False,
+) -> None:
+    """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags."""
+    size = _picture_size(picture_size)
+    if project.exists() and not force:
+        raise ProjectError(
+            f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
+        )
+    names = _names(photographs, recursive)
+    roles: list[tuple[Path, Role]] = [*((p, "control") for p in control or ()), *((p, "check") for p in check or ())]
+    files = tuple(_control_file(path, role, marks, project, size, control_sigma) for path, role in roles)
+    tagged, unreadable = _inspect(photographs, names)
+    draft = draft_project(tagged, unreadable, Wishes(crs, focal_px, files))
+    with replacing(project) as partial:
+        partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
+    _show(draft, project)
+    try:
+        load_project(project)
+    except ProjectError as fault:
+        raise ProjectError(f"{project} is written, but these faults must be mended first:\n{fault}") from fault
+    console.print(f"Next: photogram check {escape(str(project))}, then photogram adjust {escape(str(project))}")

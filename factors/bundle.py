@@ -1,0 +1,317 @@
+"""Bundle adjustment with the points eliminated: Levenberg–Marquardt on the reduced system.
+
+``minimise_bundle`` is the engine of the joint adjustment; ``adjust_bundle`` is the adjustment of a growing block in a
+free gauge, with nothing known of the ground.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from threadpoolctl import ThreadpoolController
+
+from photogram.factors.elimination import (
+    CHUNKS,
+    LOSSES,
+    MANY_OBSERVATIONS,
+    NO_LOSS,
+    Cameras,
+    Loss,
+    Points,
+    Rays,
+    eliminate,
+    first_observations,
+    lay_out,
+    substitute,
+)
+from photogram.factors.graph import RobustLoss, State
+from photogram.factors.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
+from photogram.factors.reprojection import Observations, calibration_scale
+from photogram.survey import FloatArray
+
+FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-5, 1e-9, 1e12
+
+
+class SingularPointError(ArithmeticError):
+    """A point's own normal equations are singular; ``kind`` is "tie" or "control"."""
+
+    def __init__(self, kind: str, point: int) -> None:
+        super().__init__(f"{kind} point {point} cannot be intersected")
+        self.kind, self.point = kind, point
+
+
+class Ground(Protocol):
+    """What is known of the cameras and the ground besides image points."""
+
+    def cost(self, state: State) -> float:
+        """Return half the sum of squared whitened residuals."""
+
+    def linearise(self, state: State) -> Terms:
+        """Return the information at ``state``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """What is minimised: rays of tie points under a loss, marks of control points without one, and the ground."""
+
+    layout: Layout
+    tie: Rays
+    marks: Rays
+    ground: Ground
+    loss: Loss
+
+    def eliminated(
+        self, state: State, terms: Terms, damping: float, pool: ThreadPoolExecutor | None
+    ) -> tuple[NormalEquations, float]:
+        """Return the reduced normal equations and the cost of the observations, infinite behind a camera.
+
+        Raises SingularPointError where the rays of a point are parallel.
+        """
+        normal = NormalEquations.zero(self.layout)
+        cameras = Cameras(state.parameters, state.rotation, state.position)
+        tie, lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
+        if lost >= 0:
+            raise SingularPointError("tie", lost)
+        marks, lost = eliminate(self.marks, cameras, Points(state.control, terms.control_prior), normal, NO_LOSS, damping)
+        if lost >= 0:
+            raise SingularPointError("control", lost)
+        terms.add_to(normal)
+        return normal, tie + marks
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where Levenberg–Marquardt stopped; the cost is infinite when it could not start because points lie behind
+    photographs."""
+
+    state: State
+    cost: float
+    iterations: int
+    converged: bool
+
+
+@contextmanager
+def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
+    """Give a pool for the work on so many observations, None when one thread does it sooner.
+
+    Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it.
+    """
+    if observations < MANY_OBSERVATIONS:
+        yield None
+        return
+    with (
+        ThreadPoolExecutor(min(CHUNKS, os.cpu_count() or 1)) as pool,
+        ThreadpoolController().limit(limits=1, user_api="blas"),
+    ):
+        yield pool
+
+
+def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) -> State:
+    """Move cameras and offsets by a step: R Exp(ω), C + R v, and sums for everything else."""
+    layout = bundle.layout
+    tangent = np.zeros((len(state.rotation), 6))
+    tangent[layout.photograph_at] = poses.reshape(-1, 6)
+    parameters, free = state.parameters.copy(), layout.camera_column >= 0
+    columns = layout.camera_column[free][:, None] + np.arange(8)
+    parameters[free] += border[columns] * layout.unit[free]
+    return replace(
+        state,
+        rotation=state.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
+        position=state.position + np.einsum("nij,nj->ni", state.rotation, tangent[:, 3:]),
+        parameters=parameters,
+        offset=state.offset + border[layout.offset_column :].reshape(-1, 3),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The end of a damped step, and the decrease of the cost that the linear model predicts."""
+
+    state: State
+    cost: float
+    predicted: float
+
+
+def _try_step(
+    bundle: Bundle,
+    state: State,
+    terms: Terms,
+    normal: NormalEquations,
+    damping: float,
+    pool: ThreadPoolExecutor | None,
+) -> _Trial:
+    poses, border = normal.factor(damping).solve(normal.g, normal.h)
+    moved = _moved(bundle, state, poses, border)
+    old = Cameras(state.parameters, state.rotation, state.position)
+    new = Cameras(moved.parameters, moved.rotation, moved.position)
+    step, layout = (poses, border), bundle.layout
+    ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
+    moved_ties, saved, cost = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
+    moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
+    damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
+    known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
+    moved = replace(moved, tie_point=moved_ties, control=moved_control)
+    cost += marks
+    if np.isfinite(cost):
+        cost += bundle.ground.cost(moved)
+    return _Trial(moved, cost, saved + more + 0.5 * (damped + known))
+
+
+def minimise_bundle(
+    bundle: Bundle,
+    state: State,
+    maximum_iterations: int,
+    relative_tolerance: float,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Minimum:
+    """Minimise by Levenberg–Marquardt (Marquardt 1963) with the damping update of Nielsen (1999).
+
+    The same steps as those of the graph with every point a variable. Raises SingularError or SingularPointError when no
+    damping makes the system solvable.
+    """
+    with limited_threads(len(bundle.tie)) as pool:
+        return _iterate(bundle, state, maximum_iterations, relative_tolerance, progress, pool)
+
+
+def _iterate(
+    bundle: Bundle,
+    state: State,
+    maximum_iterations: int,
+    relative_tolerance: float,
+    progress: Callable[[str], None],
+    pool: ThreadPoolExecutor | None,
+) -> Minimum:
+    damping, growth, current = FIRST_DAMPING, 2.0, np.inf
+    for iteration in range(1, maximum_iterations + 1):
+        terms = bundle.ground.linearise(state)
+        while True:
+            small, trial = False, None
+            try:
+                normal, cost = bundle.eliminated(state, terms, damping, pool)
+                current = cost + terms.cost
+                if not np.isfinite(current):
+                    return Minimum(state, current, 0, False)
+                trial = _try_step(bundle, state, terms, normal, damping, pool)
+            except (SingularError, SingularPointError):
+                if damping * growth > GREATEST_DAMPING:
+                    raise
+            if trial is not None:
+                gain = (current - trial.cost) / trial.predicted if trial.predicted > 0 else 0.0
+                small = trial.predicted <= relative_tolerance * max(current, 1e-12)
+                if gain > 0 and np.isfinite(trial.cost):
+                    break
+            if small:
+                return Minimum(state, current, iteration, True)
+            damping *= growth
+            growth *= 2.0
+            if damping > GREATEST_DAMPING:
+                return Minimum(state, current, iteration, False)
+        saved = current - trial.cost
+        state, current = trial.state, trial.cost
+        damping = max(LEAST_DAMPING, damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3))
+        growth = 2.0
+        progress(f"iteration {iteration}: cost {current:.6g}")
+        if small or saved <= relative_tolerance * max(current, 1e-12):
+            return Minimum(state, current, iteration, True)
+    return Minimum(state, current, maximum_iterations, False)
+
+
+# ---- blocks in a free gauge ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BundleState:
+    """A block in its own frame: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras,
+    8), ``point`` (P, 3).
+
+    ``cost`` is half the sum of squared whitened residuals under the loss, infinite when points lie behind photographs;
+    ``converged`` is False when no step makes it smaller, or iterations ran out.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    parameters: FloatArray
+    point: FloatArray
+    cost: float = float("inf")
+    iterations: int = 0
+    converged: bool = False
+
+
+class _CalibrationPrior:
+    """Priors of calibrations alone."""
+
+    def __init__(self, layout: Layout, expected: FloatArray, sigma: FloatArray) -> None:
+        self._layout = layout
+        free = (layout.unit > 0) & np.isfinite(sigma)
+        self._weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
+        self._expected = expected
+
+    def cost(self, state: State) -> float:
+        return 0.5 * float(np.sum(self._weight * (state.parameters - self._expected) ** 2))
+
+    def linearise(self, state: State) -> Terms:
+        layout, terms = self._layout, Terms.zero(self._layout, 0)
+        free = layout.camera_column >= 0
+        columns = (layout.camera_column[free][:, None] + np.arange(8)).ravel()
+        unit, weight = layout.unit[free], self._weight[free]
+        terms.border[columns, columns] = (weight * unit**2).ravel()
+        terms.border_gradient[columns] = (weight * unit * (self._expected - state.parameters)[free]).ravel()
+        return replace(terms, cost=self.cost(state))
+
+
+def adjust_bundle(
+    observations: Observations,
+    state: BundleState,
+    *,
+    held_poses: NDArray[np.bool_],
+    free: NDArray[np.bool_],
+    prior_sigma: FloatArray,
+    prior_parameters: FloatArray,
+    loss: RobustLoss = "huber",
+    threshold: float = 3.0,
+    maximum_iterations: int = 20,
+    relative_tolerance: float = 1e-6,
+) -> BundleState:
+    """Adjust poses, points and free calibration parameters of a block from image observations alone.
+
+    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 8) are the parameters that move, with
+    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 8), infinite for none. Observations sorted by point, of
+    points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
+    the damping does. A result that could not move has ``converged`` False, and an infinite ``cost`` when points lie
+    behind photographs.
+    """
+    index = np.flatnonzero(np.bincount(observations.point, minlength=len(state.point)))
+    first = first_observations(np.searchsorted(index, observations.point), len(index))
+    seen = np.bincount(observations.camera, minlength=len(state.parameters)) > 0
+    unit = np.array([calibration_scale(q[0]) for q in state.parameters]) * (free & seen[:, None])
+    used = np.zeros(len(held_poses), dtype=bool)
+    used[observations.photograph] = True
+    layout = make_layout([(first, observations.photograph)], held_poses | ~used, state.position, unit)
+    none = Observations(*(np.zeros(0, np.int64),) * 2, np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
+    bundle = Bundle(
+        layout,
+        lay_out(observations, index, layout),
+        lay_out(none, np.zeros(0, np.int64), layout),
+        _CalibrationPrior(layout, prior_parameters, prior_sigma),
+        Loss(LOSSES[loss], threshold),
+    )
+    start = State(
+        np.ascontiguousarray(state.rotation), np.ascontiguousarray(state.position), state.parameters, state.point,
+        np.zeros((0, 3)), np.zeros((0, 3)),
+    )  # fmt: skip
+    try:
+        found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance)
+    except (SingularError, SingularPointError):
+        return replace(state, converged=False)
+    s = found.state
+    return BundleState(
+        s.rotation, s.position, s.parameters, s.tie_point, found.cost, found.iterations, found.converged
+    )

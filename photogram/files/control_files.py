@@ -1,0 +1,416 @@
+"""Ground points and their image marks from text files: OpenDroneMap's gcp_list.txt, and tables (CSV).
+
+Everything is returned as it stands in the file: positions in the file's own CRS, pixels with the file's own origin and
+picture size.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import get_args
+
+from photogram.errors import ControlPointError
+from photogram.survey import Role
+
+Sigma3 = tuple[float | None, float | None, float | None]
+Row = dict[str, str]
+
+_SEPARATORS = (";", "\t", ",")
+_ROLES = get_args(Role)
+_COMMENT = re.compile(r"(?:^|\s)#(?:\s.*)?$")
+_UTM = re.compile(r"'?WGS ?84\s+UTM\s+(?:zone\s+)?(\d{1,2})\s*([NS])'?", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_MOST_FAULTS = 20
+_GCP_LIST = "x y z u v photograph [name]"
+
+_POINT_COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "name": ("name", "point", "id", "label"),
+    "x": ("x", "easting", "east", "e", "lon", "longitude"),
+    "y": ("y", "northing", "north", "n", "lat", "latitude"),
+    "z": ("z", "height", "h", "elevation", "altitude"),
+    "sigma": ("sigma",),
+    "sigma_plan": ("sigma_plan", "sigma_xy"),
+    "sigma_x": ("sigma_x", "sigma_easting", "sigma_east", "sigma_e"),
+    "sigma_y": ("sigma_y", "sigma_northing", "sigma_north", "sigma_n"),
+    "sigma_z": ("sigma_z", "sigma_height", "sigma_h"),
+    "role": ("role",),
+    "role_plan": ("role_plan",),
+    "role_height": ("role_height",),
+}
+_MARK_COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "name": ("name", "point", "id", "label"),
+    "photograph": ("photograph", "photo", "image", "picture", "file", "filename"),
+    "u": ("u", "x", "px", "column"),
+    "v": ("v", "y", "py", "row"),
+    "sigma": ("sigma",),
+}
+_PASSED_OVER = ("code", "comment", "date", "description", "note", "remark", "remarks", "time")
+
+
+@dataclass(frozen=True)
+class FilePoint:
+    """One surveyed point as its file gives it.
+
+    ``position`` is easting or longitude, northing or latitude, and height, in the CRS of the file; ``sigma_m`` along
+    easting, northing and height, None where the file says nothing; so is ``role``.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    sigma_m: Sigma3
+    role: Role | None
+    line: int
+
+
+@dataclass(frozen=True)
+class FileMark:
+    """One image mark as its file gives it: ``pixel`` u right, v down, with the file's own origin and picture size."""
+
+    point: str
+    photograph: str
+    pixel: tuple[float, float]
+    sigma_px: float | None
+    line: int
+
+
+@dataclass(frozen=True)
+class PointFile:
+    """The points of one file, and the marks where it holds them too.
+
+    ``crs`` is what the file itself says; ``geographic`` whether its columns are called longitude and latitude (True),
+    easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt.
+    """
+
+    path: Path
+    crs: str | None
+    geographic: bool | None
+    holds_marks: bool
+    points: tuple[FilePoint, ...]
+    marks: tuple[FileMark, ...]
+
+
+class _Faults:
+    """The faults of one file, raised together."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._faults: list[tuple[int, str]] = []
+
+    def note(self, line: int, text: str) -> None:
+        self._faults.append((line, text))
+
+    def raise_all(self) -> None:
+        shown = [f"{self._path}:{line}: {text}" for line, text in sorted(self._faults)[:_MOST_FAULTS]]
+        more = len(self._faults) - len(shown)
+        if more:
+            line = sorted(self._faults)[_MOST_FAULTS][0]
+            shown.append(f"{self._path}:{line}: from this line on {more} more faults: mend the ones above first")
+        if shown:
+            raise ControlPointError("\n".join(shown))
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines that say something, with their numbers."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as fault:
+        raise ControlPointError(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
+    except UnicodeDecodeError as fault:
+        line = fault.object[: fault.start].count(b"\n") + 1
+        raise ControlPointError(
+            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
+        ) from fault
+    numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
+    kept = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    if not kept:
+        raise ControlPointError(f"{path}:1: the file is empty: give the file with the points")
+    return kept
+
+
+def _number(text: str, what: str, line: int, faults: _Faults) -> float | None:
+    value = float(text) if _NUMBER.fullmatch(text) else float("nan")
+    if isfinite(value):
+        return value
+    comma = re.fullmatch(r"[-+]?\d+,\d+", text)
+    remedy = f"write {text.replace(',', '.')}, with a decimal point" if comma else "write a number with a decimal point"
+    faults.note(line, f"{what} must be a number, found {text!r}: {remedy}")
+    return None
+
+
+def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: _Faults) -> tuple[float, ...] | None:
+    values = [_number(text, what, line, faults) for text, what in zip(texts, whats, strict=True)]
+    known = tuple(v for v in values if v is not None)
+    return known if len(known) == len(values) else None
+
+
+def _check_marks(marks: Sequence[FileMark], faults: _Faults) -> None:
+    first: dict[tuple[str, str], int] = {}
+    for mark in marks:
+        line = first.setdefault((mark.point, mark.photograph), mark.line)
+        if line != mark.line:
+            faults.note(
+                mark.line,
+                f"point {mark.point} is marked twice in {mark.photograph}, first in line {line}: keep one of the two",
+            )
+
+
+# ---- gcp_list.txt --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Observation:
+    line: int
+    position: tuple[float, float, float]
+    pixel: tuple[float, float]
+    photograph: str
+    name: str | None
+
+
+def _header_crs(header: str) -> str:
+    utm = _UTM.fullmatch(header)
+    if utm and 1 <= int(utm[1]) <= 60:
+        return f"EPSG:{326 if utm[2].upper() == 'N' else 327}{int(utm[1]):02d}"
+    text = header.strip("'\"")
+    return text.upper() if text.lower().startswith("epsg:") else text
+
+
+def _observation(line: int, text: str, faults: _Faults) -> _Observation | None:
+    text = _COMMENT.sub("", text).strip()
+    fields = [field.strip() for field in text.split("\t")]
+    if len(fields) < 6:
+        fields = text.split()
+    if len(fields) < 6:
+        faults.note(line, f"{len(fields)} fields, needed are {_GCP_LIST}, separated by blanks or tabs")
+        return None
+    numbers = _numbers(fields[:5], ("x", "y", "z", "u", "v"), line, faults)
+    if numbers is None:
+        return None
+    x, y, z, u, v = numbers
+    return _Observation(line, (x, y, z), (u, v), fields[5], " ".join(fields[6:]).strip() or None)
+
+
+def _named(rows: Sequence[_Observation], faults: _Faults) -> list[tuple[str, _Observation]]:
+    """Return the rows with the name of their point; those without one are joined by their position."""
+    place: dict[str, _Observation] = {}
+    names: dict[tuple[float, float, float], list[str]] = {}
+    for row in rows:
+        if row.name is None:
+            continue
+        first = place.setdefault(row.name, row)
+        if first.position != row.position:
+            faults.note(
+                row.line,
+                f"point {row.name} has another position than in line {first.line}: correct it, or give another name",
+            )
+        elif row.name not in names.setdefault(row.position, []):
+            names[row.position].append(row.name)
+    number = 0
+    for row in rows:
+        if row.name is None and row.position not in names:
+            number += 1
+            while f"p{number}" in place:
+                number += 1
+            names[row.position] = [f"p{number}"]
+    named = []
+    for row in rows:
+        known = names.get(row.position, [])
+        if row.name is None and len(known) > 1:
+            faults.note(row.line, f"has no name, and its position is that of {' and '.join(known)}: name the point")
+        else:
+            named.append((row.name or known[0], row))
+    return named
+
+
+def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: _Faults) -> PointFile:
+    first, header = lines[0]
+    text = _COMMENT.sub("", header).strip()
+    headed = not _NUMBER.fullmatch(text.split()[0])
+    crs = _header_crs(text) if headed else None
+    found = [_observation(n, line, faults) for n, line in lines[1 if headed else 0 :]]
+    rows = [row for row in found if row is not None]
+    if not found:
+        faults.note(first, f"no points after the first line: each line after it is {_GCP_LIST}")
+    points: dict[str, FilePoint] = {}
+    marks = []
+    for name, row in _named(rows, faults):
+        points.setdefault(name, FilePoint(name, row.position, (None, None, None), None, row.line))
+        marks.append(FileMark(name, row.photograph, row.pixel, None, row.line))
+    _check_marks(marks, faults)
+    return PointFile(path, crs, None, True, tuple(points.values()), tuple(marks))
+
+
+# ---- tables --------------------------------------------------------------------------------------------------------
+
+
+def _separator(header: str) -> str:
+    return next((s for s in _SEPARATORS if s in header), ",")
+
+
+def _plain(column: str) -> str:
+    """Return a column's name without its unit and in one spelling: ``Sigma Height [m]`` is sigma_height."""
+    words = re.sub(r"[(\[].*?[)\]]", "", column).strip().lower()
+    return re.sub(r"_(?:m|px|deg)$", "", re.sub(r"[\s.-]+", "_", words).strip("_"))
+
+
+def _meaning(column: str, known: Mapping[str, tuple[str, ...]]) -> str | None:
+    return next((key for key, words in known.items() if _plain(column) in words), None)
+
+
+def _columns(
+    header: Sequence[str], line: int, known: Mapping[str, tuple[str, ...]], needed: Sequence[str], faults: _Faults
+) -> dict[str, int]:
+    places: dict[str, int] = {}
+    for i, column in enumerate(header):
+        meaning = _meaning(column, known)
+        if meaning is None:
+            if column and not column.startswith("#") and _plain(column) not in _PASSED_OVER:
+                near = difflib.get_close_matches(_plain(column), [w for words in known.values() for w in words], n=1)
+                hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to pass it over"
+                faults.note(line, f"unknown column {column!r}: {hint}")
+        elif meaning in places:
+            faults.note(line, f"columns {header[places[meaning]]!r} and {column!r} are the same: keep one of the two")
+        else:
+            places[meaning] = i
+    for meaning in needed:
+        if meaning not in places:
+            words = ", ".join(known[meaning])
+            faults.note(line, f"no column for {meaning}: the first line must name the columns, this one as {words}")
+    return places
+
+
+def _table(
+    path: Path, lines: Sequence[tuple[int, str]], known: Mapping[str, tuple[str, ...]], needed: Sequence[str]
+) -> tuple[list[str], list[tuple[int, Row]], _Faults]:
+    """Return the header, and the rows with their line numbers by the meaning of their columns."""
+    faults = _Faults(path)
+    number, text = lines[0]
+    separator = _separator(text)
+    header = _fields(text, separator, number, faults)
+    places = _columns(header, number, known, needed, faults)
+    # Without its columns no row means anything.
+    faults.raise_all()
+    rows = []
+    faulty = False
+    for line, content in lines[1:]:
+        fields = _fields(content, separator, line, faults)
+        if any(fields[len(header) :]):
+            faulty = True
+            faults.note(line, f"{len(fields)} fields, but the first line names {len(header)}: check separators, quotes")
+        elif any(fields):
+            rows.append((line, {m: fields[i] if i < len(fields) else "" for m, i in places.items()}))
+    if not rows and not faulty:
+        faults.note(number, "no rows after the first line")
+    return header, rows, faults
+
+
+def _fields(text: str, separator: str, line: int, faults: _Faults) -> list[str]:
+    try:
+        return [field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
+    except csv.Error as fault:
+        faults.note(line, f"is no row of a table ({fault}): check separators and quotes")
+        return []
+
+
+def _sigma(row: Row, column: str, line: int, faults: _Faults) -> float | None:
+    text = row.get(column, "")
+    if not text:
+        return None
+    value = _number(text, column, line, faults)
+    if value is not None and value <= 0.0:
+        faults.note(line, f"{column} must be greater than 0, found {text}: give the standard deviation")
+    return value
+
+
+def _sigmas(row: Row, line: int, faults: _Faults) -> Sigma3:
+    """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
+    whole, plan = (_sigma(row, column, line, faults) for column in ("sigma", "sigma_plan"))
+    x, y, z = (_sigma(row, column, line, faults) for column in ("sigma_x", "sigma_y", "sigma_z"))
+    plan = whole if plan is None else plan
+    return plan if x is None else x, plan if y is None else y, whole if z is None else z
+
+
+def _role(row: Row, line: int, faults: _Faults) -> Role | None:
+    given = {column: row[column].lower() for column in ("role", "role_plan", "role_height") if row.get(column)}
+    for column, word in given.items():
+        if word not in _ROLES:
+            faults.note(line, f"{column} must be control or check, found {row[column]!r}")
+            return None
+    if ("role_plan" in given) != ("role_height" in given) and "role" not in given:
+        missing = "role_height" if "role_plan" in given else "role_plan"
+        faults.note(line, f"{missing} is empty: give both, or one column role")
+        return None
+    if len(set(given.values())) > 1:
+        words = ", ".join(f"{column} {word}" for column, word in given.items())
+        faults.note(
+            line,
+            f"{words}: one role for each axis is for a later version of photogram: give the point one role for all",
+        )
+        return None
+    return next((role for role in _ROLES if role in given.values()), None)
+
+
+def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile:
+    header, rows, faults = _table(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
+    called = {_meaning(column, _POINT_COLUMNS): _plain(column)[:3] for column in header}
+    geographic = {("lon", "lat"): True, ("eas", "nor"): False}.get((called["x"], called["y"]))
+    points: dict[str, FilePoint] = {}
+    for line, row in rows:
+        name = row["name"]
+        if not name:
+            faults.note(line, "the point has no name: give it one")
+            continue
+        position = _numbers([row[axis] for axis in "xyz"], [f"{axis} of {name}" for axis in "xyz"], line, faults)
+        sigma_m, role = _sigmas(row, line, faults), _role(row, line, faults)
+        if name in points:
+            faults.note(
+                line, f"{name!r} is used twice, first in line {points[name].line}: give each point its own name"
+            )
+        elif position is not None:
+            x, y, z = position
+            points[name] = FilePoint(name, (x, y, z), sigma_m, role, line)
+    faults.raise_all()
+    return PointFile(path, None, geographic, False, tuple(points.values()), ())
+
+
+def read_points(path: Path) -> PointFile:
+    """Return the ground points of a gcp_list.txt or of a table.
+
+    A table is told by its name, which ends in .csv, or by a first line that names its columns. Raises ControlPointError
+    with one line for each fault, ``path:line: what is wrong: what to do``.
+    """
+    lines = _lines(path)
+    header = lines[0][1]
+    meanings = {_meaning(column, _POINT_COLUMNS) for column in header.split(_separator(header))}
+    if path.suffix.lower() == ".csv" or {"x", "y"} <= meanings:
+        return _read_point_table(path, lines)
+    faults = _Faults(path)
+    points = _read_gcp_list(path, lines, faults)
+    faults.raise_all()
+    return points
+
+
+def read_marks(path: Path) -> tuple[FileMark, ...]:
+    """Return the image marks of a table: columns name, photograph, u, v and, where given, sigma_px.
+
+    Raises ControlPointError with one line for each fault, as read_points does.
+    """
+    _, rows, faults = _table(path, _lines(path), _MARK_COLUMNS, ("name", "photograph", "u", "v"))
+    marks = []
+    for line, row in rows:
+        empty = [what for what in ("name", "photograph") if not row[what]]
+        if empty:
+            faults.note(line, f"{' and '.join(empty)} is empty: say which point is marked, and in which photograph")
+            continue
+        pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
+        sigma_px = _sigma(row, "sigma", line, faults)
+        if pixel is not None:
+            marks.append(FileMark(row["name"], row["photograph"], (pixel[0], pixel[1]), sigma_px, line))
+    _check_marks(marks, faults)
+    faults.raise_all()
+    return tuple(marks)

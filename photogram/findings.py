@@ -1,0 +1,34 @@
+"""What a check of a survey finds: how bad it is, where it is, what it is, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["fault", "warning", "note"]
+"""A fault makes the work fail, a warning makes its result doubtful, a note says what to expect."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found; ``remedy`` is empty where there is nothing to do, or ``text`` says it."""
+
+    severity: Severity
+    where: str
+    text: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.where, self.text, self.remedy) if part)
+
+
+def some(names: Sequence[str], most: int = 5) -> str:
+    """Return the first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def things(count: int, one: str, several: str = "") -> str:
+    """Return a count with its noun, ``several`` where adding an s will not do."""
+    return f"{count} {one if count == 1 else several or one + 's'}"

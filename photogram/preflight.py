@@ -1,0 +1,265 @@
+"""The check before the long work: everything that can be known to be wrong from the project file, the tags of the
+photographs and the machine, all at once.
+
+Pure functions on data that others have read; `photogram check` reads it, in seconds, and shows what they find.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import ProjectError
+from photogram.files.photograph_headers import PhotographHeader
+from photogram.files.tags import PhotographTags
+from photogram.findings import Finding, Severity, some, things
+from photogram.preflight_geometry import geometry_findings
+from photogram.project import Project
+from photogram.project_schema import Quality
+
+BYTES_PER_KEY_POINT = 163
+"""On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""
+
+BYTES_PER_OBSERVATION = 350
+"""Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
+becomes an observation."""
+
+BYTES_PER_PX = 12
+"""Of a photograph in memory: its colours, its grey values, and a copy of each at work."""
+
+BYTES_PER_TILE_PX = 240
+"""Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
+tiles of 800 and of 1728 px."""
+
+SCALE: Mapping[Quality, float] = {"high": 1.0, "medium": 0.5, "low": 0.25}
+"""Width of the picture in which key points are found, by ``quality``."""
+
+_MOST_LINES = 10
+
+
+def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
+    """Return the faults that reading the project file ``path`` has raised, one finding for each line."""
+    findings = []
+    for line in str(fault).splitlines():
+        place = re.match(rf"{re.escape(str(path))}:(\d+): (.*)", line)
+        if place:
+            findings.append(Finding("fault", f"{path.name}:{place[1]}", place[2]))
+        elif not line.endswith("faults:"):
+            findings.append(Finding("fault", path.name, line.removeprefix(f"{path}: ")))
+    return findings
+
+
+# ---- photographs ---------------------------------------------------------------------------------------------------
+
+
+def header_findings(headers: Sequence[PhotographHeader], twins: Sequence[Sequence[int]] = ()) -> list[Finding]:
+    """Return what is wrong with photographs by themselves: not to be read, twice the same, of a kind not ordinary.
+
+    ``twins`` are groups of indices of files with the same content.
+    """
+    damaged = [h for h in headers if h.tags is None]
+    findings = [Finding("fault", h.name, h.fault) for h in damaged[:_MOST_LINES]]
+    if len(damaged) > _MOST_LINES:
+        rest = [h.name for h in damaged[_MOST_LINES:]]
+        findings.append(Finding("fault", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
+    for group in twins:
+        names = some([headers[i].name for i in group])
+        findings.append(Finding("fault", names, "the same photograph twice", "leave out all but one"))
+    kinds: defaultdict[str, list[str]] = defaultdict(list)
+    for header in headers:
+        if header.tags is not None and header.tags.kind != "frame":
+            kinds[header.tags.kind].append(header.name)
+    for kind, names_of_kind in kinds.items():
+        text = f"{things(len(names_of_kind), 'picture')} of the kind {kind}, which is not an ordinary photograph's"
+        findings.append(
+            Finding("warning", some(names_of_kind), text, "leave out what the camera model cannot describe")
+        )
+    return findings
+
+
+def _of_camera(
+    project: Project, tags: Sequence[PhotographTags | None], camera: int
+) -> list[tuple[str, PhotographTags]]:
+    pairs = zip(project.photographs, tags, strict=True)
+    return [(p.name, t) for p, t in pairs if p.camera == camera and t is not None]
+
+
+def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return which photographs do not have the size of their camera, or were taken by another than the rest."""
+    findings = []
+    for number, camera in enumerate(project.cameras):
+        own = _of_camera(project, tags, number)
+        where = f"camera {camera.name}"
+        size = (camera.width_px, camera.height_px)
+        other = [(n, (t.width_px, t.height_px)) for n, t in own if (t.width_px, t.height_px) != size]
+        if other:
+            found = ", ".join(f"{w} × {h}" for w, h in sorted({s for _, s in other}, key=str))
+            text = (
+                f"{len(other)} of {things(len(own), 'photograph')} ({some([n for n, _ in other])}) have {found} px, "
+                f"the camera {size[0]} × {size[1]} px"
+            )
+            remedy = "give these photographs the camera that took them, as they were taken"
+            findings.append(Finding("fault", where, text, remedy))
+        models = Counter(" ".join(filter(None, (t.make, t.model))) for _, t in own if t.model)
+        focal = Counter(f"{t.focal_mm:g} mm" for _, t in own if t.focal_mm)
+        bodies = Counter(f"serial number {t.serial}" for _, t in own if t.serial)
+        for what, values in (("cameras", models), ("focal lengths", focal), ("bodies", bodies)):
+            if len(values) > 1:
+                counts = ", ".join(f"{value} ({n})" for value, n in values.most_common(4))
+                text = f"its photographs were taken with different {what}: {counts}"
+                findings.append(Finding("warning", where, text, "give each its own block under cameras"))
+    return findings
+
+
+def _same_moment(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    moments: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
+    for photograph, tag in zip(project.photographs, tags, strict=True):
+        if tag is not None and tag.time is not None and tag.longitude_deg is not None:
+            # The bands of a multispectral camera are taken at once, by cameras of their own.
+            place = (photograph.camera, tag.time, tag.longitude_deg, tag.latitude_deg, tag.height_m)
+            moments[place].append(photograph.name)
+    groups = [names for names in moments.values() if len(names) > 1]
+    findings = [
+        Finding("warning", some(names), "same camera, time and position", "leave out all but one if they are the same")
+        for names in groups[:_MOST_LINES]
+    ]
+    if len(groups) > _MOST_LINES:
+        text = f"{len(groups) - _MOST_LINES} more groups of photographs have the same camera, time and position"
+        findings.append(Finding("warning", "photographs", text, "leave out all but one of each"))
+    return findings
+
+
+def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return which photographs have no GNSS position, and which positions have no standard deviation."""
+    without, bare = [], []
+    for photograph, tag in zip(project.photographs, tags, strict=True):
+        if tag is None:
+            continue
+        tagged = tag.longitude_deg is not None and tag.latitude_deg is not None and tag.height_m is not None
+        if photograph.gnss_map_m is None and not tagged:
+            without.append(photograph.name)
+        elif photograph.gnss_sigma_m is None and tag.gnss_sigma_m is None:
+            bare.append(photograph.name)
+    findings = []
+    if bare:
+        text = f"{things(len(bare), 'GNSS position')} without a standard deviation, in the tags or in the project"
+        remedy = "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
+        findings.append(Finding("fault", some(bare), text, remedy))
+    if without and len(without) < len(project.photographs):
+        text = f"{len(without)} of {len(project.photographs)} photographs have no GNSS position"
+        findings.append(Finding("warning", some(without), text, "they are placed by tie points and control alone"))
+    elif without:
+        text = "none has a GNSS position: control points alone say where the survey is"
+        findings.append(Finding("note", "photographs", text))
+    return findings
+
+
+# ---- machine -------------------------------------------------------------------------------------------------------
+
+
+def disk_bytes(project: Project) -> int:
+    """Return about how much the work and the results will take on disk: key points, then matches, clouds and DSM."""
+    return int(len(project.photographs) * project.features.maximum * BYTES_PER_KEY_POINT * 1.5)
+
+
+def memory_bytes(project: Project) -> int:
+    """Return about how much memory the hungriest stage needs: one photograph's key points, or the joint adjustment."""
+    largest_px = max(c.width_px * c.height_px for c in project.cameras)
+    tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
+    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, SCALE[project.quality] ** 2 * largest_px)
+    key_points = len(project.photographs) * project.features.maximum
+    return int(max(one, key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)))
+
+
+def _gigabytes(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e8 else f"{count / 1e6:.0f} MB"
+
+
+def machine_findings(project: Project, free_disk_bytes: int | None, memory: int | None) -> list[Finding]:
+    """Return whether the disk of the working folder and the memory will do, None where they are not known."""
+    findings = []
+    disk, needed = disk_bytes(project), memory_bytes(project)
+    if free_disk_bytes is not None and free_disk_bytes < 2 * disk:
+        text = f"{_gigabytes(free_disk_bytes)} free for {project.work}, about {_gigabytes(disk)} are needed"
+        severity: Severity = "fault" if free_disk_bytes < disk else "warning"
+        findings.append(Finding(severity, "disk", text, "free some space, or name another folder under work"))
+    if memory is not None and memory < needed:
+        text = f"{_gigabytes(memory)} of memory, about {_gigabytes(needed)} are needed"
+        remedy = "lower features.maximum or quality, or use a machine with more memory"
+        findings.append(Finding("warning", "memory", text, remedy))
+    return findings
+
+
+# ---- all together --------------------------------------------------------------------------------------------------
+
+
+def _overview(project: Project, tags: Sequence[PhotographTags | None]) -> Finding:
+    positions = sum(t is not None and t.longitude_deg is not None for t in tags)
+    given = sum(p.gnss_map_m is not None for p in project.photographs)
+    roles = Counter(p.role for p in project.control_points)
+    heights = [t.height_above_take_off_m for t in tags if t is not None and t.height_above_take_off_m]
+    facts = [
+        things(len(project.photographs), "photograph"),
+        things(len(project.cameras), "camera"),
+        f"{max(positions, given)} with GNSS",
+        things(roles["control"], "control point"),
+        things(roles["check"], "check point"),
+        f"{_gigabytes(disk_bytes(project))} of disk",
+        f"{_gigabytes(memory_bytes(project))} of memory",
+    ]
+    if heights:
+        facts.insert(3, f"{np.median(heights):.0f} m above take-off")
+    return Finding("note", "survey", ", ".join(facts))
+
+
+def survey_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return everything that project and tags show together; ``tags`` are those of ``project.photographs``, None where
+    a photograph cannot be read."""
+    findings = []
+    if len(project.photographs) < 2:
+        text = "a survey needs two photographs at least"
+        findings.append(Finding("fault", "photographs", text, "give all photographs of the flight"))
+    return [
+        *findings,
+        *camera_findings(project, tags),
+        *_same_moment(project, tags),
+        *gnss_findings(project, tags),
+        *geometry_findings(project, tags),
+    ]
+
+
+def check_survey(
+    project: Project,
+    headers: Sequence[PhotographHeader],
+    twins: Sequence[Sequence[int]] = (),
+    free_disk_bytes: int | None = None,
+    memory: int | None = None,
+) -> list[Finding]:
+    """Return everything that can be known before the work starts: faults, then warnings, then notes.
+
+    ``headers`` are those of ``project.photographs``, ``twins`` groups of them with the same content;
+    ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known.
+    """
+    tags = [header.tags for header in headers]
+    findings = [
+        *header_findings(headers, twins),
+        *survey_findings(project, tags),
+        *machine_findings(project, free_disk_bytes, memory),
+        _overview(project, tags),
+    ]
+    return by_severity(findings)
+
+
+def by_severity(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings with the faults first and the notes last."""
+    order = ("fault", "warning", "note")
+    return sorted(findings, key=lambda finding: order.index(finding.severity))
+
+
+def faults_before_work(project: Project, tags: Sequence[PhotographTags]) -> list[Finding]:
+    """Return what would make the work fail, as far as project and tags show it; none where it can begin."""
+    return [finding for finding in survey_findings(project, tags) if finding.severity == "fault"]

@@ -1,0 +1,417 @@
+"""What measured positions, attitudes, control points and their marks say of each other before anything is adjusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from photogram.camera import Camera, rotation_from_gimbal, unproject
+from photogram.errors import FrameError, ImageError
+from photogram.files.tags import PhotographTags
+from photogram.findings import Finding, some, things
+from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.project import Project, ProjectPhotograph
+from photogram.project_checks import AreaOfUse
+from photogram.similarity import straight
+from photogram.sites import gap_between_sites_m, group_sites
+from photogram.survey import ControlPoints
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FAR_FOOTPRINTS = 3.0
+"""A position farther than this many footprints from all others has nothing in common with them."""
+
+NEAR_M = 100.0
+"""Control and photographs closer than this are never said to be far from each other."""
+
+FOREIGN_M = 1000.0
+"""If no control point is nearer to a photograph, they belong to different surveys or different CRS."""
+
+SMALL_ANGLE_DEG = 20.0
+"""Gimbals and compasses err by so much, before their stated sigma is added."""
+
+HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION = 20.0, 0.3
+_SURE_HEIGHT_M = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSurvey:
+    """What project and tags say of the photographs; NaN where they say nothing.
+
+    ``gnss_map_m`` and ``gnss_world_m`` (F, 3) are positions, ``gnss_sigma_m`` (F, 3) their sigmas; ``rotation``
+    (F, 3, 3) the attitude, world from camera; ``flying_height_m`` (F,) above ground, or above the place of take-off;
+    ``footprint_m`` (F,) the diagonal of the ground that a photograph shows.
+    """
+
+    frame: LocalFrame
+    gnss_map_m: FloatArray
+    gnss_world_m: FloatArray
+    gnss_sigma_m: FloatArray
+    rotation: FloatArray
+    flying_height_m: FloatArray
+    footprint_m: FloatArray
+    control: ControlPoints
+
+    @property
+    def positioned(self) -> BoolArray:
+        """Return which photographs (F,) have a GNSS position."""
+        return np.asarray(np.isfinite(self.gnss_map_m).all(axis=1))
+
+
+def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
+    """Return the GNSS position (F, 3) of each photograph in the map, the project's before its tags', NaN where there is
+    none. Raises FrameError where the tags' lie outside the CRS."""
+    nothing = (np.nan,) * 3
+    geodetic = np.array(
+        [
+            nothing
+            if t is None or t.longitude_deg is None or t.latitude_deg is None or t.height_m is None
+            else (t.longitude_deg, t.latitude_deg, t.height_m)
+            for t in tags
+        ],
+        dtype=np.float64,
+    ).reshape(-1, 3)
+    position = np.full(geodetic.shape, np.nan)
+    given = np.array([p.gnss_map_m is not None for p in project.photographs], dtype=bool)
+    tagged = np.isfinite(geodetic).all(axis=1) & ~given
+    if tagged.any():
+        position[tagged] = map_from_geodetic(project.crs, geodetic[tagged])
+    for i in np.flatnonzero(given):
+        position[i] = project.photographs[i].gnss_map_m
+    return position
+
+
+def _sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sequence[float] | FloatArray:
+    if photograph.gnss_sigma_m is not None:
+        return photograph.gnss_sigma_m
+    return (np.nan,) * 3 if tags is None or tags.gnss_sigma_m is None else tags.gnss_sigma_m
+
+
+def _height(photograph: ProjectPhotograph, tags: PhotographTags | None) -> float:
+    height = photograph.height_above_ground_m or (None if tags is None else tags.height_above_take_off_m)
+    return height if height is not None and height > 0 else np.nan
+
+
+def _angles(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[float, float, float] | None:
+    if photograph.attitude_deg is not None or tags is None:
+        return photograph.attitude_deg
+    yaw, pitch, roll = tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg
+    return None if yaw is None or pitch is None or roll is None else (yaw, pitch, roll)
+
+
+def measured_survey(
+    project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray
+) -> MeasuredSurvey | None:
+    """Return what is known of the survey's geometry, None where nothing says where it is. Raises FrameError as
+    LocalFrame does."""
+    known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
+    control_map_m = np.array([p.position_map_m for p in project.control_points]).reshape(-1, 3)
+    places = np.vstack([gnss_map_m[known], control_map_m])
+    if not len(places):
+        return None
+    frame = LocalFrame.near(project.crs, places, project.world_kind)
+    world = np.full(gnss_map_m.shape, np.nan)
+    world[known] = frame.world_from_map(gnss_map_m[known])
+    pairs = list(zip(project.photographs, tags, strict=True))
+    rotation = np.full((len(pairs), 3, 3), np.nan)
+    for i, angles in enumerate(_angles(*pair) for pair in pairs):
+        if angles is not None:
+            place = world[i] if known[i] else np.zeros(3)
+            rotation[i] = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*angles)
+    height = np.array([_height(*pair) for pair in pairs])
+    if len(control_map_m):
+        over_control = gnss_map_m[:, 2] - np.median(control_map_m[:, 2])
+        height = np.where(np.isnan(height) & (over_control > 0), over_control, height)
+    cameras = [project.cameras[p.camera] for p in project.photographs]
+    spread = np.array([np.hypot(c.width_px, c.height_px) / c.focal_px for c in cameras])
+    sigma = np.array([_sigma(*pair) for pair in pairs], dtype=np.float64).reshape(-1, 3)
+    return MeasuredSurvey(
+        frame, gnss_map_m, world, sigma, rotation, height, height * spread, project.control_points_in(frame)
+    )
+
+
+# ---- positions -----------------------------------------------------------------------------------------------------
+
+
+def foreign_positions(project: Project, gnss_map_m: FloatArray) -> BoolArray:
+    """Return which GNSS positions (F,) lie far outside the area where the project's CRS is used."""
+    area = AreaOfUse.of(project.crs)
+    known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
+    return known & ~area.contains(gnss_map_m[:, :2]) if area is not None else np.zeros(len(known), dtype=bool)
+
+
+def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
+    """Return whether the photographs lie where the project's CRS is used."""
+    area = AreaOfUse.of(project.crs)
+    known = np.flatnonzero(np.isfinite(gnss_map_m).all(axis=1))
+    foreign = np.flatnonzero(foreign_positions(project, gnss_map_m))
+    if not len(foreign):
+        return []
+    easting, northing, _ = gnss_map_m[foreign[0]]
+    text = f"{len(foreign)} of {len(known)} GNSS positions are outside {area}: found {easting:.0f}, {northing:.0f}"
+    if len(foreign) == len(known):
+        return [Finding("fault", "crs", text, "give the CRS of the site")]
+    names = some([project.photographs[i].name for i in foreign])
+    return [Finding("fault", names, text, "leave these photographs out, or correct their positions")]
+
+
+def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
+    """Return the photographs that are too far from the others to show anything of what they show."""
+    known = np.flatnonzero(survey.positioned)
+    if len(known) < 2:
+        return []
+    plan = survey.gnss_world_m[known, :2]
+    nearest_m = np.asarray(cKDTree(plan).query(plan, k=2)[0])[:, 1]
+    footprint = survey.footprint_m[known]
+    footprint_m = float(np.nanmedian(footprint)) if np.isfinite(footprint).any() else np.nan
+    gap_m = FAR_FOOTPRINTS * footprint_m if footprint_m > 0 else gap_between_sites_m(plan)
+    site = group_sites(plan, gap_m)
+    names = np.array([project.photographs[i].name for i in known])
+    if np.count_nonzero(site == 0) * 2 < len(known):
+        text = (
+            f"the photographs lie {np.median(nearest_m):.0f} m apart, {things(int(site.max()) + 1, 'group')} with more "
+            f"than {gap_m:.0f} m between them"
+        )
+        remedy = "give photographs of one site that overlap, or each site a project of its own"
+        return [Finding("warning", "photographs", text, remedy)]
+    findings = []
+    home = cKDTree(plan[site == 0])
+    for number in range(1, int(site.max()) + 1):
+        own = site == number
+        distance_m = float(np.min(home.query(plan[own])[0]))
+        findings.append(
+            Finding(
+                "warning",
+                some(list(names[own])),
+                f"{things(int(own.sum()), 'photograph')} {distance_m:.0f} m from the nearest of the others, which is "
+                "more than they can have in common",
+                "leave out what belongs to another site, or correct the position",
+            )
+        )
+    return findings
+
+
+def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
+    """Return the ground points that lie far from every photograph, in plan."""
+    known, points = survey.positioned, survey.control
+    if not known.any() or not len(points):
+        return []
+    distance_m, nearest = map(np.asarray, cKDTree(survey.gnss_world_m[known, :2]).query(points.position_world_m[:, :2]))
+    footprint_m = np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
+    limit_m = np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
+    if distance_m.min() > max(FOREIGN_M, float(limit_m.min())):
+        where = "control_points"
+        text = f"the nearest of them is {distance_m.min() / 1000:.1f} km from the nearest GNSS position of a photograph"
+        return [Finding("fault", where, text, "check crs, the points' own CRS, and that both are of one site")]
+    return [
+        Finding(
+            "warning",
+            f"point {points.name[i]}",
+            f"{distance_m[i]:.0f} m from the nearest photograph, whose picture is about {footprint_m[i]:.0f} m wide",
+            "check its coordinates",
+        )
+        for i in np.flatnonzero(distance_m > limit_m)
+    ]
+
+
+# ---- number and arrangement of control -----------------------------------------------------------------------------
+
+
+def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
+    """Return whether control points and GNSS positions together can hold the block."""
+    points, positions = survey.control, int(survey.positioned.sum())
+    marks = np.bincount(survey.control.mark_point, minlength=len(points))
+    control = np.array([r == "control" for r in points.role], dtype=bool) & (marks > 0)
+    count = int(control.sum())
+    remedy = "mark at least three control points, not in one line, or give photographs with GNSS tags"
+    if positions < 3 and count < 3:
+        text = f"{things(count, 'control point')} with marks and {things(positions, 'GNSS position')}: nothing fixes it"
+        return [Finding("fault", "the block", text, remedy)]
+    findings = []
+    in_line = count >= 3 and straight(points.position_world_m[control])
+    gnss_in_line = positions >= 3 and straight(survey.gnss_world_m[survey.positioned])
+    if in_line and positions < 3:
+        text = "lie in one line: the block can turn about it"
+        findings.append(Finding("fault", "control points", text, remedy))
+    elif in_line:
+        text = "lie in one line: across it the block rests on GNSS alone"
+        findings.append(Finding("warning", "control points", text, "add a control point to the side"))
+    if gnss_in_line and (count < 3 or in_line) and not np.isfinite(survey.rotation).any():
+        text = "lie in one line and there is no attitude: the block can turn about the strip"
+        findings.append(Finding("warning", "GNSS positions", text, "add control points to the side, or a second strip"))
+    return findings
+
+
+def mark_findings(survey: MeasuredSurvey) -> list[Finding]:
+    """Return the ground points that have too few marks for what they are to do, and whether any can be a check."""
+    points = survey.control
+    marks = np.bincount(points.mark_point, minlength=len(points))
+    check = np.array([r == "check" for r in points.role], dtype=bool)
+    names = np.array(points.name, dtype=object)
+    findings = []
+    for mask, number, text, remedy in (
+        (~check, 0, "without any mark: they take no part", "mark them in three photographs or more"),
+        (~check, 1, "with a single mark: nothing shows a wrong one", "mark each in three photographs or more"),
+        (check, 0, "without any mark: they test nothing", "mark them in two photographs or more"),
+        (check, 1, "with a single mark: they test nothing", "mark them in two photographs or more"),
+    ):
+        few = list(names[mask & (marks == number)])
+        kind = "check point" if mask is check else "control point"
+        if few:
+            findings.append(Finding("warning", some(few), f"{things(len(few), kind)} {text}", remedy))
+    if not np.any(check & (marks >= 2)):
+        text = "none with two marks or more: nothing will prove the result, its accuracy is only predicted"
+        findings.append(Finding("warning", "check points", text, "give some surveyed points the role check"))
+    return findings
+
+
+# ---- heights -------------------------------------------------------------------------------------------------------
+
+
+def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
+    """Return where the heights of control points and GNSS positions contradict each other or the flying height."""
+    points = survey.control
+    photograph = points.mark_photograph
+    known = survey.positioned[photograph]
+    if not known.any():
+        return []
+    photograph, point = photograph[known], points.mark_point[known]
+    ground_m = np.array([p.position_map_m[2] for p in project.control_points])[point]
+    drop_m = survey.gnss_map_m[photograph, 2] - ground_m
+    sigma_m = np.hypot(np.nan_to_num(survey.gnss_sigma_m[photograph, 2]), project.gnss_offset_sigma_m[2])
+    looks_down = survey.rotation[photograph, 2, 2] < -0.5  # the optical axis, more than 30° below the horizon
+    above = drop_m < 0
+    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M)
+    if above.any():
+        names = list(dict.fromkeys(points.name[i] for i in point[above]))
+        worst = int(np.argmin(drop_m))
+        camera = project.photographs[photograph[worst]].name
+        text = f"{points.name[point[worst]]} is {-drop_m[worst]:.1f} m above {camera}, which shows it, by their heights"
+        remedy = (
+            "bring both to one height system; heights without RTK err by tens of metres: then give "
+            "gnss.offset_sigma_m a height such as 50"
+        )
+        where = f"{'points' if len(names) > 1 else 'point'} {some(names)}"
+        return [Finding("fault" if sure.any() else "warning", where, text, remedy)]
+    difference_m = drop_m - survey.flying_height_m[photograph]
+    limit_m = np.maximum(HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION * survey.flying_height_m[photograph])
+    middle_m = float(np.nanmedian(difference_m)) if np.isfinite(difference_m).any() else 0.0
+    if abs(middle_m) > max(float(np.nanmax(limit_m)), 3.0 * float(sigma_m.max())):
+        text = (
+            f"GNSS positions are {np.median(drop_m):.0f} m above the control points, but the photographs were taken "
+            f"{np.nanmedian(survey.flying_height_m[photograph]):.0f} m above ground or take-off"
+        )
+        remedy = "bring both to one height system, or give gnss.offset_sigma_m a height such as 50"
+        return [Finding("warning", "heights", text, remedy)]
+    return []
+
+
+# ---- marks against positions and attitudes -------------------------------------------------------------------------
+
+
+def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return of each mark (M,) the angle between its ray and the way to its point, how far the point is outside the
+    picture, and the limit of what is believed; NaN where it cannot be known. Raises ImageError as unproject does."""
+    points = survey.control
+    count = len(points.mark_photograph)
+    angle, outside, limit = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    known = survey.positioned & np.isfinite(survey.rotation).all(axis=(1, 2))
+    for i in np.unique(points.mark_photograph):
+        if not known[i]:
+            continue
+        camera, R = project.cameras[project.photographs[i].camera], survey.rotation[i]
+        own = np.flatnonzero(points.mark_photograph == i)
+        way = points.position_world_m[points.mark_point[own]] - survey.gnss_world_m[i]
+        if np.isfinite(survey.flying_height_m[i]):
+            # The flying height does not suffer from two height systems.
+            way[:, 2] = -survey.flying_height_m[i]
+        distance = np.linalg.norm(way, axis=1)
+        way /= np.maximum(distance, 1e-9)[:, None]
+        ray = unproject(camera, points.mark_pixel[own]) @ R.T
+        angle[own] = np.rad2deg(np.arccos(np.clip(np.sum(ray * way, axis=1), -1.0, 1.0)))
+        outside[own] = np.rad2deg(np.arccos(np.clip(way @ R[:, 2], -1.0, 1.0))) - _half_view_deg(camera)
+        sigma_m = float(np.nan_to_num(np.hypot(*survey.gnss_sigma_m[i, :2])))
+        limit[own] = (
+            SMALL_ANGLE_DEG
+            + 3.0 * project.photographs[i].attitude_sigma_deg
+            + np.rad2deg(np.arctan2(3.0 * sigma_m, distance))
+        )
+    return angle, outside, limit
+
+
+def _half_view_deg(camera: Camera) -> float:
+    return float(np.rad2deg(np.arctan2(0.5 * np.hypot(camera.width_px, camera.height_px), camera.focal_px)))
+
+
+def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
+    """Return the marks that point elsewhere than positions and attitudes say, by tens of degrees."""
+    points = survey.control
+    try:
+        angle, outside, limit = _deviations_deg(project, survey)
+    except ImageError as fault:
+        return [Finding("fault", "cameras", str(fault))]
+    judged = np.isfinite(angle)
+    wrong = np.zeros(len(angle), dtype=bool)
+    wrong[judged] = angle[judged] > limit[judged]
+    if wrong.sum() >= 4 and wrong.sum() * 2 > judged.sum():
+        text = (
+            f"{int(wrong.sum())} of {int(judged.sum())} point elsewhere than GNSS positions and attitudes say, by "
+            f"{np.median(angle[wrong]):.0f}° in the middle"
+        )
+        remedy = "check attitudes, pixel sizes, and that points and photographs are of one site"
+        return [Finding("warning", "marks", text, remedy)]
+    findings = []
+    for p in np.unique(points.mark_point[wrong]):
+        own = judged & (points.mark_point == p)
+        if own.sum() >= 2 and wrong[own].all():
+            text = (
+                f"all its {int(own.sum())} marks point elsewhere than to its position, by {np.median(angle[own]):.0f}°"
+            )
+            findings.append(Finding("warning", f"point {points.name[p]}", text, "check its position and its name"))
+            wrong[own] = False
+    for i in np.unique(points.mark_photograph[wrong]):
+        own = judged & (points.mark_photograph == i)
+        name = project.photographs[i].name
+        if own.sum() >= 2 and wrong[own].all():
+            text = (
+                f"all its {int(own.sum())} marks point elsewhere than to their points, by {np.median(angle[own]):.0f}°"
+            )
+            findings.append(Finding("warning", name, text, "check its position, its attitude and its marks"))
+            continue
+        for m in np.flatnonzero(own & wrong):
+            text = f"its mark points elsewhere than to its position, by {angle[m]:.0f}°"
+            if outside[m] > limit[m]:
+                text = f"cannot be in the picture: it lies {outside[m]:.0f}° outside, by GNSS position and attitude"
+            where = f"point {points.name[points.mark_point[m]]} in {name}"
+            findings.append(Finding("warning", where, text, "check the mark, or the photograph"))
+    return findings
+
+
+def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return everything that this module finds."""
+    try:
+        gnss_map_m = gnss_positions(project, tags)
+        findings = area_findings(project, gnss_map_m)
+        gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
+        survey = measured_survey(project, tags, gnss_map_m)
+    except FrameError as fault:
+        return [Finding("fault", "crs", str(fault).removeprefix("crs: "))]
+    if survey is None:
+        if findings:
+            return findings
+        text = "neither control points nor GNSS positions: nothing says where the survey is"
+        return [Finding("fault", "the block", text, "give control_points, or photographs with GNSS tags")]
+    return [
+        *findings,
+        *site_findings(project, survey),
+        *control_distance_findings(survey),
+        *arrangement_findings(survey),
+        *height_findings(project, survey),
+        *view_findings(project, survey),
+        *mark_findings(survey),
+    ]

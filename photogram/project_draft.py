@@ -1,0 +1,344 @@
+"""The draft of a project, made from the tags of its photographs; nothing here reads or writes a file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import FrameError, ProjectError
+from photogram.files.tags import PhotographTags
+from photogram.frames import map_from_geodetic, projected_crs
+from photogram.sites import (
+    Exposure,
+    gap_between_sites_m,
+    group_sites,
+    local_metres,
+    middle_of,
+    separate_flights,
+    utm_crs,
+)
+from photogram.survey import Role
+from photogram.tagged_cameras import (
+    CameraKey,
+    TaggedCamera,
+    camera_key,
+    camera_names,
+    tagged_camera,
+)
+from photogram.tagged_positions import Gnss, GnssKind, Sigma3, gnss_of, height_reference, offset_prior
+
+FloatArray = NDArray[np.float64]
+NEAR_M = 20_000.0
+_OUTSIDE_AREA_DEG = 4.0
+_RARE_SHARE, _RARE = 0.1, 3
+
+
+@dataclass(frozen=True)
+class TaggedPhotograph:
+    """A photograph that can be used, by its name in the project, and its tags."""
+
+    name: str
+    tags: PhotographTags
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A photograph that is not to be used, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class OtherSite:
+    """Photographs of another place: ``distance_m`` from the middle of the ones that are kept."""
+
+    longitude_deg: float
+    latitude_deg: float
+    distance_m: float
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class DraftPhotograph:
+    """A photograph of the project; ``gnss`` is None where its tags give no position."""
+
+    name: str
+    camera: str
+    flight: str
+    gnss: Gnss | None
+    has_attitude: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ControlFile:
+    """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
+
+    ``sigma_m`` and ``mark_sigma_px`` hold where the file gives none.
+    """
+
+    path: str
+    role: Role
+    position: FloatArray
+    crs: str | None = None
+    geographic: bool | None = None
+    has_marks: bool = True
+    has_sigmas: bool = False
+    marks: str | None = None
+    picture_size_px: tuple[int, int] | None = None
+    sigma_m: Sigma3 | None = None
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user asks for beside the photographs."""
+
+    crs: str | None = None
+    focal_px: float | None = None
+    control: tuple[ControlFile, ...] = ()
+
+
+@dataclass(frozen=True)
+class ProjectDraft:
+    """A project to be written; ``heights`` says from what the heights of the positions are counted."""
+
+    crs: str
+    crs_name: str
+    crs_reason: str
+    cameras: tuple[TaggedCamera, ...]
+    photographs: tuple[DraftPhotograph, ...]
+    offset_sigma_m: Sigma3
+    offset_reason: str
+    heights: str
+    control: tuple[ControlFile, ...] = ()
+    other_sites: tuple[OtherSite, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    gnss_kinds: Mapping[GnssKind, int] = field(default_factory=dict)
+
+    @property
+    def flights(self) -> int:
+        """The number of flights."""
+        return len({p.flight for p in self.photographs})
+
+
+# ---- map grid ------------------------------------------------------------------------------------------------------
+
+
+def _named(crs: str) -> tuple[str, str]:
+    """Return a CRS as the project names it, by its EPSG code where it has one, and in words."""
+    found = projected_crs(crs)
+    code = None if crs.upper().startswith("EPSG:") else found.to_epsg()
+    if code is None:
+        return crs, str(found.name)
+    return f"EPSG:{code}", str(projected_crs(f"EPSG:{code}").name)
+
+
+def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
+    area = projected_crs(crs).area_of_use
+    if area is None or middle is None or area.west > area.east:
+        return
+    longitude, latitude = middle
+    margin = _OUTSIDE_AREA_DEG
+    if (
+        not area.west - margin <= longitude <= area.east + margin
+        or not area.south - margin <= latitude <= area.north + margin
+    ):
+        raise ProjectError(
+            f"crs: {crs} ({projected_crs(crs).name}) is made for longitude {area.west:g} to {area.east:g}, latitude "
+            f"{area.south:g} to {area.north:g}; the photographs lie at {longitude:.4f}, {latitude:.4f}: "
+            f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
+        )
+
+
+def _check_control(file: ControlFile, crs: str, middle: tuple[float, float]) -> None:
+    """Raise ProjectError where points of no stated CRS do not lie near the photographs in the proposed one."""
+    if file.crs is not None or file.geographic or not len(file.position):
+        return
+    here = map_from_geodetic(crs, np.array([[*middle, 0.0]]))[0, :2]
+    distance = float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
+    if distance > NEAR_M:
+        raise ProjectError(
+            f"{file.path}: the file does not say its map grid, and {crs}, which the photographs suggest, would put its "
+            f"points {distance / 1000:.0f} km from them: give the file's map grid with --crs EPSG:…"
+        )
+
+
+def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str, str, str]:
+    """Return the CRS, its name, and why it."""
+    if wishes.crs is not None:
+        crs, name = _named(wishes.crs)
+        _check_place(crs, middle)
+        return crs, name, "as asked for"
+    for file in wishes.control:
+        if file.crs is None:
+            continue
+        try:
+            crs, name = _named(file.crs)
+        except FrameError:
+            continue  # geographic, or in feet: its points are transformed to the map grid chosen below
+        _check_place(crs, middle)
+        return crs, name, f"the one of {file.path}"
+    if middle is None:
+        raise ProjectError(
+            "the tags of the photographs give no position, so no map grid can be proposed: give one with --crs EPSG:…"
+        )
+    crs, name = _named(utm_crs(*middle))
+    for file in wishes.control:
+        _check_control(file, crs, middle)
+    return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+
+
+# ---- photographs ---------------------------------------------------------------------------------------------------
+
+_KINDS = {"thermal": "a thermal picture", "panorama": "a panorama", "fisheye": "taken with a fisheye lens"}
+
+
+def _usable(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    left_out = [
+        LeftOut(p.name, f"{_KINDS[p.tags.kind]}, photogram needs ordinary photographs")
+        for p in photographs
+        if p.tags.kind != "frame"
+    ]
+    return [p for p in photographs if p.tags.kind == "frame"], left_out
+
+
+def _degrees(photographs: Sequence[TaggedPhotograph]) -> FloatArray:
+    """Return longitude and latitude (N, 2) of the photographs, NaN where there are none."""
+    known = [(p.tags.longitude_deg, p.tags.latitude_deg) for p in photographs]
+    return np.array([[np.nan if x is None else x for x in pair] for pair in known]).reshape(-1, 2)
+
+
+def _located(place_deg: FloatArray) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(place_deg).all(axis=1))
+
+
+def _main_site(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[OtherSite], float]:
+    """Return the photographs of the largest site and those without a position, the other sites, and the gap between
+    sites."""
+    place = _degrees(photographs)
+    known = np.flatnonzero(_located(place))
+    if not len(known):
+        return list(photographs), [], gap_between_sites_m(np.zeros((0, 2)))
+    position_m = local_metres(*place[known].T)
+    gap_m = gap_between_sites_m(position_m)
+    labels = np.zeros(len(photographs), dtype=np.int64)
+    labels[known] = group_sites(position_m, gap_m)
+    here = np.median(position_m[labels[known] == 0], axis=0)
+    others = []
+    for site in range(1, int(labels.max()) + 1):
+        members = [int(i) for i in np.flatnonzero(labels == site)]
+        there = np.median(position_m[labels[known] == site], axis=0)
+        names = tuple(photographs[i].name for i in members)
+        others.append(OtherSite(*middle_of(*place[members].T), float(np.hypot(*(there - here))), names))
+    return [p for p, site in zip(photographs, labels, strict=True) if site == 0], others, gap_m
+
+
+def _cameras(
+    photographs: Sequence[TaggedPhotograph], given_focal_px: float | None
+) -> tuple[dict[CameraKey, TaggedCamera], list[LeftOut]]:
+    """Return the cameras by their keys, and the photographs of cameras that took next to none."""
+    members: dict[CameraKey, list[TaggedPhotograph]] = {}
+    for photograph in photographs:
+        members.setdefault(camera_key(photograph.tags), []).append(photograph)
+    most = max(len(group) for group in members.values())
+    rare = {key for key, group in members.items() if len(group) < _RARE and len(group) <= _RARE_SHARE * most}
+    left_out = [
+        LeftOut(
+            p.name,
+            f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px by {p.tags.model or 'a camera'}, "
+            "too few to find out the camera's calibration",
+        )
+        for key, group in members.items()
+        if key in rare
+        for p in group
+    ]
+    keys = sorted(members.keys() - rare, key=lambda key: (-len(members[key]), members[key][0].name))
+    names = camera_names(keys, [members[key][0].tags for key in keys])
+    tags = [[p.tags for p in members[key]] for key in keys]
+    cameras = [tagged_camera(name, group, None) for name, group in zip(names, tags, strict=True)]
+    if given_focal_px is not None and (len(cameras) == 1 or None in cameras):
+        wanted = [len(cameras) == 1 or camera is None for camera in cameras]
+        cameras = [
+            tagged_camera(name, group, given_focal_px) if want else camera
+            for name, group, camera, want in zip(names, tags, cameras, wanted, strict=True)
+        ]
+    elif given_focal_px is not None:
+        raise ProjectError(
+            f"--focal-px: the tags give the focal lengths of all {len(cameras)} cameras ({', '.join(names)}): leave "
+            "the option out and change the focal length of one in the project file"
+        )
+    unknown = [
+        f"{name} ({members[key][0].name})" for key, name, c in zip(keys, names, cameras, strict=True) if c is None
+    ]
+    if unknown:
+        raise ProjectError(
+            f"the tags do not give the focal length of {', '.join(unknown)}: give it in pixels with --focal-px, the "
+            "focal length in mm times the width of the picture in pixels over the width of the sensor in mm"
+        )
+    return {key: camera for key, camera in zip(keys, cameras, strict=True) if camera is not None}, left_out
+
+
+def _flights(photographs: Sequence[TaggedPhotograph], gap_m: float) -> list[str]:
+    place = _degrees(photographs)
+    known = _located(place)
+    position_m = np.full(place.shape, np.nan)
+    if known.any():
+        position_m[known] = local_metres(*place[known].T)
+    exposures = [
+        Exposure(
+            p.name,
+            "\0".join(str(part) for part in (p.tags.make, p.tags.model, p.tags.serial)),
+            p.tags.time,
+            (float(x[0]), float(x[1])) if there else None,
+        )
+        for p, x, there in zip(photographs, position_m, known, strict=True)
+    ]
+    return separate_flights(exposures, gap_m)
+
+
+def draft_project(
+    photographs: Sequence[TaggedPhotograph], unreadable: Sequence[LeftOut], wishes: Wishes
+) -> ProjectDraft:
+    """Return the draft of a project of these photographs, in their order.
+
+    Raises ProjectError where no photograph is left, a focal length or the map grid is not known, or the map grid is
+    not one of the site; FrameError where there is no such map grid.
+    """
+    usable, left_out = _usable(photographs)
+    left_out = [*unreadable, *left_out]
+    if not usable:
+        reasons = "; ".join(f"{p.name}: {p.reason}" for p in left_out[:3])
+        raise ProjectError(
+            f"none of the {len(left_out)} photographs can be used: {reasons}" + ("; …" if len(left_out) > 3 else "")
+        )
+    here, others, gap_m = _main_site(usable)
+    cameras, rare = _cameras(here, wishes.focal_px)
+    kept = [p for p in here if camera_key(p.tags) in cameras]
+    gnss = [gnss_of(p.tags) for p in kept]
+    place = _degrees(kept)
+    known = _located(place)
+    crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
+    offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
+    angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
+    listed = [
+        DraftPhotograph(p.name, cameras[camera_key(p.tags)].name, flight, g, None not in attitude)
+        for p, flight, g, attitude in zip(kept, _flights(kept, gap_m), gnss, angles, strict=True)
+    ]
+    return ProjectDraft(
+        crs,
+        crs_name,
+        crs_reason,
+        tuple(cameras.values()),
+        tuple(listed),
+        offset,
+        offset_reason,
+        height_reference([p.tags for p in kept]),
+        wishes.control,
+        tuple(others),
+        (*left_out, *rare),
+        dict(Counter(g.kind for g in gnss if g is not None).most_common()),
+    )

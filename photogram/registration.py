@@ -1,0 +1,74 @@
+"""The part of a block that could be oriented, and the way back to all its photographs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Pose
+from photogram.survey import Adjustment, Block, FloatArray, IntArray
+
+
+def registered_block(block: Block) -> tuple[Block, IntArray]:
+    """Return the block of the photographs that have a pose, and their indices (K,) in ``block``.
+
+    Tie points keep only the observations in them, and need two; marks in other photographs are left out.
+    """
+    registered = np.array([pose is not None for pose in block.poses], dtype=bool)
+    kept = np.flatnonzero(registered)
+    number = np.full(len(block.photographs), -1, dtype=np.int64)
+    number[kept] = np.arange(len(kept))
+    tie, control = block.tie_points, block.control_points
+    seen = registered[tie.photograph]
+    ties = tie.select(np.bincount(tie.point[seen], minlength=len(tie)) >= 2, seen)
+    marks = registered[control.mark_photograph]
+    return (
+        replace(
+            block,
+            photographs=tuple(block.photographs[i] for i in kept),
+            poses=tuple(block.poses[i] for i in kept),
+            tie_points=replace(ties, photograph=number[ties.photograph]),
+            control_points=replace(
+                control,
+                mark_photograph=number[control.mark_photograph[marks]],
+                mark_point=control.mark_point[marks],
+                mark_pixel=control.mark_pixel[marks],
+                mark_sigma_px=control.mark_sigma_px[marks],
+            ),
+        ),
+        kept,
+    )
+
+
+def _spread(values: FloatArray, kept: NDArray[np.generic], count: int) -> FloatArray:
+    """Return rows (count, ...) that are NaN but for those kept."""
+    whole = np.full((count, *values.shape[1:]), np.nan)
+    whole[kept] = values
+    return whole
+
+
+def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -> Adjustment:
+    """Return the adjustment of the photographs ``kept`` (K,) as one of the whole ``block``: NaN and None elsewhere."""
+    count = len(block.photographs)
+    poses: list[Pose | None] = [None] * count
+    for i, pose in zip(kept.tolist(), adjustment.block.poses, strict=True):
+        poses[i] = pose
+    tie = adjustment.block.tie_points
+    return replace(
+        adjustment,
+        block=replace(
+            block,
+            cameras=adjustment.block.cameras,
+            poses=tuple(poses),
+            tie_points=replace(tie, photograph=kept[tie.photograph]),
+        ),
+        position_covariance_m2=_spread(adjustment.position_covariance_m2, kept, count),
+        rotation_covariance_rad2=_spread(adjustment.rotation_covariance_rad2, kept, count),
+        mark_residual_px=_spread(
+            adjustment.mark_residual_px,
+            np.isin(block.control_points.mark_photograph, kept),
+            len(block.control_points.mark_photograph),
+        ),
+    )

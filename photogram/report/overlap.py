@@ -1,0 +1,160 @@
+"""How many photographs see each place of the ground, and how large a pixel is there.
+
+The ground is the surface of the tie points on a coarse grid. What hides behind houses and trees counts as seen: tie
+points do not describe them well enough to tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.tri import LinearTriInterpolator, Triangulation
+from numba import njit
+from scipy.ndimage import median
+
+from photogram.camera import project_point
+from photogram.survey import Adjustment, FloatArray, IntArray, Raster
+
+CELLS = 100
+"""Cells along the longer side of the ground."""
+
+BRIDGED_CELLS = 12
+"""Ground without tie points, water for example, is bridged up to this many cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Number of photographs that see each cell of the ground; NaN where there is no ground."""
+
+    photographs: Raster
+
+    @property
+    def counts(self) -> FloatArray:
+        """Return the number of photographs (cells,) of all cells on the ground."""
+        values = self.photographs.values
+        return values[np.isfinite(values)].astype(np.float64)
+
+    @property
+    def area_m2(self) -> float:
+        """Return the area of the ground, in m² of the map."""
+        return len(self.counts) * self.photographs.cell_m**2
+
+    def share(self, photographs: int) -> float:
+        """Return the part of the ground, 0 to 1, that at least so many photographs see."""
+        return float(np.mean(self.counts >= photographs))
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _count(
+    camera: IntArray, Q: FloatArray, widest: FloatArray, size_px: FloatArray, R: FloatArray, C: FloatArray,
+    X: FloatArray,
+) -> FloatArray:  # fmt: skip
+    seen = np.zeros(len(X))
+    for i in range(len(R)):
+        c = camera[i]
+        for n in range(len(X)):
+            dx, dy, dz = X[n, 0] - C[i, 0], X[n, 1] - C[i, 1], X[n, 2] - C[i, 2]
+            depth = R[i, 0, 2] * dx + R[i, 1, 2] * dy + R[i, 2, 2] * dz
+            if depth <= 0.0 or dx * dx + dy * dy + dz * dz > widest[c] * depth * depth:
+                continue
+            u, v, _ = project_point(Q[c], R[i], C[i], X[n])
+            if -0.5 <= u <= size_px[c, 0] - 0.5 and -0.5 <= v <= size_px[c, 1] - 0.5:
+                seen[n] += 1.0
+    return seen
+
+
+def _registered(result: Adjustment) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the indices (M,) of registered photographs, their rotations (M, 3, 3) and centres (M, 3)."""
+    known = [(i, pose) for i, pose in enumerate(result.block.poses) if pose is not None]
+    index = np.array([i for i, _ in known], dtype=np.int64)
+    rotation = np.array([pose.rotation_world_from_camera for _, pose in known]).reshape(-1, 3, 3)
+    return index, rotation, np.array([pose.position_world_m for _, pose in known]).reshape(-1, 3)
+
+
+def _views(result: Adjustment, points_world_m: FloatArray) -> FloatArray:
+    """Return the number (P,) of registered photographs whose format holds each of points (P, 3)."""
+    cameras = result.block.cameras
+    index, rotation, centre = _registered(result)
+    camera = np.array([photograph.camera for photograph in result.block.photographs], dtype=np.int64)[index]
+    # the squared secant of the widest ray: beyond it the distortion folds points from outside back into the format
+    widest = 1.0 + np.array([c.largest_radius for c in cameras]) ** 2
+    size = np.array([[c.width_px, c.height_px] for c in cameras], dtype=np.float64)
+    parameters = np.array([c.parameters for c in cameras])
+    points = np.ascontiguousarray(points_world_m)
+    counts: FloatArray = _count(camera, parameters, widest, size, rotation, centre, points)
+    return counts
+
+
+def _thinned(tie_point_map_m: FloatArray) -> tuple[FloatArray, float]:
+    """Return of tie points (P, 3) one per half cell, at the median height there, and the size of a cell, in m."""
+    low, high = np.percentile(tie_point_map_m[:, :2], [0.5, 99.5], axis=0)
+    margin_m = 0.02 * float((high - low).max())
+    # a few distant points, on the horizon of an oblique photograph, would make the cells too coarse
+    near = np.all((tie_point_map_m[:, :2] >= low - margin_m) & (tie_point_map_m[:, :2] <= high + margin_m), axis=1)
+    points = tie_point_map_m[near]
+    cell_m = float(np.ptp(points[:, :2], axis=0).max(initial=0.0)) / CELLS
+    if not cell_m > 0:
+        return points[:1], 1.0
+    group = np.unique(np.floor(points[:, :2] / (cell_m / 2)), axis=0, return_inverse=True)[1].reshape(-1)
+    first = np.unique(group, return_index=True)[1]
+    heights = np.asarray(median(points[:, 2], group, np.arange(len(first))))
+    return np.column_stack([points[first, :2], heights]), cell_m
+
+
+def _ground(tie_point_map_m: FloatArray) -> Raster | None:
+    """Return the triangulated surface of tie points (P, 3) on a coarse grid, None where they span no area."""
+    points, cell_m = _thinned(tie_point_map_m)
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
+    if len(points) < 3 or spread[1] < 1e-6 * spread[0]:
+        return None
+    columns, rows = np.maximum(np.ceil((high - low) / cell_m - 1e-6), 1).astype(np.int64)
+    # coordinates of 6 000 000 m would cost the triangulation its digits
+    mesh = Triangulation(*(points[:, :2] - low).T)
+    corner = np.column_stack([mesh.x, mesh.y])[mesh.triangles]
+    edge = corner[:, [1, 2, 0]] - corner
+    longest = np.hypot(edge[..., 0], edge[..., 1]).max(axis=1)
+    area = np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
+    mesh.set_mask((longest > BRIDGED_CELLS * cell_m) | (area < 1e-9 * longest**2))
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell_m, (rows - 0.5 - np.arange(rows)) * cell_m)
+    height = LinearTriInterpolator(mesh, points[:, 2])(x, y).filled(np.nan)
+    if not np.isfinite(height).any():
+        return None
+    return Raster(height.astype(np.float32), float(low[0]), float(low[1] + rows * cell_m), cell_m)
+
+
+def ground_overlap(result: Adjustment, tie_point_map_m: FloatArray) -> Overlap | None:
+    """Count the photographs that see each cell of the ground that tie points (P, 3) of the map describe.
+
+    The ground is their triangulated surface, about CELLS × CELLS cells; None where they span no area.
+    """
+    ground = _ground(tie_point_map_m) if len(tie_point_map_m) >= 3 else None
+    if ground is None:
+        return None
+    row, column = np.nonzero(np.isfinite(ground.values))
+    easting = ground.west_map_m + (column + 0.5) * ground.cell_m
+    northing = ground.north_map_m - (row + 0.5) * ground.cell_m
+    centre_map_m = np.column_stack([easting, northing, ground.values[row, column].astype(np.float64)])
+    values = np.full(ground.values.shape, np.nan, dtype=np.float32)
+    values[row, column] = _views(result, result.block.frame.world_from_map(centre_map_m))
+    return Overlap(Raster(values, ground.west_map_m, ground.north_map_m, ground.cell_m))
+
+
+def ground_sampling_distance_m(result: Adjustment) -> FloatArray:
+    """Return the size (N,) of a pixel on the ground, in m: of each photograph the median, over its tie points, of depth
+    over focal length; NaN where it has none.
+    """
+    block, tie = result.block, result.block.tie_points
+    index, rotation, centre = _registered(result)
+    axis, position = (np.full((len(block.photographs), 3), np.nan) for _ in range(2))
+    axis[index], position[index] = rotation[:, :, 2], centre
+    depth = np.zeros(len(tie.photograph))
+    for k in range(3):  # coordinate by coordinate: millions of observations need no (N, 3, 3) array
+        depth += axis[tie.photograph, k] * (tie.position_world_m[tie.point, k] - position[tie.photograph, k])
+    gsd = np.full(len(block.photographs), np.nan)
+    used = np.unique(tie.photograph)
+    if len(used):
+        focal = np.array([block.cameras[photograph.camera].focal_px for photograph in block.photographs])
+        gsd[used] = np.asarray(median(depth, tie.photograph, used)) / focal[used]
+    return gsd

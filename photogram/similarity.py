@@ -1,0 +1,145 @@
+"""Similarity transforms between frames: least squares, and robust against positions that are wrong.
+
+x_target = s R x_source + t; closed-form solution by Umeyama (1991, eq. 40–43), with weights. Three pairs of points fix
+the seven parameters, so triples are drawn and the one with the most agreeing pairs wins (RANSAC; Fischler & Bolles
+1981).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Pose
+from photogram.errors import OrientationError
+from photogram.survey import FloatArray
+
+TRIPLES = 500
+STRAIGHT = 0.02  # second over first principal extent of points that lie in one line
+AGREEING_SHARE = 0.5  # of all pairs, that a similarity is believed from
+UNEXPLAINED = 0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """``target = scale · rotation · source + translation``: ``rotation`` (3, 3), ``translation`` (3,)."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+    def points(self, source: FloatArray) -> FloatArray:
+        """Transform points (N, 3)."""
+        return np.asarray(self.scale * source @ self.rotation.T + self.translation)
+
+    def pose(self, pose: Pose) -> Pose:
+        """Transform the exterior orientation of a photograph."""
+        return Pose(
+            self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0]
+        )
+
+
+def straight(points: FloatArray) -> bool:
+    """Return whether points (N, 3) lie so nearly in one line that they leave a turn about it open."""
+    if len(points) < 3:
+        return True
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(singular[1] < STRAIGHT * singular[0])
+
+
+def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | None = None) -> Similarity:
+    """Return the similarity that takes ``source`` (N, 3) to ``target`` (N, 3) with the least weighted squares.
+
+    Raises OrientationError when the points do not fix it.
+    """
+    w = np.ones(len(source)) if weight is None else weight
+    if straight(source) or straight(target):
+        raise OrientationError(
+            f"{len(source)} positions in one line fix no similarity: a turn about the line stays open"
+        )
+    w = w / w.sum()
+    a, b = w @ source, w @ target
+    p, q = source - a, target - b
+    U, D, Vt = np.linalg.svd((q * w[:, None]).T @ p)
+    S = np.ones(3)
+    S[2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    R = (U * S) @ Vt
+    scale = float((D * S).sum() / (w @ np.sum(p**2, axis=1)))
+    return Similarity(scale, R, b - scale * R @ a)
+
+
+def _triples(count: int, seed: int) -> NDArray[np.int64]:
+    rng = np.random.default_rng(seed)
+    drawn = np.array([rng.permutation(count)[:3] for _ in range(TRIPLES)])
+    return np.asarray(np.unique(np.sort(drawn, axis=1), axis=0), dtype=np.int64)
+
+
+def robust_similarity(
+    source: FloatArray, target: FloatArray, sigma_m: FloatArray, *, limit: float = 4.0, seed: int = 0
+) -> tuple[Similarity, NDArray[np.bool_]]:
+    """Return the similarity that most pairs of positions (N, 3) agree with, and which do.
+
+    ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within ``limit`` of them. The least-squares
+    fit of the agreeing pairs is repeated until they stay the same. Raises OrientationError when no three pairs, not in
+    one line, agree, or fewer than half of all, or hardly better than if all stood in one place.
+    """
+    best = np.zeros(len(source), dtype=bool)
+    best_cost = np.inf
+    extent = np.linalg.norm(target - target.mean(axis=0), axis=1).max(initial=0.0)
+    for triple in _triples(len(source), seed) if len(source) >= 3 else []:
+        spread = np.linalg.svd(target[triple] - target[triple].mean(axis=0), compute_uv=False)[1]
+        if spread < STRAIGHT * extent or straight(source[triple]) or straight(target[triple]):
+            continue
+        fit = fit_similarity(source[triple], target[triple])
+        error = np.linalg.norm(fit.points(source) - target, axis=1) / sigma_m
+        # three positions are worse than all: what spreads from their noise is allowed for
+        agrees = error < 2.0 * limit
+        cost = float(np.minimum(error, 2.0 * limit).sum())
+        if (agrees.sum(), -cost) > (best.sum(), -best_cost):
+            best, best_cost = agrees, cost
+    if best.sum() < 3:
+        raise OrientationError(
+            f"no three of {len(source)} positions agree with the block's shape: they are wrong, or lie in one line"
+        )
+    for _ in range(10):
+        fit = fit_similarity(source[best], target[best], 1.0 / sigma_m[best] ** 2)
+        agrees = np.linalg.norm(fit.points(source) - target, axis=1) < limit * sigma_m
+        if agrees.sum() < 3 or straight(target[agrees]) or np.array_equal(agrees, best):
+            break
+        best = agrees
+    wanted = target[best]
+    left, whole = np.sum((fit.points(source[best]) - wanted) ** 2), np.sum((wanted - wanted.mean(axis=0)) ** 2)
+    if best.sum() < AGREEING_SHARE * len(source) or left > UNEXPLAINED * whole:
+        raise OrientationError(
+            f"no more than {int(best.sum())} of {len(source)} positions agree with the block's shape, to "
+            f"{np.sqrt(left / best.sum()):.1f} m: check that they belong to these photographs"
+        )
+    return fit, best
+
+
+def similarity_from_attitudes(
+    source: FloatArray, rotation_source: FloatArray, target: FloatArray, rotation_target: FloatArray
+) -> Similarity:
+    """Return the similarity of photographs whose attitudes are measured too; two positions are enough.
+
+    ``source``, ``target`` (N, 3) projection centres, ``rotation_source``, ``rotation_target`` (N, 3, 3) frame from
+    camera. The rotation is the one nearest to all measured ones, weighted down where they disagree with the others
+    (iteratively reweighted chordal mean; Hartley et al. 2013, sec. 5). Raises OrientationError when the positions
+    coincide.
+    """
+    turn = rotation_target @ np.swapaxes(rotation_source, 1, 2)
+    weight = np.ones(len(turn))
+    R = np.eye(3)
+    for _ in range(30):
+        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turn))
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        weight = 1.0 / np.maximum(np.linalg.norm(turn - R, axis=(1, 2)), 0.02)
+    p, q = (source - np.median(source, axis=0)) @ R.T, target - np.median(target, axis=0)
+    length, wanted = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)
+    if not length.max(initial=0.0) > 0:
+        raise OrientationError("the photographs of the block stand in one place, so nothing fixes its scale")
+    far = length > 0.3 * length.max()
+    scale = float(np.median(wanted[far] / length[far]))
+    return Similarity(scale, R, np.median(target - scale * source @ R.T, axis=0))

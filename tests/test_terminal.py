@@ -1,0 +1,76 @@
+"""What the terminal says of a block: how much of it was registered, and what was left out and why."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from photogram.cli import terminal
+
+Json = dict[str, Any]
+
+
+def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
+    """The parts of report.json that are shown."""
+    names = [f"DJI_{i:04d}.JPG" for i in range(photographs)]
+    entries: Json = {name: {"registered": True, "reason": None, "sigma_m": [0.01] * 3} for name in names}
+    for name in names[:left_out]:
+        entries[name] = {"registered": False, "reason": f"too few [tie] points in {name}", "tie_points": 0}
+    sigma0 = {"sigma0": 0.5, "converged": True, "iterations": 9, "seconds": 1.0, "discarded_observations": 3}
+    return {
+        "photographs": entries,
+        "block": {
+            "registered": photographs - left_out, "photographs": photographs,
+            "component_sizes": [photographs - left_out],
+            "method": "attitude", "gsd_m": 0.0231, "mean_track_length": 4.126,
+            "overlap": {"median": 7.0, "share_3_or_more": 0.934},
+            "gnss_residual_rms_m": {"plan": 0.321, "height": 0.456, "three_d": 0.558}, **block,
+        },
+        "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
+        "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
+    }  # fmt: skip
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> Console:
+    console = Console(width=160, record=True, quiet=False, highlight=False)
+    monkeypatch.setattr(terminal, "console", console)
+    return console
+
+
+def test_block_line(shown: Console) -> None:
+    terminal.show_report(report())
+    text = shown.export_text()
+    for words in ("18 of 18", "2.31 cm", "median 7", "93% of the area", "4.13", "0.321, 0.456 m"):
+        assert words in text, words
+    assert "Left out" not in text
+    assert "parts without" not in text
+
+
+def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
+    terminal.show_report(report(18, 3, component_sizes=[15, 2, 1]))
+    text = shown.export_text()
+    assert "15 of 18" in text
+    assert "3, of 15, 2, 1 photographs" in text
+    for i in range(3):
+        assert f"too few [tie] points in DJI_{i:04d}.JPG" in text
+    assert "more" not in text.split("Left out")[1].split("Result")[0]
+
+
+def test_many_that_are_left_out_are_counted(shown: Console) -> None:
+    terminal.show_report(report(1000, 37))
+    text = shown.export_text()
+    assert "Left out: 37 photographs" in text
+    assert text.count("too few [tie] points") == terminal.MAXIMUM_LEFT_OUT == 10
+    assert "and 27 more" in text
+
+
+def test_what_is_not_known_is_not_shown(shown: Console) -> None:
+    nothing = {"plan": None, "height": None, "three_d": None}
+    terminal.show_report(report(gsd_m=None, overlap=None, mean_track_length=None, gnss_residual_rms_m=nothing))
+    text = shown.export_text()
+    assert "18 of 18" in text
+    for words in ("ground sampling", "overlap", "track length", "GNSS", "None", "nan"):
+        assert words not in text, words
