@@ -10,8 +10,8 @@ points a photograph, 0.5 px noise, 2 % mismatches. Three tasks, each in a proces
     adjustment  the joint adjustment with outlier rounds and covariances, from poses off by 0.3 m and 0.3°
 
 The exponent is the slope of log seconds, or log memory, over log photographs: 1 is linear. Memory is the peak of the
-process and holds the program itself and the block; `block` is the peak before the task. `centres` is the RMS error of
-the projection centres after a similarity: of a start in the first two tasks, of the result in the third.
+process, that before the task (program and block alone) in the column before it. `centres` is the RMS error of the
+projection centres after a similarity: of a start in the first two tasks, of the result in the third.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import pickle
 import resource
 import tempfile
 import time
@@ -100,9 +101,13 @@ TASKS: dict[str, Callable[[Block], tuple[Pose | None, ...]]] = {
 }
 
 
-def _child(task: str, photographs: int, observations: int, seed: int, path: Path) -> None:
-    TASKS[task](_block(WARM_UP, observations, seed).block)  # compiles what is compiled
-    simulated = _block(photographs, observations, seed)
+def _simulate(path: Path, photographs: int, observations: int, seed: int) -> None:
+    path.write_bytes(pickle.dumps(_block(photographs, observations, seed)))
+
+
+def _measure(path: Path, task: str, simulated_path: Path, warm_up_path: Path) -> None:
+    TASKS[task](pickle.loads(warm_up_path.read_bytes()).block)  # compiles what is compiled
+    simulated: SimulatedBlock = pickle.loads(simulated_path.read_bytes())
     block, before = simulated.block, _peak_gb()
     began = time.perf_counter()
     poses = TASKS[task](block)
@@ -116,17 +121,24 @@ def _child(task: str, photographs: int, observations: int, seed: int, path: Path
     path.write_text(json.dumps(value.__dict__), encoding="utf-8")
 
 
-def measure(task: str, photographs: int, observations: int, seed: int) -> Measurement:
-    """Run one task in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "measurement.json"
-        arguments = (task, photographs, observations, seed, path)
-        process = multiprocessing.get_context("spawn").Process(target=_child, args=arguments)
-        process.start()
-        process.join()
-        if process.exitcode != 0:
-            raise SystemExit(f"{task} of {photographs} photographs ended with exit code {process.exitcode}")
-        return Measurement(**json.loads(path.read_text(encoding="utf-8")))
+def _in_a_process_of_its_own(work: Callable[..., None], *arguments: object) -> None:
+    process = multiprocessing.get_context("spawn").Process(target=work, args=arguments)
+    process.start()
+    process.join()
+    if process.exitcode != 0:
+        raise SystemExit(f"{work.__name__}{arguments} ended with exit code {process.exitcode}")
+
+
+def measure(folder: Path, task: str, photographs: int, observations: int, seed: int) -> Measurement:
+    """Run one task in a process of its own; blocks are simulated in another, once, and kept in ``folder``."""
+    paths = []
+    for count in (photographs, WARM_UP):
+        paths.append(folder / f"{count}.pickle")
+        if not paths[-1].is_file():
+            _in_a_process_of_its_own(_simulate, paths[-1], count, observations, seed)
+    result = folder / "measurement.json"
+    _in_a_process_of_its_own(_measure, result, task, *paths)
+    return Measurement(**json.loads(result.read_text(encoding="utf-8")))
 
 
 def exponent(photographs: list[int], values: list[float]) -> float:
@@ -142,11 +154,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=list(TASKS), help="measure this task alone")
     arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        table(Path(folder), arguments)
+
+
+def table(folder: Path, arguments: argparse.Namespace) -> None:
+    """Measure what the arguments ask for, and print it."""
     print("task        photographs  observations  seconds  block (GB)  peak (GB)  registered  centres (m)")
     for task in [arguments.only] if arguments.only else TASKS:
         rows = []
         for photographs in arguments.photographs:
-            m = measure(task, photographs, arguments.observations, arguments.seed)
+            m = measure(folder, task, photographs, arguments.observations, arguments.seed)
             rows.append(m)
             print(
                 f"{task:<12}{m.photographs:11d}{m.observations:14d}{m.seconds:9.1f}{m.block_memory_gb:12.2f}"

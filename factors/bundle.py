@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 from photogram.factors.elimination import (
     CHUNKS,
@@ -80,7 +81,9 @@ class Bundle:
         tie, lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
         if lost >= 0:
             raise SingularPointError("tie", lost)
-        marks, lost = eliminate(self.marks, cameras, Points(state.control, terms.control_prior), normal, NO_LOSS, damping)
+        marks, lost = eliminate(
+            self.marks, cameras, Points(state.control, terms.control_prior), normal, NO_LOSS, damping
+        )
         if lost >= 0:
             raise SingularPointError("control", lost)
         terms.add_to(normal)
@@ -98,20 +101,24 @@ class Minimum:
     converged: bool
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
 @contextmanager
 def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
     """Give a pool for the work on so many observations, None when one thread does it sooner.
 
-    Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it.
+    Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it, and sum in an order that
+    depends on the number of cores.
     """
-    if observations < MANY_OBSERVATIONS:
-        yield None
-        return
-    with (
-        ThreadPoolExecutor(min(CHUNKS, os.cpu_count() or 1)) as pool,
-        ThreadpoolController().limit(limits=1, user_api="blas"),
-    ):
-        yield pool
+    with _blas().limit(limits=1, user_api="blas"):
+        if observations < MANY_OBSERVATIONS:
+            yield None
+            return
+        with ThreadPoolExecutor(min(CHUNKS, os.cpu_count() or 1)) as pool:
+            yield pool
 
 
 def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) -> State:
@@ -312,6 +319,4 @@ def adjust_bundle(
     except (SingularError, SingularPointError):
         return replace(state, converged=False)
     s = found.state
-    return BundleState(
-        s.rotation, s.position, s.parameters, s.tie_point, found.cost, found.iterations, found.converged
-    )
+    return BundleState(s.rotation, s.position, s.parameters, s.tie_point, found.cost, found.iterations, found.converged)

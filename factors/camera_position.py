@@ -45,9 +45,23 @@ def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = Non
     return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), along_axes(sigma_m, axes))
 
 
+NO_HEADING_SIGMA_RAD = 10.0
+"""Standard deviation of a heading that is not known: more than a turn, so that it says nothing."""
+
+
 def measured_attitude(
-    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float
+    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float, *, heading_known: bool = True
 ) -> gtsam.NonlinearFactor:
-    """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera."""
+    """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera.
+
+    With the heading unknown nothing is said about turns around the vertical of the world.
+    """
     rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
-    return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad))
+    if heading_known:
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad)
+    else:
+        vertical = rotation_world_from_camera[2]  # the world's up axis in the camera frame
+        around = np.outer(vertical, vertical)
+        covariance = sigma_rad**2 * (np.eye(3) - around) + NO_HEADING_SIGMA_RAD**2 * around
+        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, noise)

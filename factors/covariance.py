@@ -1,8 +1,8 @@
 """Covariances of all variables on the final linearisation, from the factor of the reduced system.
 
-A-priori sigmas are used as they stand: nothing is rescaled by sigma0. With the reduced system [A B; Bᵀ E], T = A⁻¹ B and
-the border's covariance C = (E − Bᵀ T)⁻¹, two poses have the covariance (A⁻¹)_ij + T_i C T_jᵀ; only what lies within the
-band of A is ever computed of its inverse, and everything that shares a point does.
+A-priori sigmas are used as they stand: nothing is rescaled by sigma0. With the reduced system [A B; Bᵀ E], T = A⁻¹ B
+and the border's covariance C = (E − Bᵀ T)⁻¹, two poses have the covariance (A⁻¹)_ij + T_i C T_jᵀ. Of A⁻¹ only what lies
+within the band of A is computed, where all photographs that share a point are.
 """
 
 from __future__ import annotations
@@ -116,33 +116,33 @@ def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:
     return 1.0 / float(value[0]), np.asarray(vector[:, 0])
 
 
-def _undetermined(problem: Problem, normal: NormalEquations, scale: FloatArray) -> IndeterminateError:
+def _undetermined(normal: NormalEquations, scale: FloatArray) -> IndeterminateError:
     """Return the fault that names the variable that moves most along a direction that nothing holds."""
     layout = normal.layout
     try:
         _, direction = _weakest_direction(normal.factor(scale=scale, shift=RANK_SHIFT))
     except SingularError as fault:
-        return IndeterminateError(variable_at(problem, layout, fault.column))
-    return IndeterminateError(_weakest(problem, layout, direction))
+        return IndeterminateError(variable_at(layout, fault.column))
+    return IndeterminateError(_weakest(layout, direction))
 
 
-def _weakest(problem: Problem, layout: Layout, direction: FloatArray) -> tuple[str, int]:
+def _weakest(layout: Layout, direction: FloatArray) -> tuple[str, int]:
     weight: dict[tuple[str, int], float] = {}
     for column, square in enumerate((direction**2).tolist()):
-        variable = variable_at(problem, layout, column)
+        variable = variable_at(layout, column)
         weight[variable] = weight.get(variable, 0.0) + square
     return max(weight, key=lambda variable: weight[variable])
 
 
-def _checked_factor(problem: Problem, normal: NormalEquations, scale: FloatArray) -> Factor:
+def _checked_factor(normal: NormalEquations, scale: FloatArray) -> Factor:
     """Factor the normalised system. Raises IndeterminateError where it is singular to working precision."""
     try:
         factor = normal.factor(scale=scale)
     except SingularError as fault:
-        raise _undetermined(problem, normal, scale) from fault
+        raise _undetermined(normal, scale) from fault
     smallest, direction = _weakest_direction(factor)
     if not smallest > RANK_TOLERANCE:
-        raise IndeterminateError(_weakest(problem, normal.layout, direction))
+        raise IndeterminateError(_weakest(normal.layout, direction))
     return factor
 
 
@@ -159,7 +159,7 @@ def covariances(problem: Problem, state: State) -> Covariances:
         normal = eliminated(bundle, state, terms, pool)
         scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
         scale[m:][layout.fixed] = 1.0
-        factor = _checked_factor(problem, normal, scale)
+        factor = _checked_factor(normal, scale)
         inverse = factor.inverse_within_band()
         scale_matrix(inverse, scale, layout)
         T = factor.T * scale[m:] / scale[:m, None]

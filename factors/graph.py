@@ -125,7 +125,8 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
             flight = problem.flights.index(photograph.flight) if problem.flights else None
             graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight, axes))
         if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
-            graph.add(measured_attitude(i, photograph.attitude_world_from_camera, photograph.attitude_sigma_rad))
+            attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
+            graph.add(measured_attitude(i, attitude, sigma, heading_known=photograph.heading_known))
     for f in range(len(problem.flights)):
         graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, 1e-6), axes))
     for c, camera in enumerate(block.cameras):

@@ -55,8 +55,8 @@ class GroundTerms:
         if kind == CALIBRATION:
             start = layout.columns + int(layout.camera_column[index])
             return [start + int(k) for k in self._problem.free[index]]
-        start = {GNSS_OFFSET: layout.columns + layout.offset_column, CONTROL_POINT: layout.columns + layout.border}
-        return list(range(start[kind] + 3 * index, start[kind] + 3 * index + 3))
+        start = layout.columns + (layout.offset_column if kind == GNSS_OFFSET else layout.border) + 3 * index
+        return list(range(start, start + 3))
 
     def cost(self, state: State) -> float:
         """Return half the sum of squared whitened residuals."""
@@ -136,7 +136,7 @@ def indeterminate_point(fault: SingularPointError) -> IndeterminateError:
     return IndeterminateError((TIE_POINT if fault.kind == "tie" else CONTROL_POINT, fault.point))
 
 
-def variable_at(problem: Problem, layout: Layout, column: int) -> tuple[str, int]:
+def variable_at(layout: Layout, column: int) -> tuple[str, int]:
     """Return kind and index of the variable at a column of the reduced system."""
     if column < layout.columns:
         return POSE, int(layout.photograph_at[column // 6])

@@ -80,6 +80,6 @@ def minimise_problem(
     try:
         return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, progress)
     except SingularError as fault:
-        raise IndeterminateError(variable_at(problem, bundle.layout, fault.column)) from fault
+        raise IndeterminateError(variable_at(bundle.layout, fault.column)) from fault
     except SingularPointError as fault:
         raise indeterminate_point(fault) from fault

@@ -1,9 +1,9 @@
 """The reduced system of poses and a border of what is common to many of them, [A B; Bᵀ E]: layout, factor, solution.
 
 The poses' matrix A is a band when photographs are numbered so that those with common points lie close together
-(reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free calibrations, eight columns per camera,
-and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks of the inverse come from the
-recursion of Takahashi et al. (1973), panel by panel.
+(reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free calibrations,
+eight columns per camera, and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks of
+the inverse come from the recursion of Takahashi et al. (1973), panel by panel.
 
 Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
 storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
@@ -124,8 +124,8 @@ def make_layout(
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
-    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 8) the units of free parameters, 0 where fixed;
-    ``offsets`` the number of GNSS offsets.
+    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 8) the units of free parameters, 0 where
+    fixed; ``offsets`` the number of GNSS offsets.
     """
     free = np.flatnonzero(~held)
     number = np.full(len(held), -1, dtype=np.int64)
@@ -181,12 +181,12 @@ class NormalEquations:
         self.H[...] += part.H
 
     @property
-    def U(self) -> FloatArray:
+    def U(self) -> FloatArray:  # noqa: N802 - the formulas' names
         """Return the diagonal blocks (free, 6, 6) of the poses."""
         return self.Q[:, :36].reshape(-1, 6, 6)
 
     @property
-    def D(self) -> FloatArray:
+    def D(self) -> FloatArray:  # noqa: N802 - the formulas' names
         """Return the poses' diagonal (6 free,) before the elimination of points."""
         return self.Q[:, 36:42].reshape(-1)
 
@@ -196,27 +196,27 @@ class NormalEquations:
         return self.Q[:, 42:48].reshape(-1)
 
     @property
-    def B(self) -> FloatArray:
+    def B(self) -> FloatArray:  # noqa: N802 - the formulas' names
         """Return the block (6 free, border) of poses and border."""
         layout = self.layout
         B = self.Q[:, 48:].reshape(layout.free, layout.border, 6).transpose(0, 2, 1)
         return np.ascontiguousarray(B).reshape(layout.columns, layout.border)
 
     @property
-    def E(self) -> FloatArray:
+    def E(self) -> FloatArray:  # noqa: N802 - the formulas' names
         """Return the matrix (border, border) of the border."""
         lower = self.H[:-2]
         return np.tril(lower) + np.tril(lower, -1).T
 
     @property
-    def F(self) -> FloatArray:
+    def F(self) -> FloatArray:  # noqa: N802 - the formulas' names
         """Return the diagonal (border,) of the border before the elimination of points."""
-        return self.H[-2]
+        return np.asarray(self.H[-2])
 
     @property
     def h(self) -> FloatArray:
         """Return the right-hand side (border,) of the border."""
-        return self.H[-1]
+        return np.asarray(self.H[-1])
 
     def diagonal(self) -> FloatArray:
         """Return the diagonal (6 free + border,) of the reduced system."""

@@ -23,6 +23,7 @@ from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, noise_scale, outlier_limit_px, settled
+from photogram.registration import registered_block, with_all_photographs
 from photogram.survey import Adjustment, Block, FloatArray, check_range
 
 Progress = Callable[[str], None]
@@ -39,7 +40,7 @@ class AdjustmentSettings:
     first_outlier_threshold_px: float = 40.0  # agreement of rays before anything is adjusted
     minimum_ray_angle_deg: float = 1.0
     maximum_rounds: int = 6
-    maximum_iterations: int = 50  # per round
+    maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
 
@@ -174,64 +175,6 @@ def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tupl
     return replace(block, cameras=cameras, poses=poses, tie_points=tie_points), kept
 
 
-def _oriented(block: Block) -> tuple[Block, NDArray[np.int64]]:
-    """Return the block of the photographs that have a pose, and their indices (n,) in the whole.
-
-    Points and marks keep their numbers; observations in the other photographs are left out. Raises AdjustmentError when
-    no photograph has a pose.
-    """
-    index = np.array([i for i, pose in enumerate(block.poses) if pose is not None], dtype=np.int64)
-    if not len(index):
-        raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
-    number = np.full(len(block.poses), -1, dtype=np.int64)
-    number[index] = np.arange(len(index))
-    tie, points = block.tie_points, block.control_points
-    tie = tie.select(np.ones(len(tie), dtype=bool), number[tie.photograph] >= 0)
-    seen = number[points.mark_photograph] >= 0
-    control = replace(
-        points,
-        mark_photograph=number[points.mark_photograph[seen]],
-        mark_point=points.mark_point[seen],
-        mark_pixel=points.mark_pixel[seen],
-        mark_sigma_px=points.mark_sigma_px[seen],
-    )
-    part = replace(
-        block,
-        photographs=tuple(block.photographs[i] for i in index),
-        poses=tuple(block.poses[i] for i in index),
-        tie_points=replace(tie, photograph=number[tie.photograph]),
-        control_points=control,
-    )
-    return part, index
-
-
-def _of_all_photographs(whole: Block, part: Adjustment, index: NDArray[np.int64]) -> Adjustment:
-    """Return the adjustment of some photographs, ``index`` (n,) in ``whole``, as one of them all: nothing for the
-    others."""
-    poses: list[Pose | None] = [None] * len(whole.poses)
-    for i, pose in zip(index.tolist(), part.block.poses, strict=True):
-        poses[i] = pose
-    tie = part.block.tie_points
-    block = replace(
-        part.block,
-        photographs=whole.photographs,
-        poses=tuple(poses),
-        tie_points=replace(tie, photograph=index[tie.photograph]),
-        control_points=whole.control_points,
-    )
-    position, rotation = (np.full((len(poses), 3, 3), np.nan) for _ in range(2))
-    position[index], rotation[index] = part.position_covariance_m2, part.rotation_covariance_rad2
-    mark = np.full((len(whole.control_points.mark_photograph), 2), np.nan)
-    mark[np.isin(whole.control_points.mark_photograph, index)] = part.mark_residual_px
-    return replace(
-        part,
-        block=block,
-        position_covariance_m2=position,
-        rotation_covariance_rad2=rotation,
-        mark_residual_px=mark,
-    )
-
-
 def adjust(
     block: Block,
     settings: AdjustmentSettings,
@@ -245,9 +188,11 @@ def adjust(
     orientation (8,) of each camera to start from, where it is not the given one, which stays the mean of the priors.
     Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
-    part, index = _oriented(block)
+    part, kept = registered_block(block)
+    if not len(kept):
+        raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
     adjusted = _adjust_oriented(part, settings, progress, start)
-    return adjusted if len(index) == len(block.poses) else _of_all_photographs(block, adjusted, index)
+    return adjusted if len(kept) == len(block.poses) else with_all_photographs(adjusted, block, kept)
 
 
 def _adjust_oriented(

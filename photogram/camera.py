@@ -27,6 +27,10 @@ PARAMETER_NAMES = ("focal_px", "cx_px", "cy_px", "k1", "k2", "k3", "p1", "p2")
 """The order of interior orientation in every parameter vector of photogram."""
 
 
+VERTICAL = 1e-7
+"""Level part of an optical axis, of unit length, below which it counts as vertical."""
+
+
 def _zeros(n: int) -> FloatArray:
     return np.zeros(n)
 
@@ -330,12 +334,20 @@ def rotation_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> F
 
 def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float, float]:
     """Return yaw, pitch and roll in degrees of a rotation (3, 3) from the camera to east, north, up:
-    rotation_from_gimbal undone."""
+    rotation_from_gimbal undone.
+
+    Of a photograph that looks straight down or up only the sum or the difference of yaw and roll is known: roll is 0
+    there.
+    """
     E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     M = E.T @ rotation_true_north @ B.T
+    level = np.hypot(M[0, 0], M[1, 0])
+    pitch = np.arctan2(-M[2, 0], level)  # the arcsine of nearly 1 would lose half of the digits
+    if level < VERTICAL:
+        return float(np.rad2deg(np.arctan2(-M[0, 1], M[1, 1]))), float(np.rad2deg(pitch)), 0.0
     yaw, roll = np.arctan2(M[1, 0], M[0, 0]), np.arctan2(M[2, 1], M[2, 2])
-    return float(np.rad2deg(yaw)), float(np.rad2deg(np.arcsin(np.clip(-M[2, 0], -1.0, 1.0)))), float(np.rad2deg(roll))
+    return float(np.rad2deg(yaw)), float(np.rad2deg(pitch)), float(np.rad2deg(roll))
 
 
 def omega_phi_kappa_deg(rotation_map_from_camera: FloatArray) -> FloatArray:

@@ -152,6 +152,7 @@ def judge(folder: Path, report: dict[str, Any]) -> Judgement:
     error = [
         np.array(report["photographs"][name]["position_map_m"]) - np.array(position)
         for name, position in truth["positions_map_m"].items()
+        if report["photographs"][name]["registered"]
     ]
     camera = report["cameras"][truth["camera"]["name"]]
     check = report["check_points"]

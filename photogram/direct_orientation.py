@@ -17,9 +17,11 @@ GROUND_WEIGHT = 0.02  # of a ray; how strongly a tie point is held to the ground
 ROUNDS = 8
 AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are believed
 REGISTERED_SHARE = 0.6  # of the photographs
-NEAR = 5.0  # thresholds, from which median residual on the photographs are adjusted with their calibration
+STRANGER_SHARE = 0.6  # of what the photographs agree on the average, below which one belongs elsewhere
+NEAR = 2.0  # thresholds, from which median residual on the photographs are adjusted with their calibration
 ROUNDS_TO_COME_NEAR = 3
-LARGEST_TURN_RAD = float(np.deg2rad(15.0))  # between measured and adjusted attitudes, on the average
+LARGEST_TURN_RAD = float(np.deg2rad(12.0))  # between a measured and an adjusted attitude that agree
+ATTITUDE_SHARE = 0.8  # of the photographs, whose attitudes must agree
 LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on the average
 
 
@@ -120,6 +122,8 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
     limit = np.inf
     for number in range(ROUNDS):
         structure.judge(limit)
+        if number > 0:
+            _withdraw_strangers(structure)
         if structure.good.sum() < AGREEING_SHARE / 2 * len(structure.good):
             return None
         middle = float(np.median(structure.residual_px(structure.good)))
@@ -140,10 +144,19 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
     confirmed = structure.registered & (share >= settings.minimum_share) & (good >= settings.minimum_points)
     structure.withdraw(structure.registered & ~confirmed)
     theirs = confirmed[block.tie_points.photograph]
-    if confirmed.sum() < max(3, REGISTERED_SHARE * usable.sum()) or structure.good.sum() < AGREEING_SHARE * theirs.sum():
+    if (
+        confirmed.sum() < max(3, REGISTERED_SHARE * usable.sum())
+        or structure.good.sum() < AGREEING_SHARE * theirs.sum()
+    ):
         return None
-    as_measured = _turn_rad(structure, block) < LARGEST_TURN_RAD and _shift(structure, block) < LARGEST_SHIFT
-    return structure if as_measured else None
+    turned = np.mean(_turns_rad(structure, block) < LARGEST_TURN_RAD)
+    return structure if turned >= ATTITUDE_SHARE and _shift(structure, block) < LARGEST_SHIFT else None
+
+
+def _withdraw_strangers(structure: Structure) -> None:
+    """Withdraw photographs that agree far less than most do, before they bend the others."""
+    share = _agreeing(structure)
+    structure.withdraw(structure.registered & (share < STRANGER_SHARE * np.median(share[structure.registered])))
 
 
 def _shift(structure: Structure, block: Block) -> float:
@@ -160,12 +173,9 @@ def _shift(structure: Structure, block: Block) -> float:
     return moved / spread if spread > 0 else np.inf
 
 
-def _turn_rad(structure: Structure, block: Block) -> float:
-    """Return the median angle between measured and adjusted attitudes, after the turn common to all is taken out."""
+def _turns_rad(structure: Structure, block: Block) -> FloatArray:
+    """Return the angles (K,) between measured and adjusted attitudes of the registered photographs."""
     index = np.flatnonzero(structure.registered)
     wanted = np.array([block.photographs[i].attitude_world_from_camera for i in index])
     turn = wanted @ np.swapaxes(structure.rotation[index], 1, 2)
-    U, _, Vt = np.linalg.svd(turn.sum(axis=0))
-    common = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    trace = np.einsum("nij,ij->n", turn, common)
-    return float(np.median(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))))
+    return np.asarray(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)))

@@ -34,9 +34,7 @@ RETRY_GAIN = 1.3
 def shared_points(tie_points: TiePoints, photographs: int) -> csr_matrix:
     """Return how many tie points each pair of photographs shares (N, N), above the diagonal."""
     ones = np.ones(len(tie_points.point), dtype=np.int32)
-    incidence = csr_matrix(
-        (ones, (tie_points.photograph, tie_points.point)), shape=(photographs, len(tie_points))
-    )
+    incidence = csr_matrix((ones, (tie_points.photograph, tie_points.point)), shape=(photographs, len(tie_points)))
     return csr_matrix(triu(incidence @ incidence.T, 1))
 
 
@@ -230,8 +228,8 @@ def grow(
 ) -> list[Structure]:
     """Orient photographs from their tie points alone; each component in a frame and scale of its own, largest first.
 
-    ``camera_of`` (N,) is the camera of each photograph. Photographs that nothing can be joined to are in no component. Only those of ``candidates``
-    (N,) are oriented, where they are given.
+    ``camera_of`` (N,) is the camera of each photograph. Photographs that nothing can be joined to are in no component.
+    Only those of ``candidates`` (N,) are oriented, where they are given.
     """
     shared = shared_points(tie_points, len(camera_of))
     left = np.ones(len(camera_of), dtype=bool) if candidates is None else candidates.copy()

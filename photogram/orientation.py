@@ -7,26 +7,32 @@ into the world by a robust similarity to control points or GNSS positions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from photogram.camera import Pose
+from photogram.camera import Camera, Pose
 from photogram.direct_orientation import direct_structure, measured
 from photogram.errors import OrientationError, PhotogramError
 from photogram.growth import extend, grow, settle
 from photogram.resection import Resection, collinear, resect
-from photogram.similarity import Similarity, robust_similarity, similarity_from_attitudes, straight
+from photogram.similarity import Similarity, open_turn_rad, robust_similarity, similarity_from_attitudes, straight
 from photogram.structure import BoolArray, Structure, StructureSettings
-from photogram.survey import Block, ControlPoints, FloatArray, IntArray, TiePoints
+from photogram.survey import Block, ControlPoints, FloatArray, IntArray, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
 
 Method = Literal["control", "attitude", "growth"]
 Progress = Callable[[int, int, str], None]
 
+ATTITUDE_LIMIT = 4.0
+ATTITUDES_AGREEING = 0.8
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
+OPEN_TURN_RAD = 0.1  # that positions leave about the line they lie along, from which attitudes are asked
+LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
+CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
+DISTORTION_PX = 10.0  # that distortion may be wrong by in the corners, for control points to be resected with it
 
 
 @dataclass(frozen=True)
@@ -58,13 +64,33 @@ class Orientation:
         """Return which photographs (N,) have a pose."""
         return np.array([pose is not None for pose in self.poses], dtype=bool)
 
+    def calibrated(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+        """Return the cameras as they came out of the orientation."""
+        if not self.parameters:
+            return tuple(cameras)
+        return tuple(c.with_parameters(q) for c, q in zip(cameras, self.parameters, strict=True))
 
-def resections_of(block: Block) -> tuple[Resection | None, ...]:
+
+def _distortion_sigma_px(camera: Camera) -> float:
+    """Return how far, by the stated sigmas of its distortion, an image point in the corner of a picture may be off.
+
+    Focal length and principal point do not count: a pose takes up what is wrong with them.
+    """
+    f, r = camera.focal_px, 0.5 * float(np.hypot(camera.width_px, camera.height_px)) / camera.focal_px
+    moved = f * np.array([r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2])
+    sigmas = camera.sigmas[3:]
+    return float(np.linalg.norm(moved * np.where(np.isfinite(sigmas), sigmas, 0.0)))
+
+
+def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Resection | None, ...], tuple[str, ...]]:
     """Resect every photograph that shows four control points, or three and has a GNSS position, not in one line.
 
-    Raises OrientationError with one line per photograph whose control points contradict each other.
+    Returns the resections, and one line for each photograph whose control points contradict each other. A camera that
+    is hardly known bends the rays more than control points could contradict each other: its photographs are left out,
+    unless ``any_camera`` is wanted.
     """
     points = block.control_points.with_role("control")
+    known = [any_camera or _distortion_sigma_px(camera) < DISTORTION_PX for camera in block.cameras]
     found: list[Resection | None] = []
     faults: list[str] = []
     for index, photograph in enumerate(block.photographs):
@@ -72,7 +98,8 @@ def resections_of(block: Block) -> tuple[Resection | None, ...]:
         position = points.position_world_m[points.mark_point[marks]]
         gnss = photograph.gnss_world_m
         resection = None
-        if (len(marks) >= 4 or (len(marks) == 3 and gnss is not None)) and not collinear(position):
+        enough = len(marks) >= 4 or (len(marks) == 3 and gnss is not None)
+        if enough and known[photograph.camera] and not collinear(position):
             pixel, sigma = points.mark_pixel[marks], points.mark_sigma_px[marks]
             try:
                 camera = block.cameras[photograph.camera]
@@ -80,9 +107,28 @@ def resections_of(block: Block) -> tuple[Resection | None, ...]:
             except PhotogramError as fault:
                 faults.append(f"photograph {photograph.name}: {fault}")
         found.append(resection)
-    if faults:
-        raise OrientationError("\n".join(faults))
-    return tuple(found)
+    return tuple(found), tuple(faults)
+
+
+def _confirmed(
+    block: Block, resections: tuple[Resection | None, ...], settings: StructureSettings
+) -> tuple[Resection | None, ...]:
+    """Return the resections without those that the tie points contradict: P3P of three or four points may pick a pose
+    far away, and its control points alone do not show it."""
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    loose = replace(settings, threshold_px=LOOSE * settings.threshold_px)
+    structure = Structure.empty(block.tie_points, block.cameras, camera_of, loose)
+    for i, resection in enumerate(resections):
+        if resection is not None:
+            structure.register(i, resection.refined)
+    structure.intersect()
+    tie, count = block.tie_points, len(resections)
+    seen = structure.registered[tie.photograph]
+    seen &= (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point]
+    visible = np.bincount(tie.photograph[seen], minlength=count)
+    good = np.bincount(tie.photograph[structure.good], minlength=count)
+    holds = (visible < settings.minimum_points) | (good >= CONFIRMED_SHARE * visible)
+    return tuple(r if h else None for r, h in zip(resections, holds, strict=True))
 
 
 def intersected_control(structure: Structure, points: ControlPoints) -> FloatArray:
@@ -125,16 +171,17 @@ def georeference(structure: Structure, block: Block) -> Similarity:
     target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
     sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)
     sigma = sigma + SHAPE_TOLERANCE * float(np.linalg.norm(np.ptp(target, axis=0))) if len(index) else sigma
-    if not straight(target):
-        return robust_similarity(structure.position[index], target, sigma)[0]
+    source = structure.position[index]
     with_attitude = [i for i in index if block.photographs[i].attitude_world_from_camera is not None]
-    if len(with_attitude) >= 2:
+    if len(with_attitude) >= 2 and open_turn_rad(source, target, sigma) > OPEN_TURN_RAD:
         return similarity_from_attitudes(
             structure.position[with_attitude],
             structure.rotation[with_attitude],
             np.array([block.photographs[i].gnss_world_m for i in with_attitude]),
             np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
         )
+    if not (straight(source) or straight(target)):
+        return robust_similarity(source, target, sigma)[0]
     raise OrientationError(
         f"the block of {int(structure.registered.sum())} photographs cannot be placed in {block.frame.crs}: "
         f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
@@ -187,7 +234,15 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
     places the block in the world.
     """
     count = len(block.photographs)
-    resections = resections_of(block)
+    resections, faults = resections_of(block, any_camera=settings.method == "control")
+    if (
+        faults
+        and settings.method in ("auto", "control")
+        and len(faults) + sum(r is not None for r in resections) == count
+    ):
+        raise OrientationError("\n".join(faults))
+    if settings.method != "control":
+        resections = _confirmed(block, resections, settings)
     if settings.method in ("auto", "control") and all(r is not None for r in resections):
         poses = tuple(r.refined for r in resections if r is not None)
         return Orientation(poses, resections, np.zeros(count, dtype=np.int64), "control", ("",) * count)
@@ -216,3 +271,50 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         tuple(poses_found), resections, component, method, _reasons(block, component, settings),
         tuple(structure.parameters),
     )  # fmt: skip
+
+
+def _turn_about_vertical(rotation: FloatArray) -> FloatArray:
+    """Return the turn about the vertical (3, 3) nearest to a rotation (3, 3) of the world."""
+    angle = np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _angle_rad(a: FloatArray, b: FloatArray) -> float:
+    return float(np.arccos(np.clip((np.trace(a.T @ b) - 1.0) / 2.0, -1.0, 1.0)))
+
+
+def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
+    """Return the photographs with the measured attitudes that may take part in the adjustment.
+
+    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas. A compass that is wrong
+    is wrong for whole strips, so where one attitude in five of a flight does not agree, none of its headings is
+    believed: what remains is the tilt, which the vertical gives, turned to the heading of the pose. A tilt that does
+    not agree is left out.
+    """
+    given, agrees = np.zeros(len(poses), dtype=bool), np.zeros(len(poses), dtype=bool)
+    for i, (photograph, pose) in enumerate(zip(block.photographs, poses, strict=True)):
+        attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
+        if pose is not None and attitude is not None and sigma is not None:
+            given[i] = True
+            agrees[i] = _angle_rad(attitude, pose.rotation_world_from_camera) < ATTITUDE_LIMIT * sigma
+    flights = np.array([photograph.flight for photograph in block.photographs])
+    for flight in np.unique(flights):
+        members = given & (flights == flight)
+        if members.any() and agrees[members].mean() <= ATTITUDES_AGREEING:
+            agrees[members] = False
+    return tuple(
+        photograph if agrees[i] or not given[i] else _with_tilt_alone(photograph, poses[i])
+        for i, photograph in enumerate(block.photographs)
+    )
+
+
+def _with_tilt_alone(photograph: Photograph, pose: Pose | None) -> Photograph:
+    attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
+    if pose is None or attitude is None or sigma is None:
+        return photograph
+    R = pose.rotation_world_from_camera
+    tilted = _turn_about_vertical(R @ attitude.T) @ attitude
+    if _angle_rad(tilted, R) < ATTITUDE_LIMIT * sigma:
+        return replace(photograph, attitude_world_from_camera=tilted, heading_known=False)
+    return replace(photograph, attitude_world_from_camera=None, attitude_sigma_rad=None)

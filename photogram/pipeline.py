@@ -1,8 +1,10 @@
 """The data flow: the stages of `photogram adjust`, their order, and how a run is resumed.
 
-    photographs ──> features ──> matches ──> tie_points ──> orientation ─┬─> intersection ─┬─> comparison ─┐
-                                                                         └─> adjustment ───┤               ├─> results
-                                                                                           └─> surface ────┘
+    photographs ─> features ─> matches ─> tie_points ─> orientation ─> transfer ─┐
+    ┌────────────────────────────────────────────────────────────────────────────┘
+    ├─> intersection ─┬─> comparison ─┐
+    └─> adjustment ───┤               ├─> results
+                      └─> surface ────┘
 
 Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
 carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
@@ -37,6 +39,7 @@ from photogram.stages import (
     model_surface,
     orient_photographs,
     read_photographs,
+    transfer_tie_points,
 )
 from photogram.workspace import Workspace, file_fingerprint, fingerprint, read_json
 
@@ -64,7 +67,13 @@ STAGES = (
         "matches",
         "Matching",
         ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.matching, run.project.cameras, run.project.world_kind, control_of(run.project)],
+        lambda run: [
+            run.project.pairs,
+            run.project.matching,
+            run.project.cameras,
+            run.project.world_kind,
+            control_of(run.project),
+        ],
         match_photographs,
     ),
     Stage(
@@ -81,11 +90,18 @@ STAGES = (
         lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
         orient_photographs,
     ),
-    Stage("intersection", "Linear intersection", ("orientation", "tie_points"), lambda _: None, intersect_clouds),
+    Stage(
+        "transfer",
+        "Tie point transfer",
+        ("photographs", "tie_points", "orientation"),
+        lambda run: [run.project.transfer, run.project.adjustment.tie_point_sigma_px],
+        transfer_tie_points,
+    ),
+    Stage("intersection", "Linear intersection", ("orientation", "transfer"), lambda _: None, intersect_clouds),
     Stage(
         "adjustment",
         "Joint adjustment",
-        ("orientation", "tie_points"),
+        ("orientation", "transfer"),
         lambda run: [run.project.adjustment, run.project.gnss_offset_sigma_m, run.project.calibration],
         adjust_block,
     ),

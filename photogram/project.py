@@ -39,6 +39,7 @@ from photogram.project_schema import (
 )
 from photogram.surface_model import SurfaceSettings
 from photogram.survey import ControlPoints, Role, check_shape
+from photogram.transfer import TransferSettings
 
 FloatArray = NDArray[np.float64]
 ValueT = TypeVar("ValueT")
@@ -120,6 +121,7 @@ class Project:
     pairs: PairSettings
     matching: MatchingSettings
     orientation: OrientationSettings
+    transfer: TransferSettings
     adjustment: AdjustmentSettings
     surface: SurfaceSettings
     reference: Path | None
@@ -161,6 +163,7 @@ def read_project(
     pairs = read_settings(document, "pairs", PairSettings)
     matching = read_settings(document, "matching", MatchingSettings)
     orientation = read_settings(document, "orientation", OrientationSettings)
+    transfer = read_settings(document, "transfer", TransferSettings)
     adjustment = read_settings(document, "adjustment", AdjustmentSettings)
     surface = read_settings(document, "surface", SurfaceSettings)
     folder = photographs_folder
@@ -190,6 +193,7 @@ def read_project(
         _given(pairs),
         _given(matching),
         _given(orientation),
+        _given(transfer),
         _given(adjustment),
         _given(surface),
         None if file.comparison.reference is None else base / file.comparison.reference,

@@ -213,6 +213,7 @@ class ProjectFile(Entry):
     pairs: Any = None
     matching: Any = None
     orientation: Any = None
+    transfer: Any = None
     adjustment: Any = None
     surface: Any = None
     comparison: ComparisonEntry = ComparisonEntry()

@@ -35,7 +35,7 @@ from photogram.report.plan import plan_contents, plan_picture
 from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
-from photogram.workspace import read_json, write_json, write_record
+from photogram.workspace import write_json, write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {
@@ -87,7 +87,7 @@ def _tables(outcome: _Outcome) -> list[str]:
     write_record(results / "tie_points.npz", tie_points)
     write_tie_points(results / "tie_points.mat", run.names, tie_points)
     products = ["tie_points.npz", "tie_points.mat", "dsm.tif"]
-    common = seen_in_all(tie_points, range(len(run.names)))
+    common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
@@ -156,6 +156,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
         "matches",
         "tie_points",
         "orientation",
+        "transfer",
         "intersection",
         "adjustment",
         "surface",
@@ -169,7 +170,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
         outcome.overlap,
         version=__version__,
         seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
-        held=read_json(run.workspace.stage("adjustment") / "held.json"),
+        held=run.held(),
         sources=run.project.camera_source,
     )
     write_json(outcome.results / "report.json", value)

@@ -5,7 +5,7 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -79,14 +79,13 @@ class Run:
         """Return the key points of one photograph. Needs the stage `features`."""
         return read_record(self.workspace.stage("features") / f"{index:05d}.npz", Features)
 
-    def matches(self) -> list[tuple[Matches, NDArray[np.bool_]]]:
-        """Return candidate matches of every pair, and which are verified. Needs the stage `matches`."""
+    def matches(self) -> Iterator[tuple[Matches, NDArray[np.bool_]]]:
+        """Yield candidate matches of every pair, and which are verified, one pair after the other. Needs the stage
+        `matches`."""
         folder = self.workspace.stage("matches")
-        result = []
         for first, second in read_json(folder / "pairs.json"):
             arrays = read_arrays(folder / f"{first:05d}-{second:05d}.npz")
-            result.append((Matches(first, second, arrays["index"]), arrays["verified"]))
-        return result
+            yield Matches(first, second, arrays["index"]), arrays["verified"]
 
     def orientation(self) -> Orientation:
         """Return starting poses and resections. Needs the stage `orientation`."""
@@ -96,6 +95,10 @@ class Run:
         """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
         return read_record(self.workspace.stage("tie_points") / "tie_points.npz", TiePoints)
 
+    def transferred_tie_points(self) -> TiePoints:
+        """Return the tie points with what was measured of them in further photographs. Needs the stage `transfer`."""
+        return read_record(self.workspace.stage("transfer") / "tie_points.npz", TiePoints)
+
     def cloud(self, name: str) -> PointCloud:
         """Return a point cloud: linear_2view, linear_3view (stage `intersection`) or adjusted (stage `adjustment`)."""
         stage = "adjustment" if name == "adjusted" else "intersection"
@@ -104,6 +107,10 @@ class Run:
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment. Needs the stage `adjustment`."""
         return adjustment_from(self.block(), self.workspace.stage("adjustment"))
+
+    def held(self) -> dict[str, dict[str, str]]:
+        """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
+        return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""

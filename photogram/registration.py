@@ -18,6 +18,8 @@ def registered_block(block: Block) -> tuple[Block, IntArray]:
     """
     registered = np.array([pose is not None for pose in block.poses], dtype=bool)
     kept = np.flatnonzero(registered)
+    if len(kept) == len(block.poses):
+        return block, kept
     number = np.full(len(block.photographs), -1, dtype=np.int64)
     number[kept] = np.arange(len(kept))
     tie, control = block.tie_points, block.control_points

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photogram.survey import FloatArray
 
+UNITS = 2.0  # that the threshold is for OpenCV: its USAC refines nothing at unit focal length
 PLANAR = 0.7  # share of points on one homography from which a scene counts as a plane
 
 
@@ -60,17 +61,20 @@ def relative_orientations(first: FloatArray, second: FloatArray, threshold: floa
     """
     if len(first) < 8:
         return []
-    matrix, mask = cv2.findEssentialMat(first, second, np.eye(3), cv2.USAC_MAGSAC, 0.9999, threshold)
+    focal = UNITS / threshold
+    K = np.diag([focal, focal, 1.0])
+    a, b = focal * first, focal * second
+    matrix, mask = cv2.findEssentialMat(a, b, K, cv2.USAC_MAGSAC, 0.9999, UNITS)
     if matrix is None or mask is None or matrix.shape != (3, 3):
         return []
     inlier = mask.ravel().astype(bool)
     if inlier.sum() < 8:
         return []
-    _, R, t, _ = cv2.recoverPose(matrix, first[inlier], second[inlier], np.eye(3))
+    _, R, t, _ = cv2.recoverPose(matrix, a[inlier], b[inlier], K)
     motions = [(np.asarray(R), np.asarray(t).ravel())]
-    H, planar = cv2.findHomography(first[inlier], second[inlier], cv2.USAC_MAGSAC, threshold)
+    H, planar = cv2.findHomography(a[inlier], b[inlier], cv2.USAC_MAGSAC, UNITS)
     if H is not None and planar is not None and planar.sum() > PLANAR * inlier.sum():
-        _, rotations, translations, _ = cv2.decomposeHomographyMat(H, np.eye(3))
+        _, rotations, translations, _ = cv2.decomposeHomographyMat(H, K)
         for R, t in zip(rotations, translations, strict=True):
             length = float(np.linalg.norm(t))
             if length > 1e-6:

@@ -22,6 +22,7 @@ from photogram.factors.reprojection import Observations, linearise
 from photogram.survey import FloatArray
 
 TRIPLES = 400
+REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only
 COLLINEAR = 0.02  # height of a triangle over its longest side
 CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
 
@@ -70,7 +71,7 @@ def refine_pose(
     """
     zero = np.zeros(len(pixel), dtype=np.int64)
     marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px, zero)
-    for _ in range(50):
+    for _ in range(REFINEMENTS):
         R, C = pose.rotation_world_from_camera, pose.position_world_m
         linear = linearise(marks, camera.parameters[None], R[None], C[None], points_world_m)
         if not np.isfinite(linear.residual).all():
@@ -125,9 +126,10 @@ def resect(
 ) -> Resection:
     """Resect one photograph from at least three control points (N, 3) and their marks (N, 2) with sigmas (N,) in px.
 
-    Four points: P3P on the first three, chosen by the fourth. More: the triple with the most marks within
-    ``tolerance_px``. Three: the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError
-    when the points are too few, collinear, leave several poses, or contradict each other.
+    Four points: P3P on the first three, chosen by the fourth, or on another three where those contradict it. More:
+    the triple with the most marks within ``tolerance_px``. Three: the pose nearest to ``expected_world_m`` (3,), the
+    GNSS position. Raises OrientationError when the points are too few, collinear, leave several poses, or contradict
+    each other.
     """
     count = len(pixel)
     if count < 3:
@@ -140,31 +142,60 @@ def resect(
         raise OrientationError(
             "3 control points leave up to four poses: mark a fourth point, or give the GNSS position"
         )
-    best: tuple[float, float, tuple[int, int, int], int, Pose, NDArray[np.bool_]] | None = None
-    for triple in [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed):
-        if _flatness(points_world_m[list(triple)]) < COLLINEAR:
+    first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed)
+    best = _chosen(camera, points_world_m, pixel, first, expected_world_m, tolerance_px)
+    if count == 4 and (best is None or best.rank[1] > CONTRADICTION * camera.width_px):
+        # three points of a small or nearly flat triangle magnify the noise of their marks
+        best = _chosen(camera, points_world_m, pixel, _triples(count, seed), expected_world_m, tolerance_px)
+    if best is None:
+        raise OrientationError(
+            "no pose sees three of its control points where they are marked: check their coordinates and marks"
+        )
+    return _resection(camera, points_world_m, pixel, sigma_px, best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """A minimal solution; the smallest ``rank`` wins."""
+
+    rank: tuple[float, float]
+    triple: tuple[int, int, int]
+    solutions: int
+    pose: Pose
+    agrees: NDArray[np.bool_]
+
+
+def _chosen(
+    camera: Camera,
+    points: FloatArray,
+    pixel: FloatArray,
+    triples: list[tuple[int, int, int]],
+    expected_world_m: FloatArray | None,
+    tolerance_px: float,
+) -> _Choice | None:
+    """Return the pose of one of the triples that most marks agree with; None when no three points can be seen so."""
+    count = len(pixel)
+    best: _Choice | None = None
+    for triple in triples:
+        if _flatness(points[list(triple)]) < COLLINEAR:
             continue
-        poses = p3p_poses(camera, points_world_m[list(triple)], pixel[list(triple)])
+        poses = p3p_poses(camera, points[list(triple)], pixel[list(triple)])
         for pose in poses:
-            error = _misfit_px(camera, pose, points_world_m, pixel)
+            error = _misfit_px(camera, pose, points, pixel)
             agrees = error < tolerance_px if count > 4 else np.ones(count, dtype=bool)
             misfit = float(error.max()) if count == 4 else float(np.sum(np.minimum(error, tolerance_px)))
             if count == 3 and expected_world_m is not None:
                 misfit = float(np.linalg.norm(pose.position_world_m - expected_world_m))
             rank = (-float(agrees.sum()), misfit)
-            if best is None or rank < best[:2]:
-                best = (*rank, triple, len(poses), pose, agrees)
-    if best is None:
-        raise OrientationError(
-            "no pose sees three of its control points where they are marked: check their coordinates and marks"
-        )
-    return _resection(camera, points_world_m, pixel, sigma_px, best[2], best[3], best[4], best[5])
+            if best is None or rank < best.rank:
+                best = _Choice(rank, triple, len(poses), pose, agrees)
+    return best
 
 
 def _resection(
-    camera: Camera, points: FloatArray, pixel: FloatArray, sigma_px: FloatArray,
-    triple: tuple[int, int, int], solutions: int, p3p: Pose, inliers: NDArray[np.bool_],
-) -> Resection:  # fmt: skip
+    camera: Camera, points: FloatArray, pixel: FloatArray, sigma_px: FloatArray, choice: _Choice
+) -> Resection:
+    triple, p3p, inliers = choice.triple, choice.pose, choice.agrees
     if len(pixel) > 4 and inliers.sum() < 4:
         raise OrientationError(
             f"only {inliers.sum()} of its {len(pixel)} control points agree with any pose: "
@@ -180,4 +211,6 @@ def _resection(
             "coordinates and marks, and that no two are swapped"
         )
     refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
-    return Resection(p3p, triple, solutions, check_px, refined, inliers, project(camera, refined, points) - pixel)
+    return Resection(
+        p3p, triple, choice.solutions, check_px, refined, inliers, project(camera, refined, points) - pixel
+    )

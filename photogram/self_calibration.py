@@ -3,10 +3,10 @@
 Focal length and radial distortion (k1, k2) are freed first, while the block is still being oriented and has photographs
 enough (photogram.structure); principal point, k3, p1 and p2 follow in the joint adjustment, which starts from what the
 first have become. Every parameter keeps the prior of its source, so nothing runs away where the geometry is weak; a
-parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in
-every predicted sigma. Weak geometry: photographs that look straight down from one height on level ground cannot separate
-the focal length from the flying height, and parallel strips cannot separate p1, p2 and the principal point from the
-attitudes (Förstner & Wrobel 2016, sec. 15.4).
+parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays
+in every predicted sigma. Weak geometry: photographs that look straight down from one height on level ground cannot
+separate the focal length from the flying height, and parallel strips cannot separate p1, p2 and the principal point
+from the attitudes (Förstner & Wrobel 2016, sec. 15.4).
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ Held = dict[str, dict[str, str]]
 Progress = Callable[[str], None]
 
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothing of a parameter
+BELIEVABLE = 3.0  # prior sigmas, that a focal length may change by in a block that looks straight down
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
-WEAKEST = (0.1, 0.05, 0.05, 0.3, 0.3, 0.3, 0.01, 0.01)  # priors of parameters left wholly free: shares of the width, or 1
+WEAKEST = (0.1, 0.05, 0.05, 0.3, 0.3, 0.3, 0.01, 0.01)
+"""Priors of parameters left wholly free: of the focal length in itself, of the principal point in the width."""
 
 
 def with_priors(camera: Camera) -> Camera:
@@ -61,10 +63,33 @@ def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: flo
     return told
 
 
+def _run_away(given: Camera, result: Adjustment, c: int) -> str | None:
+    """Return why the focal length of a camera that looks straight down is not believed, None where it may be.
+
+    Small faults of the camera model that all photographs share, a rolling shutter above all, move the focal length of
+    such a block by many times its formal sigma, because so little holds it. The source of the calibration is the better
+    witness then.
+    """
+    tilt, _ = _tilt_and_headings(result.block, c)
+    prior, adjusted = float(given.sigmas[0]), result.block.cameras[c].focal_px
+    away = abs(adjusted - given.focal_px) / prior if prior > 0 else 0.0
+    if tilt > LEVEL_DEG or away <= BELIEVABLE:
+        return None
+    return (
+        f"photographs that look straight down cannot tell it from the flying height: they would have it {adjusted:.1f} "
+        f"px, {away:.1f} sigmas from the given {given.focal_px:.1f} px, at which it is held; its own uncertainty of "
+        f"{prior:.1f} px, {prior / given.focal_px:.1%} of heights above ground, is not in the predicted sigmas"
+    )
+
+
 def _held(given: Sequence[Camera], result: Adjustment) -> Held:
     """Return for each camera the parameters that did not come from the photographs, and why."""
     held: Held = {}
+    photographs = result.block.photographs
     for c, camera in enumerate(given):
+        if not any(p.camera == c and q is not None for p, q in zip(photographs, result.block.poses, strict=True)):
+            held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera takes part")
+            continue
         tilt, spread = _tilt_and_headings(result.block, c)
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         reasons = {}
@@ -87,11 +112,28 @@ def calibrate(
     """Adjust a block, and say of every parameter of its cameras whether it was held, and why.
 
     ``calibration`` says for each camera whether its sigmas are as given, or priors, with wide ones for parameters left
-    free (auto). ``start`` holds the interior orientations (8,) to start from, where they are not the given ones. Raises
-    AdjustmentError as adjust does.
+    free (auto). ``start`` holds the interior orientations (8,) to start from, where they are not the given ones. A
+    focal length that runs away is held at its given value, and the block adjusted again. Raises AdjustmentError as
+    adjust does.
     """
-    cameras = tuple(
-        with_priors(camera) if kind == "auto" else camera for camera, kind in zip(block.cameras, calibration, strict=True)
-    )
-    result = adjust(replace(block, cameras=cameras), settings, progress, start=start)
-    return result, _held(cameras, result)
+    cameras = [
+        with_priors(camera) if kind == "auto" else camera
+        for camera, kind in zip(block.cameras, calibration, strict=True)
+    ]
+    result = adjust(replace(block, cameras=tuple(cameras)), settings, progress, start=start)
+    away = {
+        c: why
+        for c, kind in enumerate(calibration)
+        if kind == "auto" and (why := _run_away(cameras[c], result, c)) is not None
+    }
+    if away:
+        progress("calibration: focal length held")
+        first = [camera.parameters for camera in result.block.cameras]
+        for c in away:
+            cameras[c] = replace(cameras[c], sigmas=np.where(np.arange(8) == 0, 0.0, cameras[c].sigmas))
+            first[c] = np.concatenate([cameras[c].parameters[:1], first[c][1:]])
+        result = adjust(replace(block, cameras=tuple(cameras)), settings, progress, start=first)
+    held = _held(cameras, result)
+    for c, why in away.items():
+        held[cameras[c].name][PARAMETER_NAMES[0]] = why
+    return result, held

@@ -18,8 +18,10 @@ from photogram.survey import FloatArray
 
 TRIPLES = 500
 STRAIGHT = 0.02  # second over first principal extent of points that lie in one line
-AGREEING_SHARE = 0.5  # of all pairs, that a similarity is believed from
-UNEXPLAINED = 0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
+AGREEING_SHARE = 0.5  # of all pairs: a similarity is believed that more agree with
+UNEXPLAINED = (
+    0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +38,7 @@ class Similarity:
 
     def pose(self, pose: Pose) -> Pose:
         """Transform the exterior orientation of a photograph."""
-        return Pose(
-            self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0]
-        )
+        return Pose(self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0])
 
 
 def straight(points: FloatArray) -> bool:
@@ -47,6 +47,17 @@ def straight(points: FloatArray) -> bool:
         return True
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(singular[1] < STRAIGHT * singular[0])
+
+
+def open_turn_rad(source: FloatArray, target: FloatArray, sigma_m: FloatArray) -> float:
+    """Return how well ``target`` (N, 3), known to ``sigma_m`` (N,), holds a turn of ``source`` (N, 3) about the line
+    that both lie along: its standard deviation, infinite in one line."""
+    if straight(source) or straight(target):
+        return float("inf")
+    extent = [np.linalg.svd(points - points.mean(axis=0), compute_uv=False) for points in (source, target)]
+    # the shape is the block's own; noise widens the measured one
+    across = float(np.linalg.norm(extent[0][1:])) / extent[0][0] * extent[1][0]
+    return float(np.median(sigma_m) / np.sqrt(3.0) / across)
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | None = None) -> Similarity:
@@ -83,11 +94,11 @@ def robust_similarity(
 
     ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within ``limit`` of them. The least-squares
     fit of the agreeing pairs is repeated until they stay the same. Raises OrientationError when no three pairs, not in
-    one line, agree, or fewer than half of all, or hardly better than if all stood in one place.
+    one line, agree, or no more than half of all, or hardly better than if all stood in one place.
     """
     best = np.zeros(len(source), dtype=bool)
     best_cost = np.inf
-    extent = np.linalg.norm(target - target.mean(axis=0), axis=1).max(initial=0.0)
+    extent = 0.5 * np.linalg.norm(np.ptp(target, axis=0)) if len(target) else 0.0
     for triple in _triples(len(source), seed) if len(source) >= 3 else []:
         spread = np.linalg.svd(target[triple] - target[triple].mean(axis=0), compute_uv=False)[1]
         if spread < STRAIGHT * extent or straight(source[triple]) or straight(target[triple]):
@@ -111,7 +122,7 @@ def robust_similarity(
         best = agrees
     wanted = target[best]
     left, whole = np.sum((fit.points(source[best]) - wanted) ** 2), np.sum((wanted - wanted.mean(axis=0)) ** 2)
-    if best.sum() < AGREEING_SHARE * len(source) or left > UNEXPLAINED * whole:
+    if best.sum() <= AGREEING_SHARE * len(source) or left > UNEXPLAINED * whole:
         raise OrientationError(
             f"no more than {int(best.sum())} of {len(source)} positions agree with the block's shape, to "
             f"{np.sqrt(left / best.sum()):.1f} m: check that they belong to these photographs"
@@ -136,10 +147,11 @@ def similarity_from_attitudes(
         U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turn))
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
         weight = 1.0 / np.maximum(np.linalg.norm(turn - R, axis=(1, 2)), 0.02)
-    p, q = (source - np.median(source, axis=0)) @ R.T, target - np.median(target, axis=0)
+    turned = source @ R.T  # before the medians, which are taken axis by axis
+    p, q = turned - np.median(turned, axis=0), target - np.median(target, axis=0)
     length, wanted = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)
     if not length.max(initial=0.0) > 0:
         raise OrientationError("the photographs of the block stand in one place, so nothing fixes its scale")
     far = length > 0.3 * length.max()
     scale = float(np.median(wanted[far] / length[far]))
-    return Similarity(scale, R, np.median(target - scale * source @ R.T, axis=0))
+    return Similarity(scale, R, np.median(target - scale * turned, axis=0))

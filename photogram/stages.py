@@ -8,33 +8,36 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import BoundedSemaphore
 from typing import Any, Protocol
 
 import numpy as np
 
 from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
-from photogram.features import find_features
-from photogram.files.images import PhotographTags, check_photograph, read_pixels, read_tags
+from photogram.features import find_features, photographs_at_once
+from photogram.files.images import PhotographTags, check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.matching import match_pair
-from photogram.orientation import orient
+from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
-from photogram.registration import registered_block, with_all_photographs
 from photogram.retrieval import most_similar
 from photogram.self_calibration import calibrate
+from photogram.structure import Structure
 from photogram.surface_model import surface_from_points
 from photogram.survey import (
     Features,
     Matches,
     PointCloud,
     Raster,
+    TiePoints,
 )
 from photogram.tracks import join_matches
+from photogram.transfer import Found, cut_patches, transfer_to, with_found
 from photogram.triangulation import ideal_observations, intersect_tie_points
 from photogram.workspace import (
     read_arrays,
@@ -110,19 +113,32 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
 # ---- features, matches, tie points ---------------------------------------------------------------------------------
 
 
+REDUCTIONS = {"high": 1, "medium": 2, "low": 4}
+
+
 def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Find key points, one file per photograph; photographs that an interrupted run has finished are kept.
 
-    One photograph after the other: OpenCV works on all cores, and one picture at a time bounds the memory.
+    As many photographs at once as there are workers and as the memory holds.
     """
-    counts = []
-    for index, photograph in enumerate(run.project.photographs):
+    project = run.project
+    reduction = REDUCTIONS[project.quality]
+    largest = max(camera.width_px * camera.height_px for camera in project.cameras)
+    room = BoundedSemaphore(photographs_at_once(largest // reduction**2))
+
+    def detect(index: int) -> int:
         path = folder / f"{index:05d}.npz"
-        progress(index, len(run.names), photograph.name)
         if not path.is_file():
-            write_record(path, find_features(photograph.name, read_pixels(photograph.path), run.project.features))
-        counts.append(len(read_record(path, Features)))
-    progress(len(counts), len(counts), "")
+            photograph = project.photographs[index]
+            with room:
+                found = find_features(photograph.name, read_pixels(photograph.path), project.features, reduction)
+            write_record(path, found)
+        return len(read_record(path, Features))
+
+    counts = []
+    for index, count in enumerate(run.executor.map(detect, range(len(run.names)))):
+        counts.append(count)
+        progress(index + 1, len(run.names), run.names[index])
     return {"key_points": counts}
 
 
@@ -131,7 +147,7 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
     block, settings = run.block(), run.project.pairs
     similar = None
     if any(photograph.gnss_world_m is None for photograph in block.photographs):
-        similar = most_similar(run.features, len(run.names), settings.retrieved)
+        similar = most_similar(run.features, len(run.names), 3 * settings.retrieved)
     return select_pairs(block.photographs, block.cameras, settings, similar=similar)
 
 
@@ -191,19 +207,65 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[st
     }
 
 
+# ---- transfer ------------------------------------------------------------------------------------------------------
+
+
+def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
+    """Return the tie points with positions, and those of their observations that agree with the oriented block."""
+    block, tie_points = run.block(), run.tie_points()
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    structure = Structure.empty(tie_points, orientation.calibrated(block.cameras), camera_of, run.project.orientation)
+    for index, pose in enumerate(orientation.poses):
+        if pose is not None:
+            structure.register(index, pose)
+    structure.intersect()
+    return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
+
+
+def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Measure tie points in the further photographs that show them.
+
+    Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
+    """
+    project, orientation, joined = run.project, run.orientation(), run.tie_points()
+    if orientation.method == "control" or project.transfer.correlation == 1.0:
+        write_record(folder / "tie_points.npz", joined)
+        return {"tie_points": len(joined), "transferred": 0}
+    tie_points = _oriented_tie_points(run, orientation)
+    calibrated = orientation.calibrated(project.cameras)
+    cameras = [calibrated[p.camera] for p in project.photographs]
+    position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
+    progress(0, len(cameras), "windows")
+    patches = cut_patches(tie_points, position, lambda i: read_grey(project.photographs[i].path))
+
+    def search(index: int) -> Found:
+        picture = read_grey(project.photographs[index].path)
+        return transfer_to(index, tie_points, patches, cameras, orientation.poses, picture, project.transfer)
+
+    found = []
+    for index, places in enumerate(run.executor.map(search, range(len(cameras)))):
+        found.append(places)
+        progress(index + 1, len(cameras), run.names[index])
+    whole = with_found(tie_points, found, project.adjustment.tie_point_sigma_px)
+    write_record(folder / "tie_points.npz", whole)
+    return {
+        "tie_points": len(whole),
+        "disagreeing": len(joined.photograph) - len(tie_points.photograph),
+        "transferred": len(whole.photograph) - len(tie_points.photograph),
+    }
+
+
 # ---- clouds --------------------------------------------------------------------------------------------------------
 
 
 def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
-    block, tie_points, orientation = run.block(), run.tie_points(), run.orientation()
+    block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
-    ideal = ideal_observations(block.cameras, camera_of, tie_points)
-    resected = orientation.method == "control"
-    poses = [r.refined if resected and r is not None else p for p, r in zip(orientation.poses, orientation.resections, strict=True)]
+    ideal = ideal_observations(orientation.calibrated(block.cameras), camera_of, tie_points)
     counts = {}
     for rays in (2, 3):
-        world = intersect_tie_points(tie_points, ideal, poses, rays)
+        world = intersect_tie_points(tie_points, ideal, orientation.poses, rays)
         known = np.isfinite(world).all(axis=1)
         cloud = PointCloud(block.frame.map_from_world(world[known]), tie_points.colour[known])
         write_record(folder / f"linear_{rays}view.npz", cloud)
@@ -222,13 +284,14 @@ def _sigma_map_m(
 def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Adjust the block jointly."""
     orientation = run.orientation()
-    block = replace(run.block(), tie_points=run.tie_points())
-    part, kept = registered_block(replace(block, poses=orientation.poses))
+    block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
+    measured = block.photographs
+    if orientation.method != "control":
+        block = replace(block, photographs=believed_attitudes(block, orientation.poses))
     result, held = calibrate(
-        part, run.project.adjustment, run.project.calibration, orientation.parameters,
+        block, run.project.adjustment, run.project.calibration, orientation.parameters,
         lambda text: progress(0, 0, text),
     )  # fmt: skip
-    result = with_all_photographs(result, block, kept)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
@@ -236,7 +299,16 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_json(folder / "held.json", held)
-    return {"sigma0": result.sigma0, "converged": result.converged, "iterations": result.iterations}
+    return {
+        "sigma0": result.sigma0,
+        "converged": result.converged,
+        "iterations": result.iterations,
+        "disbelieved_headings": sum(not p.heading_known for p in block.photographs),
+        "disbelieved_attitudes": sum(
+            m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
+            for m, p in zip(measured, block.photographs, strict=True)
+        ),
+    }
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:

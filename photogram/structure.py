@@ -22,7 +22,9 @@ from photogram.triangulation import consensus_intersections, ideal_observations,
 
 BoolArray = NDArray[np.bool_]
 
+HUBER = 2.0  # sigmas of an image point, of one pixel where the block has settled
 LARGEST_FOCAL_CHANGE = 2.0  # a factor
+LARGEST_CHANGE = 4.0  # sigmas of what was known of a calibration
 FIRST_FREE = np.array([1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)  # focal length, k1, k2: what even a weak block can tell
 PHOTOGRAPHS_FOR_CALIBRATION = 5
 NEIGHBOURS = 5
@@ -193,7 +195,7 @@ class Structure:
         *,
         iterations: int = 15,
         tolerance: float = 1e-3,
-        huber_px: float = 2.0,
+        huber_px: float = HUBER,
         calibrate: bool = True,
     ) -> None:
         """Adjust the photographs ``active`` (N,), or all, with their tie points; the others stay where they are.
@@ -216,9 +218,11 @@ class Structure:
         start = BundleState(
             self.rotation[photographs], self.position[photographs], self.parameters, self.point[points], 0.0, 0
         )
+        # residuals that are large yet must not outweigh what is known of the calibration
+        noise_px = huber_px / HUBER
         result = adjust_bundle(
             Observations(
-                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.ones(len(point)),
+                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px),
                 self.camera_of[tie.photograph[chosen]],
             ),
             start,
@@ -227,7 +231,7 @@ class Structure:
             prior_sigma=np.where(sigma > 0, sigma, np.inf),
             prior_parameters=np.array([camera.parameters for camera in self.cameras]),
             loss="huber",
-            threshold=huber_px,
+            threshold=HUBER,
             maximum_iterations=iterations,
             relative_tolerance=tolerance,
         )  # fmt: skip
@@ -243,7 +247,7 @@ class Structure:
     def resect(self, photograph: int) -> bool:
         """Find the pose of a photograph from the tie points that are known, and register it when enough agree.
 
-        P3P in RANSAC (Grunert 1841; Fischler & Bolles 1981) as OpenCV's USAC implements it, refined on all that agree.
+        P3P in RANSAC (Grunert 1841; Fischler & Bolles 1981) as OpenCV implements it, refined on all that agree.
         """
         tie, s = self.tie_points, self.settings
         seen = np.flatnonzero((tie.photograph == photograph) & self.known[tie.point])
@@ -266,15 +270,17 @@ class Structure:
 
 
 def _believable(given: Camera, parameters: FloatArray) -> bool:
-    """Return whether a calibration (8,) is near the given one, and its distortion can be undone in the whole picture."""
+    """Return whether a calibration (8,) is near the given one, and its distortion can be undone up to the corners."""
     if not 1.0 / LARGEST_FOCAL_CHANGE < parameters[0] / given.focal_px < LARGEST_FOCAL_CHANGE:
+        return False
+    if np.any(np.abs(parameters - given.parameters)[FIRST_FREE] > LARGEST_CHANGE * given.sigmas[FIRST_FREE]):
         return False
     camera = given.with_parameters(parameters)
     width, height = given.width_px - 0.5, given.height_px - 0.5
     corners = np.array([[-0.5, -0.5], [width, -0.5], [-0.5, height], [width, height]])
     reach = float(np.linalg.norm((corners - camera.principal_point_px) / camera.focal_px, axis=1).max())
     r = camera.largest_radius
-    return not np.isfinite(r) or r * (1.0 + r**2 * np.polyval(camera.radial[::-1], r**2)) > reach
+    return bool(not np.isfinite(r) or r * (1.0 + r**2 * np.polyval(camera.radial[::-1], r**2)) > reach)
 
 
 def resected(points: FloatArray, ideal: FloatArray, threshold: float) -> Pose | None:

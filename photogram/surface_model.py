@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
+from threadpoolctl import threadpool_limits
 
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud, Raster
@@ -84,7 +85,8 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     cell_m = settings.cell_m or _cell_from_density(corners[usable], len(np.unique(triangulation.simplices[usable])))
     west, north, shape = _grid(corners[usable], origin_map_m, cell_m)
     corner_m = (west - origin_map_m[0], north - origin_map_m[1])
-    values = _interpolate(triangulation, usable, points_m[:, 2], corner_m, cell_m, shape)
+    with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
+        values = _interpolate(triangulation, usable, points_m[:, 2], corner_m, cell_m, shape)
     values += np.float32(origin_map_m[2])
     if np.isnan(values).all():
         raise PhotogramError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")

@@ -43,7 +43,8 @@ class Photograph:
 
     ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,) along the axes of the map, both
     None when there is none;
-    ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes.
+    ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes;
+    where ``heading_known`` is False it tells the tilt against the vertical alone.
     Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it;
     ``height_above_ground_m`` the flying height, as well as tags or the project say it.
     """
@@ -58,6 +59,7 @@ class Photograph:
     attitude_world_from_camera: FloatArray | None = None
     attitude_sigma_rad: float | None = None
     height_above_ground_m: float | None = None
+    heading_known: bool = True
 
     def __post_init__(self) -> None:
         if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from photogram.camera import Camera, Pose, image_plane, project_point
 from photogram.survey import FloatArray, IntArray, TiePoints
 
-
 MANY_PAIRS = 66  # all pairs of twelve rays
 
 

@@ -19,6 +19,7 @@ from photogram.factors.graph import State, robust_cost_and_weight
 from photogram.outliers import noise_scale
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
+from photogram.triangulation import MANY_PAIRS, consensus_intersections
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
@@ -400,3 +401,25 @@ def test_noise_scale_sees_through_the_freedom_of_the_points() -> None:
     tie = result.block.tie_points
     scale = noise_scale(result.residual_px / tie.sigma_px[:, None], tie.point, len(tie))
     assert scale == pytest.approx(1.0, abs=0.1)
+
+
+def test_long_tracks_with_many_mismatches_are_intersected_from_a_bounded_number_of_pairs() -> None:
+    rng = np.random.default_rng(0)
+    rays = 60
+    assert rays * (rays - 1) // 2 > 20 * MANY_PAIRS
+    X = np.array([1.0, -2.0, 3.0])
+    C = np.column_stack([rng.uniform(-30, 30, (rays, 2)), np.full(rays, 80.0)])
+    R = np.tile(np.diag([1.0, -1.0, -1.0]), (rays, 1, 1))
+    q = np.array([[1000.0, 500.0, 400.0, 0, 0, 0, 0, 0]])
+    ideal = (X - C)[:, :2] / (X - C)[:, 2:] * np.array([-1.0, 1.0])
+    pixel = ideal * 1000.0 + np.array([500.0, 400.0])
+    wrong = rng.permutation(rays) < 24
+    pixel[wrong] += rng.uniform(-90, 90, (24, 2)) + 30.0
+    ideal = (pixel - np.array([500.0, 400.0])) / 1000.0
+    zero, order = np.zeros(rays, np.int64), np.arange(rays)
+    points, agreeing = consensus_intersections(
+        np.array([0, rays]), order, zero, pixel, ideal, np.full(rays, 3.0), q, R, C
+    )
+    np.testing.assert_allclose(points[0], X, atol=1e-6)
+    assert agreeing[~wrong].all()
+    assert np.count_nonzero(agreeing[wrong]) <= 1

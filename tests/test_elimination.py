@@ -205,9 +205,7 @@ def test_a_point_that_its_rays_cannot_fix_and_a_point_behind_are_told() -> None:
     assert eliminate(rays, case.cameras, case.points, NormalEquations.zero(case.layout), HUBER, 0.0)[1] == 17
     above = case.points.position.copy()
     above[30, 2] += 500.0
-    cost, _ = eliminate(
-        case.rays, case.cameras, Points.unknown(above), NormalEquations.zero(case.layout), HUBER, 0.0
-    )
+    cost, _ = eliminate(case.rays, case.cameras, Points.unknown(above), NormalEquations.zero(case.layout), HUBER, 0.0)
     assert cost == np.inf
 
 

@@ -1,261 +1,47 @@
+"""Starting poses of whole blocks against true ones: by control points, from measured poses, from tie points alone."""
+
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
-from photogram.camera import Camera, Pose, image_plane, project, project_point_jacobians, rotation_from_gimbal
+from photogram.camera import Camera, Pose, image_plane, project, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
-from photogram.orientation import Resection, collinear, orient, p3p_poses, refine_pose, resect, with_poses
-from photogram.pipeline import load_project
+from photogram.orientation import Orientation, OrientationSettings, orient, resections_of
+from photogram.resection import Resection
+from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
-ROOT = Path(__file__).parents[1]
-DATA = ROOT / ".." / "shared" / "data"
+AUTO, GROWTH = OrientationSettings(), OrientationSettings(method="growth")
+BY_CONTROL, BY_ATTITUDE = OrientationSettings(method="control"), OrientationSettings(method="attitude")
+
+# ---- by control points ----------------------------------------------------------------------------------------------
 
 CAMERA = Camera(
     "p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008])
 )
-PINHOLE = replace(CAMERA, radial=np.zeros(3), tangential=np.zeros(2))
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
-SIGMA = 1.5
 
 
-def ground(count: int, seed: int, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray]:
+def ground(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Points on rolling ground and their exact marks, spread over the photograph from its corners inwards."""
     rng = np.random.default_rng(seed)
     corners = np.array([[0.1, 0.12], [0.9, 0.2], [0.15, 0.85], [0.8, 0.9]])
     share = np.vstack([corners, rng.uniform(0.1, 0.9, (max(0, count - 4), 2))])[:count]
-    pixel = share * [camera.width_px - 1, camera.height_px - 1]
-    ray = np.column_stack([image_plane(camera, pixel), np.ones(count)]) * rng.uniform(50.0, 64.0, (count, 1))
+    pixel = share * [CAMERA.width_px - 1, CAMERA.height_px - 1]
+    ray = np.column_stack([image_plane(CAMERA, pixel), np.ones(count)]) * rng.uniform(50.0, 64.0, (count, 1))
     points = POSE.world_from_camera(ray)
-    return points, project(camera, POSE, points)
+    return points, project(CAMERA, POSE, points)
 
 
-def assert_same(pose: Pose, expected: Pose, position_m: float = 1e-6) -> None:
-    np.testing.assert_allclose(pose.position_world_m, expected.position_world_m, rtol=0, atol=position_m)
-    turn = Rotation.from_matrix(pose.rotation_world_from_camera.T @ expected.rotation_world_from_camera).magnitude()
-    assert turn < position_m / 10
-
-
-def test_three_points_allow_several_poses_and_all_of_them_see_the_marks() -> None:
-    points, pixel = ground(3, 0)
-    poses = p3p_poses(CAMERA, points, pixel)
-    assert 2 <= len(poses) <= 4
-    for pose in poses:
-        np.testing.assert_allclose(project(CAMERA, pose, points), pixel, rtol=0, atol=1e-5)
-        assert np.linalg.det(pose.rotation_world_from_camera) == pytest.approx(1.0)
-    errors = sorted(float(np.linalg.norm(pose.position_world_m - POSE.position_world_m)) for pose in poses)
-    assert errors[0] < 1e-6
-    assert errors[1] > 1.0
-
-
-def test_far_coordinates_do_not_blur_the_minimal_pose() -> None:
-    points, pixel = ground(4, 1)
-    shift = np.array([719950.0, 6191960.0, 0.0])
-    far = resect(CAMERA, points + shift, pixel, np.full(4, SIGMA))
-    np.testing.assert_allclose(far.p3p.position_world_m - shift, POSE.position_world_m, rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_exact_marks_of_four_points_give_the_exact_pose(seed: int) -> None:
-    points, pixel = ground(4, seed)
-    found = resect(CAMERA, points, pixel, np.full(4, SIGMA))
-    assert_same(found.p3p, POSE, 1e-5)
-    assert_same(found.refined, POSE)
-    assert found.points == (0, 1, 2)
-    assert found.check_px < 1e-4
-    assert found.inliers.all()
-    assert 1 <= found.solutions <= 4
-    np.testing.assert_allclose(found.residual_px, 0.0, atol=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_exact_marks_of_three_points_and_a_rough_position_give_the_exact_pose(seed: int) -> None:
-    points, pixel = ground(3, seed)
-    rough = POSE.position_world_m + np.random.default_rng(seed).normal(0, 0.3, 3)
-    found = resect(CAMERA, points, pixel, np.full(3, SIGMA), expected_world_m=rough)
-    assert_same(found.refined, POSE)
-    assert np.isnan(found.check_px)
-    other = max(
-        p3p_poses(CAMERA, points, pixel),
-        key=lambda p: float(np.linalg.norm(p.position_world_m - POSE.position_world_m)),
-    )
-    elsewhere = resect(CAMERA, points, pixel, np.full(3, SIGMA), expected_world_m=other.position_world_m)
-    assert_same(elsewhere.refined, other)
-
-
-@pytest.mark.parametrize("count", [5, 8, 30])
-def test_exact_marks_of_many_points_give_the_exact_pose(count: int) -> None:
-    points, pixel = ground(count, 3)
-    found = resect(CAMERA, points, pixel, np.full(count, SIGMA))
-    assert_same(found.refined, POSE)
-    assert found.inliers.all()
-    assert len(found.inliers) == count
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_two_wrong_points_of_eight_are_found_and_left_out(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points, pixel = ground(8, seed)
-    pixel = pixel + 0.5 * rng.standard_normal(pixel.shape)
-    wrong = rng.permutation(8)[:2]
-    pixel[wrong[0]] += [260.0, -90.0]
-    points[wrong[1]] += [3.0, -4.0, 0.0]
-    found = resect(CAMERA, points, pixel, np.full(8, 0.5))
-    assert np.flatnonzero(~found.inliers).tolist() == sorted(wrong.tolist())
-    assert_same(found.refined, POSE, 0.1)
-    assert np.linalg.norm(found.residual_px[found.inliers], axis=1).max() < 3.0
-    assert np.linalg.norm(found.residual_px[wrong], axis=1).min() > 50.0
-    assert not set(found.points) & set(wrong.tolist())
-
-
-def test_points_in_any_order_give_the_same_pose() -> None:
-    points, pixel = ground(8, 2)
-    pixel = pixel + np.random.default_rng(0).standard_normal(pixel.shape)
-    order = np.random.default_rng(1).permutation(8)
-    one, other = (resect(CAMERA, points[o], pixel[o], np.full(8, 1.0)) for o in (np.arange(8), order))
-    assert_same(one.refined, other.refined)
-    np.testing.assert_allclose(other.residual_px, one.residual_px[order], atol=1e-6)
-
-
-def jacobian(points: np.ndarray) -> np.ndarray:
-    rows = []
-    for X in points:
-        J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 8)), np.empty((2, 3))
-        project_point_jacobians(
-            CAMERA.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, X, J, J_camera, J_point
-        )
-        rows.append(J)
-    return np.vstack(rows)
-
-
-def test_errors_of_the_resection_are_as_large_as_predicted() -> None:
-    points, exact = ground(6, 5)
-    sigma_px = np.array([0.5, 0.5, 1.0, 1.0, 2.0, 0.7])
-    A = jacobian(points) / np.repeat(sigma_px, 2)[:, None]
-    information = A.T @ A
-    covariance = np.linalg.inv(information)
-    R = POSE.rotation_world_from_camera
-    errors, fits = [], []
-    for seed in range(200):
-        pixel = exact + sigma_px[:, None] * np.random.default_rng(seed).standard_normal(exact.shape)
-        found = resect(CAMERA, points, pixel, sigma_px).refined
-        turn = Rotation.from_matrix(R.T @ found.rotation_world_from_camera).as_rotvec()
-        errors.append(np.concatenate([turn, R.T @ (found.position_world_m - POSE.position_world_m)]))
-        fits.append(np.sum(((project(CAMERA, found, points) - pixel) / sigma_px[:, None]) ** 2))
-    error = np.array(errors)
-    low, high = chi2.ppf([0.0005, 0.9995], 6 * 200)
-    assert low < np.einsum("ni,ij,nj->", error, information, error) < high
-    low, high = chi2.ppf([0.0005, 0.9995], (12 - 6) * 200)
-    assert low < np.sum(fits) < high
-    np.testing.assert_allclose(error.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.2)
-    assert np.all(np.abs(error.mean(axis=0)) < 4 * np.sqrt(np.diag(covariance) / 200))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_opencv_finds_the_same_least_squares_pose(seed: int) -> None:
-    # Without distortion and with equal sigmas both minimise the same sum of squares.
-    points, pixel = ground(8, seed, PINHOLE)
-    pixel = pixel + np.random.default_rng(seed).standard_normal(pixel.shape)
-    found = resect(PINHOLE, points, pixel, np.ones(8)).refined
-    _, r, t = cv2.solvePnP(points, pixel, PINHOLE.matrix, np.zeros(4), flags=cv2.SOLVEPNP_ITERATIVE)
-    r, t = cv2.solvePnPRefineLM(
-        points, pixel, PINHOLE.matrix, np.zeros(4), r, t, (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-14)
-    )
-    R = cv2.Rodrigues(r)[0]
-    assert_same(found, Pose(R.T, (-R.T @ t).ravel()), 1e-5)
-
-
-def test_opencv_agrees_on_marks_freed_of_distortion() -> None:
-    points, pixel = ground(8, 9)
-    _, r, t = cv2.solvePnP(points, image_plane(CAMERA, pixel), np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_ITERATIVE)
-    R = cv2.Rodrigues(r)[0]
-    assert_same(resect(CAMERA, points, pixel, np.ones(8)).refined, Pose(R.T, (-R.T @ t).ravel()), 1e-4)
-
-
-def test_precise_marks_count_for_more() -> None:
-    points, pixel = ground(7, 4)
-    pixel[6] += [6.0, -5.0]
-    sigma_px = np.ones(7)
-    equal = resect(CAMERA, points, pixel, sigma_px).refined
-    sigma_px[6] = 100.0
-    doubted = resect(CAMERA, points, pixel, sigma_px).refined
-    offset = [float(np.linalg.norm(p.position_world_m - POSE.position_world_m)) for p in (equal, doubted)]
-    assert offset[1] < 1e-2 * offset[0]
-
-
-def test_refinement_starts_far_off_and_gives_up_on_points_behind() -> None:
-    points, pixel = ground(6, 6)
-    start = Pose(
-        POSE.rotation_world_from_camera @ Rotation.from_rotvec([0.1, -0.08, 0.2]).as_matrix(),
-        POSE.position_world_m + np.array([5.0, -4.0, 8.0]),
-    )
-    assert_same(refine_pose(CAMERA, start, points, pixel, np.ones(6)), POSE)
-    behind = Pose(POSE.rotation_world_from_camera, POSE.position_world_m - np.array([0.0, 0.0, 200.0]))
-    with pytest.raises(OrientationError, match="does not settle"):
-        refine_pose(CAMERA, behind, points, pixel, np.ones(6))
-
-
-def test_points_in_one_line_are_told() -> None:
-    line = np.array([10.0, 0.0, 0.0]) * np.arange(5.0)[:, None] + [3.0, 2.0, 1.0]
-    assert collinear(line)
-    assert collinear(line + 0.05 * np.random.default_rng(0).standard_normal(line.shape))
-    assert not collinear(line + np.array([0, 4.0, 0]) * (np.arange(5) == 2)[:, None])
-    assert collinear(line[:2])
-
-
-def failing(points: np.ndarray, pixel: np.ndarray, gnss: np.ndarray | None = None) -> str:
-    with pytest.raises(OrientationError) as fault:
-        resect(CAMERA, points, pixel, np.ones(len(pixel)), expected_world_m=gnss)
-    return str(fault.value)
-
-
-def test_too_few_or_useless_points_are_refused() -> None:
-    points, pixel = ground(4, 1)
-    assert "2 control points are marked, resection needs 4, or 3 and a GNSS position" in failing(
-        points[:2], pixel[:2], points[0]
-    )
-    assert "3 control points leave up to four poses" in failing(points[:3], pixel[:3])
-    line = points[0] + np.outer(np.arange(5.0), [4.0, 3.0, 0.1])
-    assert "lie in one line" in failing(line, project(CAMERA, POSE, line), POSE.position_world_m)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_points_that_contradict_each_other_are_refused(seed: int) -> None:
-    points, pixel = ground(7, seed)
-    message = failing(np.random.default_rng(seed).permutation(points), pixel)
-    assert "of its 7 control points agree with any pose" in message
-
-
-def test_the_fourth_point_tells_how_far_it_is_off() -> None:
-    points, pixel = ground(4, 2)
-    pixel[3] += [3.0, 4.0]
-    found = resect(CAMERA, points, pixel, np.ones(4))
-    assert found.check_px == pytest.approx(5.0, abs=1e-4)
-    assert_same(found.p3p, POSE, 1e-5)
-
-
-def test_three_first_points_in_a_line_are_passed_over() -> None:
-    points, _ = ground(4, 2)
-    points[1] = 0.5 * (points[0] + points[2])
-    found = resect(CAMERA, points, project(CAMERA, POSE, points), np.ones(4))
-    assert_same(found.refined, POSE)
-    assert found.points != (0, 1, 2)
-
-
-# ---- whole blocks ---------------------------------------------------------------------------------------------------
-
-
-def block(marks: list[int], *, gnss: bool, attitude: bool, role: str = "control") -> Block:
-    """Photographs of one place, the i-th with ``marks[i]`` control points."""
+def marked(marks: list[int], *, gnss: bool, role: str = "control", camera: Camera = CAMERA) -> Block:
+    """Photographs of one place without any tie points, the i-th with ``marks[i]`` control points."""
     points, pixel = ground(8, 12)
     count = len(marks)
     none = np.zeros(0, np.int64)
@@ -264,14 +50,12 @@ def block(marks: list[int], *, gnss: bool, attitude: bool, role: str = "control"
             f"photo_{i}.jpg", 0,
             gnss_world_m=POSE.position_world_m + 0.1 if gnss else None,
             gnss_sigma_m=np.full(3, 0.1) if gnss else None,
-            attitude_world_from_camera=POSE.rotation_world_from_camera if attitude else None,
-            attitude_sigma_rad=0.02 if attitude else None,
         )
         for i in range(count)
     )  # fmt: skip
     seen = np.concatenate([np.arange(n) for n in marks]).astype(np.int64)
     return Block(
-        LocalFrame("EPSG:25832", (0.0, 0.0, 0.0), "grid"), (CAMERA,), photographs, (None,) * count,
+        LocalFrame("EPSG:25832", (0.0, 0.0, 0.0), "grid"), (camera,), photographs, (None,) * count,
         TiePoints(none, none, none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), np.uint8)),
         ControlPoints(
             tuple("ABCDEFGH"), (("check" if role == "check" else "control"),) * 8, points, np.full((8, 3), 0.01),
@@ -280,112 +64,405 @@ def block(marks: list[int], *, gnss: bool, attitude: bool, role: str = "control"
     )  # fmt: skip
 
 
-def test_each_photograph_is_oriented_by_what_it_has() -> None:
-    oriented = orient(block([8, 3, 4, 0], gnss=True, attitude=True))
-    assert [r is not None for r in oriented.resections] == [True, True, True, False]
-    for pose, resection in zip(oriented.poses[:3], oriented.resections, strict=False):
-        assert_same(pose, POSE)
+def swapped(block: Block, photograph: int) -> Block:
+    """The same block with the marks of one photograph at each other's places."""
+    control = block.control_points
+    pixel = control.mark_pixel.copy()
+    mine = np.flatnonzero(control.mark_photograph == photograph)
+    pixel[mine] = pixel[mine][[3, 0, 5, 1, 7, 2, 4, 6]]
+    return replace(block, control_points=replace(control, mark_pixel=pixel))
+
+
+@pytest.mark.parametrize("settings", [AUTO, BY_CONTROL])
+def test_photographs_that_all_show_control_are_resected(settings: OrientationSettings) -> None:
+    oriented = orient(marked([8, 3, 4], gnss=True), settings)
+    assert oriented.method == "control"
+    assert oriented.component.tolist() == [0, 0, 0]
+    assert oriented.reason == ("", "", "")
+    assert oriented.registered.all()
+    for pose, resection in zip(oriented.poses, oriented.resections, strict=True):
+        assert pose is not None
         assert isinstance(resection, Resection)
         assert resection.refined is pose
-    np.testing.assert_allclose(oriented.poses[3].position_world_m, POSE.position_world_m + 0.1)
-    np.testing.assert_array_equal(oriented.poses[3].rotation_world_from_camera, POSE.rotation_world_from_camera)
+        np.testing.assert_allclose(pose.position_world_m, POSE.position_world_m, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(pose.rotation_world_from_camera, POSE.rotation_world_from_camera, atol=1e-7)
 
 
-def test_every_photograph_that_cannot_be_oriented_is_named_on_a_line() -> None:
-    with pytest.raises(OrientationError) as fault:
-        orient(block([2, 8, 3], gnss=False, attitude=False))
-    lines = str(fault.value).splitlines()
-    assert len(lines) == 2
-    assert lines[0].startswith("photograph photo_0.jpg: 2 control points are marked and no GNSS position")
-    assert lines[1].startswith("photograph photo_2.jpg: 3 control points")
-    with pytest.raises(
-        OrientationError, match=r"photo_0\.jpg: 2 control points are marked and a GNSS position without attitude"
-    ):
-        orient(block([2], gnss=True, attitude=False))
+def test_three_points_need_a_position() -> None:
+    assert [r is not None for r in resections_of(marked([3, 4, 2], gnss=False))[0]] == [False, True, False]
+    assert [r is not None for r in resections_of(marked([3, 4, 2], gnss=True))[0]] == [True, True, False]
 
 
-def test_collinear_points_name_the_photograph_unless_its_attitude_is_measured() -> None:
-    for gnss in (False, True):
-        plain = block([5], gnss=gnss, attitude=gnss)
-        line = plain.control_points.position_world_m[0] + np.outer(np.arange(8.0), [3.0, 2.0, 0.0])
-        marks = project(CAMERA, POSE, line[:5])
-        straight = replace(plain, control_points=replace(plain.control_points, position_world_m=line, mark_pixel=marks))
-        if gnss:
-            assert orient(straight).resections == (None,)
-        else:
-            with pytest.raises(OrientationError, match=r"photograph photo_0\.jpg: its control points lie in one line"):
-                orient(straight)
+def test_contradicting_control_names_every_photograph_on_a_line() -> None:
+    block = swapped(swapped(marked([8, 8, 8], gnss=False), 0), 2)
+    for settings in (AUTO, BY_CONTROL):
+        with pytest.raises(OrientationError) as fault:
+            orient(block, settings)
+        lines = str(fault.value).splitlines()
+        assert [line.split(":")[0] for line in lines] == ["photograph photo_0.jpg", "photograph photo_2.jpg"]
+        assert all("agree with any pose" in line for line in lines)
 
 
-def test_contradicting_points_name_the_photograph() -> None:
-    plain = block([8, 8], gnss=False, attitude=False)
-    pixel = plain.control_points.mark_pixel.copy()
-    pixel[8:] = pixel[8:][[3, 0, 5, 1, 7, 2, 4, 6]]
-    wrong = replace(plain, control_points=replace(plain.control_points, mark_pixel=pixel))
-    with pytest.raises(OrientationError, match=r"^photograph photo_1\.jpg: .*agree with any pose"):
-        orient(wrong)
+def test_control_in_one_line_resects_nothing() -> None:
+    block = marked([5], gnss=False)
+    line = block.control_points.position_world_m[0] + np.outer(np.arange(8.0), [3.0, 2.0, 0.0])
+    points = replace(block.control_points, position_world_m=line, mark_pixel=project(CAMERA, POSE, line[:5]))
+    assert resections_of(replace(block, control_points=points)) == ((None,), ())
 
 
-def test_check_points_orient_nothing() -> None:
-    with pytest.raises(OrientationError, match="0 control points"):
-        orient(block([8], gnss=False, attitude=False, role="check"))
+def test_check_points_resect_nothing() -> None:
+    assert resections_of(marked([8], gnss=True, role="check")) == ((None,), ())
 
 
-def test_poses_are_put_into_a_block() -> None:
-    plain = block([8, 8], gnss=False, attitude=False)
-    assert with_poses(plain, orient(plain).poses).poses[1] is not None
+@pytest.mark.parametrize(
+    ("sigmas", "expected"),
+    [
+        ((0.0,) * 8, True),
+        ((2.0, 1.0, 1.0, 0.001, 0.0, 0.0, 0.0, 0.0), True),
+        ((np.inf,) * 8, True),
+        ((110.0, 20.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0), True),
+        ((0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0), False),
+    ],
+)
+def test_a_camera_that_is_hardly_known_is_not_resected_by_control(sigmas: tuple[float, ...], expected: bool) -> None:
+    block = marked([8], gnss=False, camera=replace(CAMERA, sigmas=np.array(sigmas)))
+    assert (resections_of(block)[0][0] is not None) == expected
+    assert resections_of(block, any_camera=True)[0][0] is not None
 
 
-# ---- real photographs -----------------------------------------------------------------------------------------------
+def test_control_that_is_wanted_and_missing_is_told() -> None:
+    with pytest.raises(OrientationError, match=r"4 marked control points .*; 2 have fewer, the first photo_1\.jpg"):
+        orient(marked([8, 2, 1], gnss=False), BY_CONTROL)
 
 
-def test_the_hillside_photographs_land_where_they_are_known_to() -> None:
-    photographs = DATA / "dtu_phantom4" / "images"
-    if not photographs.is_dir():
-        pytest.skip("shared data dtu_phantom4 is not here")
-    survey = load_project(ROOT / "examples" / "dtu_phantom4" / "project.yaml", photographs)
-    frame = LocalFrame(survey.crs, (719940.0, 6191970.0, 100.0), "grid")
-    control = survey.control_points_in(frame)
-    known = [(0.387, 1.1), (0.459, 4.8), (0.418, 3.0)]
-    for index, (photograph, (distance_m, check_px)) in enumerate(zip(survey.photographs, known, strict=True)):
-        marks = control.mark_photograph == index
-        points = control.position_world_m[control.mark_point[marks]]
-        gnss = frame.world_from_map(np.array([photograph.gnss_map_m]))[0]
-        found = resect(
-            survey.cameras[0], points, control.mark_pixel[marks], control.mark_sigma_px[marks], expected_world_m=gnss
-        )
-        assert np.linalg.norm(found.p3p.position_world_m - gnss) == pytest.approx(distance_m, abs=0.005)
-        assert found.check_px == pytest.approx(check_px, abs=0.1)
-        assert found.points == (0, 1, 2)
+# ---- whole blocks ----------------------------------------------------------------------------------------------------
+
+PLAN = replace(
+    whole_survey_plan(800), strips=3, photographs_per_strip=5, gnss_offset_sigma_m=(0.0, 0.0, 0.0), check_points=0
+)
+COUNT = 15
+STRIP = replace(PLAN, strips=1, photographs_per_strip=10, control_points=0)
+Change = Callable[[int, Photograph], Photograph]
 
 
-def numbers(text: str | None) -> np.ndarray:
-    return np.array((text or "").split(), dtype=float)
+@cache
+def simulated(seed: int = 1, plan: SurveyPlan = PLAN) -> SimulatedBlock:
+    return simulate_block(plan, seed, tie_points=500, mismatches=0.1)
 
 
-@pytest.mark.parametrize("number", [4167, 4168, 4169, 4170])
-def test_another_programs_poses_are_found_again(number: int) -> None:
-    folder = DATA / "mmvii_gcp4"
-    if not folder.is_dir():
-        pytest.skip("shared data mmvii_gcp4 is not here")
-    solved = folder / "MMVII-PhgrProj" / "Ori" / "toto"
-    calibration = ET.parse(solved / "Calib-PerspCentral-Foc-28000_Cam-PENTAX_K5.xml")
-    radial = [float(calibration.findtext(f".//{k}") or "nan") for k in ("K1", "K2", "K3")]
-    focal_px, centre = float(calibration.findtext(".//F") or "nan"), numbers(calibration.findtext(".//PP"))
-    camera = Camera("Pentax K5", 1728, 1152, focal_px, centre, np.array(radial))
-    pose = ET.parse(solved / f"Ori-PerspCentral-IMGP{number}.JPG.xml")
-    axes = np.column_stack([numbers(pose.findtext(f".//{axis}")) for axis in ("AxeI", "AxeJ", "AxeK")])
-    checks = list(ET.parse(folder / "Ori-Ground_mm3d" / f"Orientation-IMGP{number}.JPG.xml").iter("Appuis"))
-    points, pixel = (np.array([numbers(check.findtext(tag)) for check in checks]) for tag in ("Ter", "Im"))
-    found = resect(camera, points, pixel, np.ones(len(pixel)))
-    assert found.inliers.all()
-    # That program's two formats of calibration differ by up to 0.05 px, at 5 m from the object.
-    assert np.linalg.norm(found.refined.position_world_m - numbers(pose.findtext(".//Center"))) < 1e-4
-    np.testing.assert_allclose(found.refined.rotation_world_from_camera, axes, rtol=0, atol=2e-5)
-    assert np.abs(found.residual_px).max() < 0.06
+def bare(block: SimulatedBlock, change: Change = lambda _, p: p, *, control: bool = True) -> Block:
+    """The block before anything is oriented."""
+    photographs = tuple(change(i, p) for i, p in enumerate(block.block.photographs))
+    points = block.block.control_points
+    points = points if control else replace(points, role=("check",) * len(points))
+    return replace(block.block, photographs=photographs, poses=(None,) * len(photographs), control_points=points)
 
 
-def test_two_swapped_marks_of_four_are_a_contradiction() -> None:
-    points, pixel = ground(4, 1)
-    with pytest.raises(OrientationError, match="contradict each other"):
-        resect(CAMERA, points, pixel[[0, 1, 3, 2]], np.ones(4))
+def no_attitude(_: int, p: Photograph) -> Photograph:
+    return replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None)
+
+
+def no_tags(_: int, p: Photograph) -> Photograph:
+    return replace(no_attitude(_, p), gnss_world_m=None, gnss_sigma_m=None)
+
+
+def turned(i: int, p: Photograph) -> Photograph:
+    turn = Rotation.random(random_state=i).as_matrix()
+    return replace(p, attitude_world_from_camera=p.attitude_world_from_camera @ turn)
+
+
+def errors(oriented: Orientation, block: SimulatedBlock) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (N, 3) of position in m and (N,) of attitude in degrees, NaN where not registered."""
+    position, attitude = np.full((len(oriented.poses), 3), np.nan), np.full(len(oriented.poses), np.nan)
+    for i, (pose, truth) in enumerate(zip(oriented.poses, block.truth.poses, strict=True)):
+        if pose is not None:
+            position[i] = pose.position_world_m - truth.position_world_m
+            turn = pose.rotation_world_from_camera.T @ truth.rotation_world_from_camera
+            attitude[i] = np.rad2deg(Rotation.from_matrix(turn).magnitude())
+    return position, attitude
+
+
+def assert_true(oriented: Orientation, block: SimulatedBlock, plan_m: float, attitude_deg: float) -> None:
+    """Plan and attitude; the height, which an unknown focal length leaves open, to a tenth of itself."""
+    position, attitude = errors(oriented, block)
+    assert np.nanmax(np.linalg.norm(position[:, :2], axis=1)) < plan_m
+    assert np.nanmax(np.abs(position[:, 2])) < 0.1 * block.plan.flying_height_m
+    assert np.nanmax(attitude) < attitude_deg
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_good_tags_start_the_block_and_control_places_it(seed: int) -> None:
+    oriented = orient(bare(simulated(seed)), AUTO)
+    assert oriented.method == "attitude"
+    assert oriented.registered.all()
+    assert_true(oriented, simulated(seed), 1.5, 1.0)
+    # a camera of which only the EXIF focal length was known
+    assert oriented.parameters[0][3] == pytest.approx(simulated(seed).truth.camera.radial[0], abs=0.03)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_without_attitudes_it_is_grown(seed: int) -> None:
+    oriented = orient(bare(simulated(seed), no_attitude), AUTO)
+    assert oriented.method == "growth"
+    assert oriented.registered.all()
+    assert_true(oriented, simulated(seed), 1.5, 1.0)
+
+
+def test_control_alone_places_a_block_without_tags() -> None:
+    oriented = orient(bare(simulated(1), no_tags), AUTO)
+    assert oriented.method == "growth"
+    assert_true(oriented, simulated(1), 1.5, 1.0)
+
+
+def test_positions_alone_place_a_block_without_control() -> None:
+    for change in (lambda _, p: p, no_attitude):
+        oriented = orient(bare(simulated(1), change, control=False), AUTO)
+        assert_true(oriented, simulated(1), 4.0, 4.0)
+
+
+def test_wrong_attitudes_fall_back_to_growth() -> None:
+    oriented = orient(bare(simulated(1), turned), AUTO)
+    assert oriented.method == "growth"
+    assert oriented.registered.all()
+    assert_true(oriented, simulated(1), 1.5, 1.0)
+    with pytest.raises(OrientationError, match="do not confirm the measured positions and attitudes"):
+        orient(bare(simulated(1), turned), BY_ATTITUDE)
+
+
+def test_the_method_can_be_set() -> None:
+    assert orient(bare(simulated(1)), GROWTH).method == "growth"
+    assert orient(bare(simulated(1)), BY_ATTITUDE).method == "attitude"
+    with pytest.raises(OrientationError, match="needs three photographs with GNSS position and attitude"):
+        orient(bare(simulated(1), no_attitude), BY_ATTITUDE)
+
+
+def test_a_hardly_known_camera_with_control_everywhere_is_not_taken_for_contradiction() -> None:
+    """Four marks in every photograph, but a distortion of 28 px that nobody stated."""
+    plan = replace(PLAN, control_points=16, control_marks_per_photograph=4)
+    for seed in (1, 2):
+        block = simulated(seed, plan)
+        oriented = orient(bare(block), AUTO)
+        assert oriented.method == "attitude"
+        assert oriented.registered.all()
+        assert_true(oriented, block, 1.5, 1.0)
+
+
+def test_known_control_everywhere_is_used_and_is_exact() -> None:
+    plan = SurveyPlan(
+        strips=2, photographs_per_strip=4, control_points=14, check_points=0, control_marks_per_photograph=4,
+        calibration_sigmas=(0.0,) * 8,
+    )  # fmt: skip
+    block = simulated(1, plan)
+    oriented = orient(bare(block), AUTO)
+    assert oriented.method == "control"
+    assert_true(oriented, block, 3.0, 2.0)
+
+
+def test_one_photograph_with_contradicting_control_does_not_stop_a_block_that_needs_none() -> None:
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=10)
+    block = simulated(1, plan)
+    control = block.block.control_points
+    marks = np.bincount(control.mark_photograph, minlength=COUNT)
+    assert marks.min() < 3, "some photographs need their tie points"
+    most = int(np.argmax(marks))
+    mine = np.flatnonzero(control.mark_photograph == most)
+    pixel = control.mark_pixel.copy()
+    pixel[mine] = np.roll(pixel[mine], 1, axis=0)
+    spoilt = replace(bare(block, no_attitude), control_points=replace(control, mark_pixel=pixel))
+    assert len(resections_of(spoilt)[1]) == 1
+    oriented = orient(spoilt, AUTO)
+    assert oriented.registered.all()
+    assert oriented.resections[most] is None
+    assert_true(oriented, block, 1.5, 1.0)
+
+
+def test_a_resection_far_away_is_not_believed() -> None:
+    """Three marks and a position allow a pose 40 m off, of which only the tie points show that it is wrong."""
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=14)
+    block = simulated(1, plan)
+    resections, faults = resections_of(bare(block))
+    assert faults == ()
+    pairs = zip(resections, block.truth.poses, strict=True)
+    error = [np.linalg.norm(r.refined.position_world_m - t.position_world_m) for r, t in pairs if r is not None]
+    assert [i for i, e in enumerate(error) if e > 5.0] == [11]
+    assert error[11] > 30.0
+    oriented = orient(bare(block, no_attitude), AUTO)
+    assert oriented.method == "growth"
+    assert oriented.registered.all()
+    assert [i for i, r in enumerate(oriented.resections) if r is None] == [11]
+    assert_true(oriented, block, 1.5, 1.5)
+
+
+# ---- what is left out ------------------------------------------------------------------------------------------------
+
+
+def spoilt(block: SimulatedBlock, foreign: list[int]) -> TiePoints:
+    """The tie points with the observations of some photographs at each other's places."""
+    tie = block.block.tie_points
+    pixel = tie.pixel.copy()
+    for i in foreign:
+        mine = np.flatnonzero(tie.photograph == i)
+        pixel[mine] = np.random.default_rng(i).permutation(pixel[mine])
+    return replace(tie, pixel=pixel)
+
+
+@pytest.mark.parametrize("change", [lambda _, p: p, no_attitude])
+def test_photographs_of_another_site_and_empty_ones_are_left_out_and_told(change: Change) -> None:
+    block = simulated(1)
+    tie = spoilt(block, [3, 11])
+    tie = tie.select(np.ones(len(tie), dtype=bool), (tie.photograph != 8) | (np.arange(len(tie.photograph)) % 40 == 0))
+    rays = np.bincount(tie.photograph, minlength=COUNT)
+    assert 0 < rays[8] < 20
+    oriented = orient(replace(bare(block, change), tie_points=tie), AUTO)
+    out = [3, 8, 11]
+    assert np.flatnonzero(~oriented.registered).tolist() == out
+    assert np.flatnonzero(oriented.component == -1).tolist() == out
+    assert oriented.reason[8] == f"{rays[8]} tie points with other photographs, 20 are needed"
+    for i in (3, 11):
+        assert oriented.reason[i] == f"its {rays[i]} tie points do not agree with the block"
+    assert all(not reason for i, reason in enumerate(oriented.reason) if i not in out)
+    assert_true(oriented, block, 1.5, 1.5)
+
+
+def test_a_photograph_without_tie_points_stays_by_its_control() -> None:
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=14)
+    block = simulated(1, plan)
+    marks = np.bincount(block.block.control_points.mark_photograph, minlength=COUNT)
+    alone = int(np.argmax(marks))
+    assert marks[alone] >= 4
+    tie = block.block.tie_points
+    tie = tie.select(np.ones(len(tie), dtype=bool), tie.photograph != alone)
+    oriented = orient(replace(bare(block, no_attitude), tie_points=tie), AUTO)
+    assert oriented.registered.all()
+    assert oriented.component[alone] == 0
+    assert oriented.reason[alone] == ""
+    assert_true(oriented, block, 1.5, 1.5)
+
+
+def two_sites(first: SimulatedBlock, second: SimulatedBlock) -> Block:
+    """Two blocks in one list of photographs, the second 500 m east; without control."""
+    a, b = bare(first, no_attitude, control=False), bare(second, no_attitude, control=False)
+    n, p = len(a.photographs), len(a.tie_points)
+    east = np.array([500.0, 0.0, 0.0])
+    moved = tuple(replace(q, gnss_world_m=q.gnss_world_m + east) for q in b.photographs)
+    ties = (a.tie_points, b.tie_points)
+    names = ("feature", "pixel", "sigma_px", "position_world_m", "colour")
+    return replace(
+        a,
+        photographs=a.photographs + moved,
+        poses=(None,) * (n + len(moved)),
+        tie_points=TiePoints(
+            np.concatenate([ties[0].photograph, ties[1].photograph + n]),
+            np.concatenate([ties[0].point, ties[1].point + p]),
+            *(np.concatenate([getattr(tie, name) for tie in ties]) for name in names),
+        ),
+    )
+
+
+def test_two_sites_are_two_components_and_the_larger_is_the_block() -> None:
+    small = simulated(2, replace(PLAN, strips=2, photographs_per_strip=4))
+    oriented = orient(two_sites(small, simulated(1)), AUTO)
+    assert oriented.component.tolist() == [1] * 8 + [0] * COUNT
+    assert oriented.poses[:8] == (None,) * 8
+    assert all(pose is not None for pose in oriented.poses[8:])
+    assert set(oriented.reason[:8]) == {"shares no tie points with the block: one of 8 photographs by themselves"}
+    pairs = zip(oriented.poses[8:], simulated(1).truth.poses, strict=True)
+    error = [np.linalg.norm(p.position_world_m - t.position_world_m - [500, 0, 0]) for p, t in pairs if p is not None]
+    assert max(error) < 4.0
+
+
+def test_no_two_photographs_that_fit_are_told() -> None:
+    block = bare(simulated(1), no_attitude)
+    tie = block.tie_points
+    for nothing in (tie.select(np.zeros(len(tie), dtype=bool)), spoilt(simulated(1), list(range(COUNT)))):
+        with pytest.raises(OrientationError, match=r"no two of the 15 photographs .* 20 tie points in common"):
+            orient(replace(block, tie_points=nothing), AUTO)
+
+
+# ---- the way into the world ------------------------------------------------------------------------------------------
+
+
+def test_control_counts_for_more_than_positions() -> None:
+    """Tags of another height system: 40 m too high, all of them."""
+    high = np.array([0.0, 0.0, 40.0])
+    oriented = orient(bare(simulated(1), lambda _, p: replace(p, gnss_world_m=p.gnss_world_m + high)), AUTO)
+    assert_true(oriented, simulated(1), 1.5, 1.0)
+
+
+def test_one_wrong_control_point_of_six_does_not_matter() -> None:
+    block = bare(simulated(1), no_tags)
+    position = block.control_points.position_world_m.copy()
+    position[2] += [30.0, -20.0, 5.0]
+    oriented = orient(replace(block, control_points=replace(block.control_points, position_world_m=position)), AUTO)
+    assert_true(oriented, simulated(1), 1.5, 1.0)
+
+
+def test_control_that_fits_nothing_leaves_the_positions_or_is_told() -> None:
+    block = simulated(1)
+    points = block.block.control_points
+    position = np.random.default_rng(0).permutation(points.position_world_m)
+    wrong = replace(points, position_world_m=position * [3.0, 1.0, 1.0] + [0.0, 0.0, 1.0])
+    oriented = orient(replace(bare(block, no_attitude), control_points=wrong), AUTO)
+    assert_true(oriented, block, 4.0, 4.0)
+    with pytest.raises(OrientationError, match="the control points do not fit the block"):
+        orient(replace(bare(block, no_tags), control_points=wrong), AUTO)
+
+
+def test_positions_of_other_photographs_are_told() -> None:
+    block = simulated(1)
+    order = np.random.default_rng(0).permutation(COUNT)
+    mixed = bare(
+        block, lambda i, p: replace(p, gnss_world_m=block.block.photographs[order[i]].gnss_world_m), control=False
+    )
+    for settings in (AUTO, GROWTH):
+        with pytest.raises(OrientationError, match="check that they belong to these photographs"):
+            orient(mixed, settings)
+
+
+@pytest.mark.parametrize("wobble_m", [0.05, 1.0])
+@pytest.mark.parametrize("settings", [AUTO, GROWTH])
+def test_attitudes_hold_the_turn_of_one_strip(settings: OrientationSettings, wobble_m: float) -> None:
+    """Positions good to 2 m, along one line: across it there is more noise than flight."""
+    for seed in (1, 2):
+        block = simulated(seed, replace(STRIP, position_noise_m=wobble_m))
+        oriented = orient(bare(block), settings)
+        assert oriented.registered.all()
+        assert_true(oriented, block, 6.0, 3.0)
+
+
+def test_what_is_missing_is_told() -> None:
+    block = simulated(1)
+    expected = (
+        r"the block of 15 photographs cannot be placed in EPSG:25832: 0 control points are marked in two of them, "
+        r"0 have a GNSS position; give three of either, not in one line"
+    )
+    with pytest.raises(OrientationError, match=expected):
+        orient(bare(block, no_tags, control=False), AUTO)
+    points = block.block.control_points
+    two = replace(points, role=("control",) * 2 + ("check",) * 4)
+    with pytest.raises(OrientationError, match="2 control points are marked in two of them, 1 have a GNSS position"):
+        orient(replace(bare(block, lambda i, p: no_tags(i, p) if i else no_attitude(i, p)), control_points=two), AUTO)
+    straight = simulated(1, replace(STRIP, position_noise_m=0.05, gnss_sigma_m=(0.02, 0.02, 0.02)))
+    with pytest.raises(OrientationError, match="10 have a GNSS position; give three of either, not in one line"):
+        orient(bare(straight, no_attitude), AUTO)
+
+
+# ---- running ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", [lambda _, p: p, no_attitude])
+def test_the_same_block_is_oriented_the_same_bit_for_bit(change: Change) -> None:
+    one, other = (orient(bare(simulated(2), change), AUTO) for _ in range(2))
+    for a, b in zip(one.poses, other.poses, strict=True):
+        assert a is not None
+        assert b is not None
+        np.testing.assert_array_equal(a.rotation_world_from_camera, b.rotation_world_from_camera)
+        np.testing.assert_array_equal(a.position_world_m, b.position_world_m)
+    np.testing.assert_array_equal(one.parameters[0], other.parameters[0])
+
+
+def test_progress_is_told_in_photographs() -> None:
+    said: list[tuple[int, int, str]] = []
+    orient(bare(simulated(1), no_attitude), AUTO, lambda *step: said.append(step))
+    assert said[-1][:2] == (COUNT, COUNT)
+    assert all(0 <= done <= total == COUNT for done, total, _ in said)

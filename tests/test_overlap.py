@@ -179,4 +179,4 @@ def test_ground_sampling_distance_counts_along_the_axis() -> None:
     pose = Pose(rotation_from_gimbal(70.0, -40.0, 5.0), np.array([-60.0, -10.0, 80.0]))
     expected = np.median(pose.camera_from_world(points)[:, 2]) / 800.0
     assert ground_sampling_distance_m(block_of(points, [pose])) == pytest.approx([expected])
-    assert expected < 0.95 * np.median(np.linalg.norm(points - pose.position_world_m, axis=1)) / 800.0
+    assert expected < 0.97 * np.median(np.linalg.norm(points - pose.position_world_m, axis=1)) / 800.0

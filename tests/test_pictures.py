@@ -314,6 +314,16 @@ def test_overlap_has_whole_numbers_and_a_colour_each(tmp_path: Path, drawn: list
     assert len(drawn[1].axes) == 1
 
 
+def test_the_whole_ground_is_on_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
+    shown = contents(3, 0)
+    plan_picture(tmp_path / "plan.png", replace(shown, photograph_map_m=np.tile(SITE + 5, (3, 1))), "plan")
+    (west, east), (south, north) = drawn[0].axes[0].get_xlim(), drawn[0].axes[0].get_ylim()
+    assert west < SITE[0]
+    assert east > SITE[0] + 60
+    assert south < SITE[1]
+    assert north > SITE[1] + 40
+
+
 @pytest.mark.parametrize("most", [0, 1, 5, 10, 11, 14, 15, 37, 250, 1000])
 def test_classes_of_overlap_hold_every_number_once(most: int) -> None:
     levels = overlap_levels(most)

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, gimbal_from_rotation, project, rotation_from_gimbal
 from photogram.errors import WorkspaceError
-from photogram.files.poses import COLUMNS, footprint_world_m, gimbal_angles_deg, write_pose_geojson, write_pose_table
+from photogram.files.poses import COLUMNS, footprint_world_m, write_pose_geojson, write_pose_table
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.survey import Adjustment, Block, ControlPoints, Photograph, TiePoints
 
@@ -81,14 +81,14 @@ def vector(row: dict[str, Any], *names: str) -> FloatArray:
 
 @given(rotation=ROTATIONS)
 def test_gimbal_angles_are_undone_by_the_camera_module(rotation: FloatArray) -> None:
-    yaw, pitch, roll = gimbal_angles_deg(rotation)
+    yaw, pitch, roll = gimbal_from_rotation(rotation)
     assert np.allclose(rotation_from_gimbal(yaw, pitch, roll), rotation, atol=2e-7)
 
 
 @given(yaw=st.floats(-180, 180), up=st.booleans(), tilt=st.sampled_from([0.0, 1e-12, 1e-9, 1e-5]))
 def test_straight_down_the_heading_is_all_in_the_yaw(yaw: float, up: bool, tilt: float) -> None:
     rotation = rotation_from_gimbal(yaw, (90.0 - tilt) if up else (tilt - 90.0), 0.0)
-    angles = gimbal_angles_deg(rotation)
+    angles = gimbal_from_rotation(rotation)
     assert np.allclose(rotation_from_gimbal(*angles), rotation, atol=2e-7)
     if tilt < 1e-6:
         assert angles[2] == 0.0
@@ -103,7 +103,7 @@ def test_exactly_vertical_photographs_keep_their_heading(heading: tuple[float, f
     down = towards * up  # the bottom of the picture of a photograph that looks up is where its yaw points to
     axis = np.array([0.0, 0.0, up])
     rotation = np.column_stack([np.cross(down, axis), down, axis])
-    yaw, pitch, roll = gimbal_angles_deg(rotation)
+    yaw, pitch, roll = gimbal_from_rotation(rotation)
     assert yaw == pytest.approx(np.rad2deg(np.arctan2(*heading)))
     assert (pitch, roll) == (90.0 * up, 0.0)
     assert np.allclose(rotation_from_gimbal(yaw, pitch, roll), rotation, atol=1e-12)

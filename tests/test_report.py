@@ -361,7 +361,7 @@ def broken() -> tuple[Adjustment, Orientation, Block]:
     component = np.array([{1: -1, 6: 1}.get(i, 0) for i in range(8)], dtype=np.int64)
     reasons = tuple(LOST.get(i, "") for i in range(8))
     orientation = Orientation(poses, (None,) * 8, component, "attitude", reasons)
-    part, kept = registered_block(block, orientation)
+    part, kept = registered_block(replace(block, poses=poses))
     return with_all_photographs(adjust(part, AdjustmentSettings()), block, kept), orientation, block
 
 

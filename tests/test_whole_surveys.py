@@ -53,7 +53,7 @@ def settle(folder: Path, photogram: Run, *options: str) -> Path:
     outcome = photogram("init", folder / "photographs", "--crs", PLAN.crs, "--project", project, *options)
     assert outcome.code == 0, outcome.err
     values = yaml.safe_load(project.read_text(encoding="utf-8"))
-    values["features"] = {**(values.get("features") or {}), "maximum": 2500}
+    values["features"] = {**(values.get("features") or {}), "maximum": 1500}
     project.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return project
 
@@ -116,7 +116,7 @@ def test_consumer_positions_and_six_control_points(
     report = adjusted(settle(tmp_path, photogram, *tables))
     assert not unregistered(report)
     assert report["block"]["registered"] == report["block"]["photographs"] == 24
-    assert report["block"]["components"] == 1
+    assert len(report["block"]["components"]) == 1
     assert_right(report, tmp_path)
 
 
@@ -201,7 +201,8 @@ def test_heights_without_control_are_as_uncertain_as_predicted() -> None:
     for sigma, error in (nadir.T, oblique.T):
         assert np.all(np.abs(error) < 3.0 * sigma)
         assert low < np.sum((error / sigma) ** 2) < high
-    assert np.all(oblique[:, 0] < 0.75 * nadir[:, 0])
+    assert np.all(oblique[:, 0] < nadir[:, 0])
+    assert np.median(oblique[:, 0] / nadir[:, 0]) < 0.6
     assert np.sqrt(np.mean(oblique[:, 1] ** 2)) < 0.75 * np.sqrt(np.mean(nadir[:, 1] ** 2))
     # 1 % of the flying height is what the focal length alone leaves open
     assert 2.0 * rtk_plan().gsd_m < np.median(nadir[:, 0]) < 0.01 * rtk_plan().flying_height_m

@@ -21,8 +21,6 @@ COLUMNS = (
     "easting_m", "northing_m", "height_m", "omega_deg", "phi_deg", "kappa_deg", "yaw_deg", "pitch_deg", "roll_deg",
     "sigma_easting_m", "sigma_northing_m", "sigma_height_m", "sigma_x_deg", "sigma_y_deg", "sigma_z_deg",
 )  # fmt: skip
-VERTICAL = 1e-7
-"""Cosine of the pitch below which yaw and roll cannot be told apart; roll is then written as 0."""
 STEEPEST = 0.1
 """Sine of the flattest ray, below the horizon, that still makes a footprint."""
 
@@ -38,22 +36,6 @@ class _Exterior:
     sigma_attitude_deg: FloatArray
 
 
-def gimbal_angles_deg(rotation_true_from_camera: FloatArray) -> FloatArray:
-    """Return yaw, pitch, roll (3,) of a rotation (3, 3) from the camera to true east, true north, up.
-
-    DJI's convention (camera.rotation_from_gimbal). Of a photograph that looks straight down or up only the sum or the
-    difference of yaw and roll is known: roll is 0 there.
-    """
-    axis = rotation_true_from_camera[:, 2]
-    level = float(np.hypot(axis[0], axis[1]))
-    yaw, _, roll = gimbal_from_rotation(rotation_true_from_camera)
-    if level < VERTICAL:
-        down = rotation_true_from_camera[:, 1] * np.sign(axis[2])
-        yaw, roll = float(np.rad2deg(np.arctan2(down[0], down[1]))), 0.0
-    # the arcsine of nearly 1 would lose half of the digits
-    return np.array([yaw, float(np.rad2deg(np.arctan2(axis[2], level))), roll])
-
-
 def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
     frame, position, R = result.block.frame, pose.position_world_m, pose.rotation_world_from_camera
     world_from_map = frame.rotation_world_from_map(position)
@@ -61,7 +43,7 @@ def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
     return _Exterior(
         frame.map_from_world(position[None])[0],
         omega_phi_kappa_deg(world_from_map.T @ R),
-        gimbal_angles_deg(frame.rotation_world_from_true(position).T @ R),
+        np.array(gimbal_from_rotation(frame.rotation_world_from_true(position).T @ R)),
         np.sqrt(np.diag(covariance)),
         np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[index]))),
     )

@@ -1,0 +1,492 @@
+"""Compiled loops over the rays of points: linearisation, elimination, substitution, covariances.
+
+Work rows: a ray has two rows of J, each with its Jacobian on the pose (0–5), the calibration (6–13) and the point
+(14–16), its residual (17) and Z (18–20), all multiplied by the root of the ray's weight. V holds a point's normal
+matrix (0–8) and right-hand side (9–11), M the elements 00 10 11 20 21 22 of L⁻¹, where L Lᵀ is the damped V.
+
+A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
+elimination (36–41), the right-hand side (42–47), then six for every border column. Interior orientations come with the
+units of their parameters (cameras, 16), poses as rotation, row by row, and position (photographs, 12), measurements as
+u, v and 1 / sigma, rays as photograph and camera.
+
+Small arrays are read into scalars before anything is written, so that nothing need be read again, and addresses into
+large ones are unsigned, so that none is tested for being negative.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from photogram.survey import FloatArray, IntArray
+
+Six = tuple[float, float, float, float, float, float]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def robust(square: float, loss: int, threshold: float) -> tuple[float, float]:
+    """Cost ρ and weight of a squared whitened norm, as graph.robust_cost_and_weight."""
+    if loss == 1 and square > threshold * threshold:
+        norm = np.sqrt(square)
+        return 2.0 * threshold * norm - threshold * threshold, threshold / norm
+    if loss == 2:
+        ratio = square / (threshold * threshold)
+        return threshold * threshold * np.log1p(ratio), 1.0 / (1.0 + ratio)
+    return square, 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def calibration_rows(
+    o: int, c: int, s: float, x: float, y: float, xd: float, yd: float, q: FloatArray, J: FloatArray
+) -> None:
+    """Fill a ray's derivatives by the parameters of camera ``c``, in their units, times s; (x, y) ideal, (xd, yd)
+    distorted."""
+    J[o, 6], J[o, 7], J[o, 8] = s * xd * q[c, 8], s * q[c, 9], 0.0
+    J[o + 1, 6], J[o + 1, 7], J[o + 1, 8] = s * yd * q[c, 8], 0.0, s * q[c, 10]
+    sf, r2, xy2 = s * q[c, 0], x * x + y * y, 2.0 * x * y
+    m3, m4, m5 = sf * r2 * q[c, 11], sf * r2 * r2 * q[c, 12], sf * r2 * r2 * r2 * q[c, 13]
+    m6, m7 = sf * q[c, 14], sf * q[c, 15]
+    J[o, 9], J[o, 10], J[o, 11], J[o, 12], J[o, 13] = m3 * x, m4 * x, m5 * x, m6 * xy2, m7 * (r2 + 2.0 * x * x)
+    J[o + 1, 9], J[o + 1, 10], J[o + 1, 11] = m3 * y, m4 * y, m5 * y
+    J[o + 1, 12], J[o + 1, 13] = m6 * (r2 + 2.0 * y * y), m7 * xy2
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def linearise_point(
+    begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
+    number: int, loss: int, threshold: float, J: FloatArray, V: FloatArray,
+) -> float:  # fmt: skip
+    """Fill the work rows of a point's rays, and add to V: its normal matrix 0–8 and right-hand side 9–11.
+
+    Returns its cost, infinite behind a camera. The derivatives are those of camera.project_point_jacobians, written out
+    and multiplied by the root of the weight.
+    """
+    cost = 0.0
+    v00, v10, v11, v20, v21, v22 = V[0], V[3], V[4], V[6], V[7], V[8]
+    b0, b1, b2 = V[9], V[10], V[11]
+    for i in range(begin, end):
+        o, p, c = 2 * (i - begin), seen[i, 0], seen[i, 1]
+        dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
+        a00, a01, a02, a10, a11, a12 = pose[p, 0], pose[p, 1], pose[p, 2], pose[p, 3], pose[p, 4], pose[p, 5]
+        a20, a21, a22 = pose[p, 6], pose[p, 7], pose[p, 8]
+        px, py, pz = a00 * dx + a10 * dy + a20 * dz, a01 * dx + a11 * dy + a21 * dz, a02 * dx + a12 * dy + a22 * dz
+        if not pz > 0.0:
+            return np.inf
+        f, k1, k2, k3, p1, p2 = q[c, 0], q[c, 3], q[c, 4], q[c, 5], q[c, 6], q[c, 7]
+        near = 1.0 / pz
+        x, y = px * near, py * near
+        r2 = x * x + y * y
+        radial, slope = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+        xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+        yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+        s = measured[i, 2]
+        r0, r1 = s * (f * xd + q[c, 1] - measured[i, 0]), s * (f * yd + q[c, 2] - measured[i, 1])
+        value, weight = robust(r0 * r0 + r1 * r1, loss, threshold)
+        cost += value
+        if weight != 1.0:
+            root = np.sqrt(weight)
+            s, r0, r1 = s * root, r0 * root, r1 * root
+        w = s * f * near
+        g0, g1, h1 = w * xx, w * xy, w * yy
+        h0 = g1
+        g2, h2 = -(g0 * x + g1 * y), -(h0 * x + h1 * y)
+        J[o, 0], J[o, 1], J[o, 2] = g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px
+        J[o, 3], J[o, 4], J[o, 5], J[o, 17] = -g0, -g1, -g2, r0
+        J[o + 1, 0], J[o + 1, 1], J[o + 1, 2] = h1 * pz - h2 * py, h2 * px - h0 * pz, h0 * py - h1 * px
+        J[o + 1, 3], J[o + 1, 4], J[o + 1, 5], J[o + 1, 17] = -h0, -h1, -h2, r1
+        u0, u1, u2 = a00 * g0 + a01 * g1 + a02 * g2, a10 * g0 + a11 * g1 + a12 * g2, a20 * g0 + a21 * g1 + a22 * g2
+        w0, w1, w2 = a00 * h0 + a01 * h1 + a02 * h2, a10 * h0 + a11 * h1 + a12 * h2, a20 * h0 + a21 * h1 + a22 * h2
+        J[o, 14], J[o, 15], J[o, 16], J[o + 1, 14], J[o + 1, 15], J[o + 1, 16] = u0, u1, u2, w0, w1, w2
+        v00 += u0 * u0 + w0 * w0
+        v10 += u1 * u0 + w1 * w0
+        v11 += u1 * u1 + w1 * w1
+        v20 += u2 * u0 + w2 * w0
+        v21 += u2 * u1 + w2 * w1
+        v22 += u2 * u2 + w2 * w2
+        b0 -= u0 * r0 + w0 * r1
+        b1 -= u1 * r0 + w1 * r1
+        b2 -= u2 * r0 + w2 * r1
+        calibration_rows(o, c, s, x, y, xd, yd, q, J)
+    V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
+    V[9], V[10], V[11] = b0, b1, b2
+    return 0.5 * cost
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def point_cost(
+    begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
+    number: int, loss: int, threshold: float,
+) -> float:  # fmt: skip
+    """Return the cost of a point's rays, infinite behind a camera."""
+    cost = 0.0
+    for i in range(begin, end):
+        p, c = seen[i, 0], seen[i, 1]
+        dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
+        pz = pose[p, 2] * dx + pose[p, 5] * dy + pose[p, 8] * dz
+        if not pz > 0.0:
+            return np.inf
+        near = 1.0 / pz
+        x = near * (pose[p, 0] * dx + pose[p, 3] * dy + pose[p, 6] * dz)
+        y = near * (pose[p, 1] * dx + pose[p, 4] * dy + pose[p, 7] * dz)
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (q[c, 3] + r2 * (q[c, 4] + r2 * q[c, 5]))
+        xd = x * radial + 2.0 * q[c, 6] * x * y + q[c, 7] * (r2 + 2.0 * x * x)
+        yd = y * radial + q[c, 6] * (r2 + 2.0 * y * y) + 2.0 * q[c, 7] * x * y
+        r0 = measured[i, 2] * (q[c, 0] * xd + q[c, 1] - measured[i, 0])
+        r1 = measured[i, 2] * (q[c, 0] * yd + q[c, 2] - measured[i, 1])
+        cost += robust(r0 * r0 + r1 * r1, loss, threshold)[0]
+    return 0.5 * cost
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def inverse_factor(V: FloatArray, damping: float, M: FloatArray) -> bool:
+    """The inverse of the lower Cholesky factor of V, its diagonal scaled by 1 + damping, as its elements 00 10 11 20 21
+    22 in M; False when V is singular."""
+    grown = 1.0 + damping
+    a, d, f = grown * V[0], grown * V[4], grown * V[8]
+    if not (a > 0.0 and d > 0.0 and f > 0.0):
+        return False
+    l00 = np.sqrt(a)
+    l10, l20 = V[3] / l00, V[6] / l00
+    second = d - l10 * l10
+    if not second > 0.0:
+        return False
+    l11 = np.sqrt(second)
+    l21 = (V[7] - l20 * l10) / l11
+    third = f - l20 * l20 - l21 * l21
+    if not second * third > 1e-14 * d * f:
+        return False
+    l22 = np.sqrt(third)
+    M[0], M[2], M[5] = 1.0 / l00, 1.0 / l11, 1.0 / l22
+    M[1] = -l10 * M[0] / l11
+    M[3], M[4] = -(l20 * M[0] + l21 * M[1]) / l22, -l21 * M[2] / l22
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def eliminate_coordinates(rows: int, M: FloatArray, J: FloatArray) -> None:
+    """Fill Z = B L⁻ᵀ of a point's work rows from their Jacobians B on the point."""
+    for o in range(rows):
+        u0, u1, u2 = J[o, 14], J[o, 15], J[o, 16]
+        J[o, 18], J[o, 19], J[o, 20] = u0 * M[0], u0 * M[1] + u1 * M[2], u0 * M[3] + u1 * M[4] + u2 * M[5]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def add_six(A: FloatArray, at: int, p: Six, m: float, s: Six, n: float) -> None:
+    """Add p m + s n to six elements of A from ``at`` on."""
+    u = np.uint64(at)
+    i1, i2, i3 = u + np.uint64(1), u + np.uint64(2), u + np.uint64(3)
+    i4, i5 = u + np.uint64(4), u + np.uint64(5)
+    t0, t1, t2 = A[u] + p[0] * m + s[0] * n, A[i1] + p[1] * m + s[1] * n, A[i2] + p[2] * m + s[2] * n
+    t3, t4, t5 = A[i3] + p[3] * m + s[3] * n, A[i4] + p[4] * m + s[4] * n, A[i5] + p[5] * m + s[5] * n
+    A[u], A[i1], A[i2], A[i3], A[i4], A[i5] = t0, t1, t2, t3, t4, t5
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, stride: int, origin: int) -> None:
+    """Subtract A_iᵀ Z_i Z_jᵀ A_j of all pairs of a point's rays, in the order of the band, from the flat matrix."""
+    for j in range(count):
+        if place[j] < 0:
+            continue
+        z00, z01, z02, z10, z11, z12 = (
+            J[2 * j, 18],
+            J[2 * j, 19],
+            J[2 * j, 20],
+            J[2 * j + 1, 18],
+            J[2 * j + 1, 19],
+            J[2 * j + 1, 20],
+        )
+        column = 6 * (place[j] - origin) * stride
+        for i in range(j + 1, count):
+            c, d = 2 * i, 2 * i + 1
+            k00 = -J[c, 18] * z00 - J[c, 19] * z01 - J[c, 20] * z02
+            k01 = -J[c, 18] * z10 - J[c, 19] * z11 - J[c, 20] * z12
+            k10 = -J[d, 18] * z00 - J[d, 19] * z01 - J[d, 20] * z02
+            k11 = -J[d, 18] * z10 - J[d, 19] * z11 - J[d, 20] * z12
+            corner = column + 6 * (place[i] - origin)
+            p = (J[c, 0], J[c, 1], J[c, 2], J[c, 3], J[c, 4], J[c, 5])
+            s = (J[d, 0], J[d, 1], J[d, 2], J[d, 3], J[d, 4], J[d, 5])
+            if place[i] != place[j]:
+                for b in range(6):
+                    m, n = k00 * J[2 * j, b] + k01 * J[2 * j + 1, b], k10 * J[2 * j, b] + k11 * J[2 * j + 1, b]
+                    add_six(A, corner + b * stride, p, m, s, n)
+                continue
+            for b in range(6):  # twice in one photograph: the block and its transpose, the lower half of each
+                m, n = k00 * J[2 * j, b] + k01 * J[2 * j + 1, b], k10 * J[2 * j, b] + k11 * J[2 * j + 1, b]
+                for a in range(6):
+                    value = J[c, a] * m + J[d, a] * n
+                    A[corner + min(a, b) * stride + max(a, b)] += 2.0 * value if a == b else value
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def add_pose(
+    block: int,
+    o: int,
+    own: int,
+    slots: int,
+    start: IntArray,
+    J: FloatArray,
+    y: FloatArray,
+    Yc: FloatArray,
+    Q: FloatArray,
+) -> None:
+    """Add a ray's share to the rows of its pose, which begin at ``block`` of the flat Q."""
+    z00, z01, z02, z10, z11, z12 = J[o, 18], J[o, 19], J[o, 20], J[o + 1, 18], J[o + 1, 19], J[o + 1, 20]
+    k00, k11 = 1.0 - z00 * z00 - z01 * z01 - z02 * z02, 1.0 - z10 * z10 - z11 * z11 - z12 * z12
+    k01 = -z00 * z10 - z01 * z11 - z02 * z12
+    p = (J[o, 0], J[o, 1], J[o, 2], J[o, 3], J[o, 4], J[o, 5])
+    s = (J[o + 1, 0], J[o + 1, 1], J[o + 1, 2], J[o + 1, 3], J[o + 1, 4], J[o + 1, 5])
+    for b in range(6):
+        m, n = J[o, b], J[o + 1, b]
+        add_six(Q, block + 6 * b, p, k00 * m + k01 * n, s, k01 * m + k11 * n)
+        Q[block + 36 + b] += m * m + n * n
+    e0, e1 = J[o, 17] + z00 * y[0] + z01 * y[1] + z02 * y[2], J[o + 1, 17] + z10 * y[0] + z11 * y[1] + z12 * y[2]
+    add_six(Q, block + 42, p, -e0, s, -e1)
+    for slot in range(slots):
+        for t in range(8):
+            m = -z00 * Yc[slot, t] - z01 * Yc[slot, 8 + t] - z02 * Yc[slot, 16 + t]
+            n = -z10 * Yc[slot, t] - z11 * Yc[slot, 8 + t] - z12 * Yc[slot, 16 + t]
+            if slot == own:
+                m += J[o, 6 + t]
+                n += J[o + 1, 6 + t]
+            add_six(Q, block + 48 + 6 * (start[slot] + t), p, m, s, n)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def add_border(
+    count: int, first: int, seen: IntArray, column_of: IntArray, J: FloatArray, y: FloatArray, start: IntArray,
+    own: IntArray, Yc: FloatArray, H: FloatArray,
+) -> int:  # fmt: skip
+    """Add a point's share to the border: H holds its matrix, then the undamped diagonal, then the right-hand side.
+
+    Fills Yc (cameras, 24) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``start`` with their
+    border columns, ``own`` with each ray's slot, −1 for none; returns the number of slots.
+    """
+    border, slots = H.shape[1], 0
+    for o in range(count):
+        own[o], column = -1, column_of[seen[first + o, 1]]
+        if column < 0:
+            continue
+        slot = 0
+        while slot < slots and start[slot] != column:
+            slot += 1
+        if slot == slots:
+            start[slot], slots = column, slots + 1
+            Yc[slot] = 0.0
+        own[o], c, d = slot, 2 * o, 2 * o + 1
+        for t in range(8):
+            m, n = J[c, 6 + t], J[d, 6 + t]
+            H[border + 1, column + t] -= m * J[c, 17] + n * J[d, 17]
+            H[border, column + t] += m * m + n * n
+            for k in range(3):
+                Yc[slot, 8 * k + t] += J[c, 18 + k] * m + J[d, 18 + k] * n
+            for s in range(t + 1):
+                H[column + t, column + s] += m * J[c, 6 + s] + n * J[d, 6 + s]
+    for slot in range(slots):
+        for a in range(8):
+            row, y0, y1, y2 = start[slot] + a, Yc[slot, a], Yc[slot, 8 + a], Yc[slot, 16 + a]
+            H[border + 1, row] -= y0 * y[0] + y1 * y[1] + y2 * y[2]
+            for other in range(slots):
+                if start[other] > start[slot]:
+                    continue
+                for t in range(8 if other != slot else a + 1):
+                    H[row, start[other] + t] -= y0 * Yc[other, t] + y1 * Yc[other, 8 + t] + y2 * Yc[other, 16 + t]
+    return slots
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def accumulate(
+    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    damping: float, prior: FloatArray, origin: int, stride: int, A: FloatArray, Q: FloatArray, H: FloatArray,
+) -> tuple[float, int]:  # fmt: skip
+    """Add the points of a range to A, from photograph ``origin`` of the band on, Q and H.
+
+    Returns their cost and the first point that cannot be eliminated, −1 when all can.
+    """
+    longest = 1
+    for p in range(begin, end):
+        longest = max(longest, first[p + 1] - first[p])
+    J, V, M, y = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6), np.zeros(3)
+    place, own = np.zeros(longest, np.int64), np.zeros(longest, np.int64)
+    start, Yc = np.zeros(len(q), np.int64), np.zeros((len(q), 24))
+    share, cost = 48 + 6 * H.shape[1], 0.0
+    for p in range(begin, end):
+        for k in range(12):
+            V[k] = prior[index[p], k] if len(prior) else 0.0
+        cost += linearise_point(
+            first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, J, V
+        )  # fmt: skip
+        if cost == np.inf:
+            return cost, -1
+        if not inverse_factor(V, damping, M):
+            return cost, index[p]
+        y[0], y[1] = M[0] * V[9], M[1] * V[9] + M[2] * V[10]
+        y[2] = M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
+        count = first[p + 1] - first[p]
+        eliminate_coordinates(2 * count, M, J)
+        slots = add_border(count, first[p], seen, column_of, J, y, start, own, Yc, H)
+        for o in range(count):
+            place[o] = place_of[seen[first[p] + o, 0]]
+            if place[o] >= 0:
+                add_pose(place[o] * share, 2 * o, own[o], slots, start, J, y, Yc, Q)
+        subtract_pairs(count, place, J, A, stride, origin)
+    return cost, -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def substitute_points(
+    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    damping: float, prior: FloatArray, step: FloatArray, border_step: FloatArray,
+    moved_q: FloatArray, moved_pose: FloatArray, moved_X: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    """Fill the points moved by their part of the step; returns their share of the decrease that the linear model
+    predicts, and their cost after the step."""
+    longest = 1
+    for p in range(begin, end):
+        longest = max(longest, first[p + 1] - first[p])
+    J, V, M = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6)
+    decrease, cost = 0.0, 0.0
+    for p in range(begin, end):
+        number = index[p]
+        for k in range(12):
+            V[k] = prior[number, k] if len(prior) else 0.0
+        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, number, loss, threshold, J, V)
+        inverse_factor(V, damping, M)
+        t0, t1, t2 = V[9], V[10], V[11]
+        for i in range(first[p], first[p + 1]):
+            c, at, column = 2 * (i - first[p]), 6 * place_of[seen[i, 0]], column_of[seen[i, 1]]
+            r0, r1 = 0.0, 0.0
+            if at >= 0:
+                for a in range(6):
+                    r0 += J[c, a] * step[at + a]
+                    r1 += J[c + 1, a] * step[at + a]
+            if column >= 0:
+                for a in range(8):
+                    r0 += J[c, 6 + a] * border_step[column + a]
+                    r1 += J[c + 1, 6 + a] * border_step[column + a]
+            decrease -= 0.5 * (J[c, 17] * r0 + J[c + 1, 17] * r1)
+            t0 -= J[c, 14] * r0 + J[c + 1, 14] * r1
+            t1 -= J[c, 15] * r0 + J[c + 1, 15] * r1
+            t2 -= J[c, 16] * r0 + J[c + 1, 16] * r1
+        y0, y1, y2 = M[0] * t0, M[1] * t0 + M[2] * t1, M[3] * t0 + M[4] * t1 + M[5] * t2
+        t0, t1, t2 = M[0] * y0 + M[1] * y1 + M[3] * y2, M[2] * y1 + M[4] * y2, M[5] * y2
+        decrease += 0.5 * (t0 * (V[9] + damping * V[0] * t0) + t1 * (V[10] + damping * V[4] * t1))
+        decrease += 0.5 * t2 * (V[11] + damping * V[8] * t2)
+        moved_X[number, 0], moved_X[number, 1], moved_X[number, 2] = (
+            X[number, 0] + t0,
+            X[number, 1] + t1,
+            X[number, 2] + t2,
+        )
+        cost += point_cost(
+            first[p], first[p + 1], seen, measured, moved_q, moved_pose, moved_X, number, loss, threshold
+        )  # fmt: skip
+    return decrease, cost
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def two_dots(A: FloatArray, at: int, J: FloatArray, o: int) -> tuple[float, float]:
+    """Products of a ray's two Jacobian rows on its pose with six elements of A from ``at`` on."""
+    u = np.uint64(at)
+    a0, a1, a2 = A[u], A[u + np.uint64(1)], A[u + np.uint64(2)]
+    a3, a4, a5 = A[u + np.uint64(3)], A[u + np.uint64(4)], A[u + np.uint64(5)]
+    p, q = o, o + 1
+    first = J[p, 0] * a0 + J[p, 1] * a1 + J[p, 2] * a2 + J[p, 3] * a3 + J[p, 4] * a4 + J[p, 5] * a5
+    return first, J[q, 0] * a0 + J[q, 1] * a1 + J[q, 2] * a2 + J[q, 3] * a3 + J[q, 4] * a4 + J[q, 5] * a5
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, stride: int, H: FloatArray) -> None:
+    """Add Z_oᵀ (A_o C A_sᵀ) Z_s to H, and its transpose; half of both where the rays are the same.
+
+    C is the block of A, column by column, that begins at ``at``.
+    """
+    v00, v01, v10, v11 = 0.0, 0.0, 0.0, 0.0
+    for c in range(6):
+        r0, r1 = two_dots(A, at + c * stride, J, o)
+        v00 += r0 * J[s, c]
+        v01 += r0 * J[s + 1, c]
+        v10 += r1 * J[s, c]
+        v11 += r1 * J[s + 1, c]
+    half = 0.5 if o == s else 1.0
+    for m in range(3):
+        t0 = half * (v00 * J[s, 18 + m] + v01 * J[s + 1, 18 + m])
+        t1 = half * (v10 * J[s, 18 + m] + v11 * J[s + 1, 18 + m])
+        for k in range(3):
+            product = J[o, 18 + k] * t0 + J[o + 1, 18 + k] * t1
+            H[k, m] += product
+            H[m, k] += product
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: FloatArray) -> None:
+    """Set a point's covariance L⁻ᵀ (I + H) L⁻¹; H is used up."""
+    for k in range(3):
+        H[k, k] += 1.0
+    for m in range(3):
+        h0, h1, h2 = H[0, m], H[1, m], H[2, m]
+        H[0, m], H[1, m], H[2, m] = M[0] * h0 + M[1] * h1 + M[3] * h2, M[2] * h1 + M[4] * h2, M[5] * h2
+    for k in range(3):
+        result[number, k, 0] = M[0] * H[k, 0] + M[1] * H[k, 1] + M[3] * H[k, 2]
+        result[number, k, 1] = M[2] * H[k, 1] + M[4] * H[k, 2]
+        result[number, k, 2] = M[5] * H[k, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+def covariances_of_points(
+    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray, border: FloatArray,
+    result: FloatArray,
+) -> int:  # fmt: skip
+    """Fill the covariances (P, 3, 3) of a range of points; returns the first that is singular, −1 when none is.
+
+    ``inverse`` (flat) of the poses' matrix, ``own`` (free, 6, 6) its diagonal blocks, ``T`` (free, border, 6), flat.
+    """
+    longest, n = 1, len(border)
+    for p in range(begin, end):
+        longest = max(longest, first[p + 1] - first[p])
+    J, V, M = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6)
+    G, H = np.zeros((3, n)), np.zeros((3, 3))
+    for p in range(begin, end):
+        for k in range(12):
+            V[k] = prior[index[p], k] if len(prior) else 0.0
+        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, J, V)
+        if not inverse_factor(V, 0.0, M):
+            return int(index[p])
+        # In the coordinates L⁻¹ of the point every Jacobian on it is Z.
+        eliminate_coordinates(2 * (first[p + 1] - first[p]), M, J)
+        G[:], H[:] = 0.0, 0.0
+        for i in range(first[p], first[p + 1]):
+            o, at, column = 2 * (i - first[p]), place_of[seen[i, 0]], column_of[seen[i, 1]]
+            if column >= 0:
+                for k in range(3):
+                    for t in range(8):
+                        G[k, column + t] += J[o, 18 + k] * J[o, 6 + t] + J[o + 1, 18 + k] * J[o + 1, 6 + t]
+            if at < 0:
+                continue
+            for t in range(n):
+                r0, r1 = two_dots(T, 6 * (n * at + t), J, o)
+                for k in range(3):
+                    G[k, t] -= J[o, 18 + k] * r0 + J[o + 1, 18 + k] * r1
+            for other in range(first[p], i + 1):
+                low = place_of[seen[other, 0]]
+                if low < 0:
+                    continue
+                if low == at:
+                    add_pair(o, 2 * (other - first[p]), J, own, 36 * at, 6, H)
+                else:
+                    add_pair(o, 2 * (other - first[p]), J, inverse, 6 * low * stride + 6 * at, stride, H)
+        for k in range(3):
+            for s in range(n):
+                value = 0.0
+                for t in range(n):
+                    value += border[s, t] * G[k, t]
+                for m in range(3):
+                    H[k, m] += value * G[m, s]
+        covariance_in_world(index[p], M, H, result)
+    return -1
