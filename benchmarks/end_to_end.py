@@ -142,7 +142,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
         {
             "features": stage("features"),
             "matching": stage("matches", "tie_points"),
-            "orientation + adjustment": stage("orientation", "adjustment"),
+            "orientation + adjustment": stage("orientation", "transfer", "adjustment"),
         },
         len(report["photographs"]),
         len(registered),

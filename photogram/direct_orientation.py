@@ -8,6 +8,8 @@ down, then either makes the tie points agree or shows that the measurements were
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from photogram.similarity import similarity_from_attitudes
 from photogram.structure import BoolArray, Structure, StructureSettings
@@ -143,6 +145,8 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
     good = np.bincount(block.tie_points.photograph[structure.good], minlength=len(usable))
     confirmed = structure.registered & (share >= settings.minimum_share) & (good >= settings.minimum_points)
     structure.withdraw(structure.registered & ~confirmed)
+    confirmed &= _largest_piece(structure)
+    structure.withdraw(structure.registered & ~confirmed)
     theirs = confirmed[block.tie_points.photograph]
     if (
         confirmed.sum() < max(3, REGISTERED_SHARE * usable.sum())
@@ -157,6 +161,20 @@ def _withdraw_strangers(structure: Structure) -> None:
     """Withdraw photographs that agree far less than most do, before they bend the others."""
     share = _agreeing(structure)
     structure.withdraw(structure.registered & (share < STRANGER_SHARE * np.median(share[structure.registered])))
+
+
+def _largest_piece(structure: Structure) -> BoolArray:
+    """Return the photographs (N,) of the largest piece that tie points hold together.
+
+    Photographs of another site agree with each other and with their own measured poses.
+    """
+    tie, good = structure.tie_points, structure.good
+    shape = (len(structure.camera_of), len(tie))
+    seen = csr_matrix((np.ones(int(good.sum()), dtype=np.int32), (tie.photograph[good], tie.point[good])), shape=shape)
+    joined = (seen @ seen.T) >= structure.settings.minimum_points
+    piece = connected_components(joined, directed=False)[1]
+    size = np.bincount(piece[structure.registered], minlength=int(piece.max(initial=-1)) + 1)
+    return np.asarray(structure.registered & (piece == int(np.argmax(size))))
 
 
 def _shift(structure: Structure, block: Block) -> float:

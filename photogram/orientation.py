@@ -29,7 +29,7 @@ Progress = Callable[[int, int, str], None]
 ATTITUDE_LIMIT = 4.0
 ATTITUDES_AGREEING = 0.8
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
-OPEN_TURN_RAD = 0.1  # that positions leave about the line they lie along, from which attitudes are asked
+OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
 CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
 DISTORTION_PX = 10.0  # that distortion may be wrong by in the corners, for control points to be resected with it
@@ -284,37 +284,61 @@ def _angle_rad(a: FloatArray, b: FloatArray) -> float:
     return float(np.arccos(np.clip((np.trace(a.T @ b) - 1.0) / 2.0, -1.0, 1.0)))
 
 
+def _common_turn(turns: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to most of the turns (K, 3, 3), by an iteratively reweighted chordal mean
+    (Hartley et al. 2013, sec. 5): positions that are metres off turn a block as a whole."""
+    weight = np.ones(len(turns))
+    common = np.eye(3)
+    for _ in range(30):
+        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turns))
+        common = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        weight = 1.0 / np.maximum(np.linalg.norm(turns - common, axis=(1, 2)), 0.02)
+    return np.asarray(common)
+
+
 def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
     """Return the photographs with the measured attitudes that may take part in the adjustment.
 
-    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas. A compass that is wrong
-    is wrong for whole strips, so where one attitude in five of a flight does not agree, none of its headings is
-    believed: what remains is the tilt, which the vertical gives, turned to the heading of the pose. A tilt that does
-    not agree is left out.
+    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
+    all. A compass that is wrong is wrong for whole strips, so where one attitude in five of a flight does not agree,
+    none of its headings is believed: what remains is the tilt, which the vertical gives, turned to the heading of the
+    pose. A tilt that does not agree is left out.
     """
-    given, agrees = np.zeros(len(poses), dtype=bool), np.zeros(len(poses), dtype=bool)
+    given, turned = [], []
     for i, (photograph, pose) in enumerate(zip(block.photographs, poses, strict=True)):
-        attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
-        if pose is not None and attitude is not None and sigma is not None:
-            given[i] = True
-            agrees[i] = _angle_rad(attitude, pose.rotation_world_from_camera) < ATTITUDE_LIMIT * sigma
-    flights = np.array([photograph.flight for photograph in block.photographs])
-    for flight in np.unique(flights):
-        members = given & (flights == flight)
-        if members.any() and agrees[members].mean() <= ATTITUDES_AGREEING:
-            agrees[members] = False
+        if pose is not None and photograph.attitude_world_from_camera is not None:
+            given.append(i)
+            turned.append(pose.rotation_world_from_camera @ photograph.attitude_world_from_camera.T)
+    if not given:
+        return block.photographs
+    turns = np.array(turned)
+    common = _common_turn(turns)
+    agrees = {
+        i: _angle_rad(common, turn) < _limit_rad(block.photographs[i]) for i, turn in zip(given, turns, strict=True)
+    }
+    for flight in {block.photographs[i].flight for i in given}:
+        members = [i for i in given if block.photographs[i].flight == flight]
+        if np.mean([agrees[i] for i in members]) <= ATTITUDES_AGREEING:
+            agrees.update(dict.fromkeys(members, False))
     return tuple(
-        photograph if agrees[i] or not given[i] else _with_tilt_alone(photograph, poses[i])
+        photograph if agrees.get(i, True) else _with_tilt_alone(photograph, turns[given.index(i)], common)
         for i, photograph in enumerate(block.photographs)
     )
 
 
-def _with_tilt_alone(photograph: Photograph, pose: Pose | None) -> Photograph:
-    attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
-    if pose is None or attitude is None or sigma is None:
+def _limit_rad(photograph: Photograph) -> float:
+    return ATTITUDE_LIMIT * (photograph.attitude_sigma_rad or 0.0)
+
+
+def _with_tilt_alone(photograph: Photograph, turn: FloatArray, common: FloatArray) -> Photograph:
+    """Return a photograph whose pose is ``turn`` (3, 3) away from its attitude with the tilt of the attitude alone."""
+    attitude = photograph.attitude_world_from_camera
+    if attitude is None:
         return photograph
-    R = pose.rotation_world_from_camera
-    tilted = _turn_about_vertical(R @ attitude.T) @ attitude
-    if _angle_rad(tilted, R) < ATTITUDE_LIMIT * sigma:
+    tilted = _turn_about_vertical(turn) @ attitude
+    # a common turn about level axes is the block's, by its positions, and no fault of this tilt
+    level = common @ _turn_about_vertical(common).T
+    pose = turn @ attitude
+    if min(_angle_rad(tilted, pose), _angle_rad(level @ tilted, pose)) < _limit_rad(photograph):
         return replace(photograph, attitude_world_from_camera=tilted, heading_known=False)
     return replace(photograph, attitude_world_from_camera=None, attitude_sigma_rad=None)

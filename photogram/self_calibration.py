@@ -26,6 +26,7 @@ Held = dict[str, dict[str, str]]
 Progress = Callable[[str], None]
 
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothing of a parameter
+TOLD_BY_HEIGHTS = 0.3  # relative sigma of a measured flying height over that of the given focal length
 BELIEVABLE = 3.0  # prior sigmas, that a focal length may change by in a block that looks straight down
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
 WEAKEST = (0.1, 0.05, 0.05, 0.3, 0.3, 0.3, 0.01, 0.01)
@@ -39,7 +40,8 @@ def with_priors(camera: Camera) -> Camera:
 
 
 def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
-    """Return the largest tilt in degrees of a camera's photographs, and how far their headings leave one line."""
+    """Return the largest tilt in degrees of a camera's photographs, and how far their headings leave one line; both
+    infinite without any."""
     R = np.array(
         [
             pose.rotation_world_from_camera
@@ -47,6 +49,8 @@ def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
             if pose is not None and photograph.camera == camera
         ]
     ).reshape(-1, 3, 3)
+    if not len(R):
+        return float("inf"), float("inf")
     tilt = np.rad2deg(np.arccos(np.clip(-R[:, 2, 2], -1.0, 1.0)))
     heading = 2.0 * np.arctan2(R[:, 1, 0], R[:, 0, 0])  # doubled: to and fro are one direction
     mean = np.arctan2(np.sin(heading).sum(), np.cos(heading).sum())
@@ -63,6 +67,20 @@ def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: flo
     return told
 
 
+def _told_by_heights(given: Camera, result: Adjustment) -> bool:
+    """Return whether control points and GNSS heights tell the flying height, and so the focal length, much better than
+    the source of the calibration does."""
+    block = result.block
+    control = block.control_points.with_role("control")
+    sigma = [p.gnss_sigma_m[2] for p in block.photographs if p.gnss_sigma_m is not None]
+    heights = [pose.position_world_m[2] for pose in block.poses if pose is not None]
+    if len(control) < 3 or not sigma:
+        return False
+    height_m = float(np.median(heights) - np.median(control.position_world_m[:, 2]))
+    known_m = float(np.hypot(np.median(sigma) / np.sqrt(len(sigma)), block.gnss_offset_sigma_m[2]))
+    return known_m / max(height_m, 1e-9) < TOLD_BY_HEIGHTS * float(given.sigmas[0]) / given.focal_px
+
+
 def _run_away(given: Camera, result: Adjustment, c: int) -> str | None:
     """Return why the focal length of a camera that looks straight down is not believed, None where it may be.
 
@@ -73,7 +91,7 @@ def _run_away(given: Camera, result: Adjustment, c: int) -> str | None:
     tilt, _ = _tilt_and_headings(result.block, c)
     prior, adjusted = float(given.sigmas[0]), result.block.cameras[c].focal_px
     away = abs(adjusted - given.focal_px) / prior if prior > 0 else 0.0
-    if tilt > LEVEL_DEG or away <= BELIEVABLE:
+    if tilt > LEVEL_DEG or away <= BELIEVABLE or _told_by_heights(given, result):
         return None
     return (
         f"photographs that look straight down cannot tell it from the flying height: they would have it {adjusted:.1f} "

@@ -12,6 +12,7 @@ from threading import BoundedSemaphore
 from typing import Any, Protocol
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
@@ -167,9 +168,12 @@ def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str
         return bool(read_arrays(path)["verified"].any())
 
     verified = 0
-    for done, ((i, j), found) in enumerate(zip(selected.pairs, run.executor.map(match, selected.pairs), strict=True)):
-        verified += found
-        progress(done + 1, len(selected), f"{run.names[i]} – {run.names[j]}")
+    with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
+        for done, ((i, j), found) in enumerate(
+            zip(selected.pairs, run.executor.map(match, selected.pairs), strict=True)
+        ):
+            verified += found
+            progress(done + 1, len(selected), f"{run.names[i]} – {run.names[j]}")
     write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
     reasons = {reason: selected.reasons.count(reason) for reason in sorted(set(selected.reasons))}
     return {"pairs": len(selected), "verified_pairs": verified, "selected_by": reasons}

@@ -430,6 +430,14 @@ def test_attitudes_hold_the_turn_of_one_strip(settings: OrientationSettings, wob
         assert_true(oriented, block, 6.0, 3.0)
 
 
+@pytest.mark.parametrize("settings", [AUTO, GROWTH])
+def test_attitudes_hold_the_tilt_of_a_small_block(settings: OrientationSettings) -> None:
+    """Six photographs within 30 m: positions good to 2 m alone would tilt it by up to 15 degrees."""
+    for seed in (1, 2, 3):
+        block = simulated(seed, replace(PLAN, strips=2, photographs_per_strip=3))
+        assert_true(orient(bare(block, control=False), settings), block, 4.0, 3.0)
+
+
 def test_what_is_missing_is_told() -> None:
     block = simulated(1)
     expected = (

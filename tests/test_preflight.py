@@ -25,9 +25,11 @@ from photogram.findings import Finding, some, things
 from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
+from photogram.pair_selection import PairSettings
 from photogram.preflight import check_survey, disk_bytes, faults_before_work, memory_bytes, project_faults
 from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
 from photogram.surface_model import SurfaceSettings
+from photogram.transfer import TransferSettings
 
 CRS = "EPSG:25832"
 CAMERA = Camera("p4", 4000, 3000, 3000.0, np.array([1999.5, 1499.5]))
@@ -74,7 +76,8 @@ def a_survey() -> Survey:
     points = tuple(ground_point(f"G{i}", role, p) for i, (role, p) in enumerate(zip(roles, places, strict=True)))
     survey = Project(
         Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), photographs, points, np.zeros(3),
-        FeatureSettings(), MatchingSettings(), OrientationSettings(), AdjustmentSettings(), SurfaceSettings(),
+        FeatureSettings(), PairSettings(), MatchingSettings(), OrientationSettings(), TransferSettings(),
+        AdjustmentSettings(), SurfaceSettings(),
         None, Path("results"), Path("work"),
     )  # fmt: skip
     return survey, tags

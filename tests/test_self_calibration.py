@@ -127,6 +127,26 @@ def test_what_is_held_stays_in_the_predicted_height() -> None:
     assert np.sqrt(np.median(known.tie_point_covariance_m2[:, 2, 2])) < 0.8 * sigma
 
 
+def test_a_focal_length_that_runs_away_is_held_in_a_nadir_block_alone() -> None:
+    """Given 3 % too long and said to be good to 0.2 %: by positions and control the photographs tell otherwise.
+
+    A nadir block is not believed against the source of its calibration, unless measured heights speak for it; an
+    oblique one is.
+    """
+    for plan, sigma_m, held_back in ((LEVEL, 0.3, True), (LEVEL, 0.02, False), (OBLIQUE, 0.3, False)):
+        exact = replace(plan, control_points=6, gnss_sigma_m=(sigma_m,) * 3, gnss_offset_sigma_m=(0.0, 0.0, 0.0))
+        block = simulated(exact, 1).block
+        given = 1.03 * exact.focal_px
+        camera = replace(block.cameras[0], focal_px=given, sigmas=np.array([0.002 * given, *WIDE[1:]]))
+        result, held = calibrate(replace(block, cameras=(camera,)), SETTINGS, ("auto",))
+        assert (result.block.cameras[0].focal_px == given) == held_back
+        assert ("they would have it" in held["simulated"].get("focal_px", "")) == held_back
+        if not held_back:
+            assert result.block.cameras[0].focal_px == pytest.approx(exact.focal_px, rel=0.01)
+        stated, _ = calibrate(replace(block, cameras=(camera,)), SETTINGS, ("given",))
+        assert stated.block.cameras[0].focal_px != given, "sigmas that are given are taken at their word"
+
+
 def test_parallel_strips_hold_what_they_cannot_tell() -> None:
     """A principal point that is known to half a pixel beforehand is no better known afterwards."""
     sigmas = (2.0, 0.5, 0.5, 0.004, 0.004, 0.0, 0.00002, 0.00002)

@@ -160,7 +160,7 @@ def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Js
     numbers: Json = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
-        free = camera.sigmas > 0
+        free = (camera.sigmas > 0) & (sigma > 0)  # one that runs away is held by the adjustment itself
         numbers[camera.name] = {
             "focal_px": camera.focal_px,
             "principal_point_px": camera.principal_point_px.tolist(),
