@@ -221,9 +221,7 @@ def resection_from(value: Mapping[str, Any]) -> Resection:
 
 def orientation_to(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
     """Return starting poses and resections as JSON."""
-    rows = zip(
-        names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True
-    )
+    rows = zip(names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True)
     return {
         "method": orientation.method,
         "photographs": [
