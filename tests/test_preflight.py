@@ -17,6 +17,7 @@ from PIL import Image
 
 from photogram.adjustment import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.cli.terminal import console
 from photogram.errors import ProjectError
 from photogram.features import FeatureSettings
 from photogram.files.images import PhotographTags, read_tags, write_photograph
@@ -460,7 +461,7 @@ def test_command_says_ready(survey: Path, photogram: Run, monkeypatch: pytest.Mo
 def test_command_says_everything_at_once(
     survey: Path, photogram: Run, edit: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "500")
+    monkeypatch.setattr(console, "width", 500)
     shutil.copy(survey / "photographs/sim_0001.JPG", survey / "photographs/sim_0002.JPG")
     broken = survey / "photographs/sim_0003.JPG"
     broken.write_bytes(broken.read_bytes()[:2000])
