@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
+from photogram.factors.damping import Damping
 from photogram.factors.elimination import (
     CHUNKS,
     LOSSES,
@@ -37,8 +38,6 @@ from photogram.factors.graph import RobustLoss, State
 from photogram.factors.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
 from photogram.factors.reprojection import Observations, calibration_scale
 from photogram.survey import FloatArray
-
-FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-5, 1e-9, 1e12
 
 
 class SingularPointError(ArithmeticError):
@@ -196,19 +195,19 @@ def _iterate(
     progress: Callable[[str], None],
     pool: ThreadPoolExecutor | None,
 ) -> Minimum:
-    damping, growth, current = FIRST_DAMPING, 2.0, np.inf
+    damping, current = Damping(), np.inf
     for iteration in range(1, maximum_iterations + 1):
         terms = bundle.ground.linearise(state)
         while True:
             small, trial = False, None
             try:
-                normal, cost = bundle.eliminated(state, terms, damping, pool)
+                normal, cost = bundle.eliminated(state, terms, damping.value, pool)
                 current = cost + terms.cost
                 if not np.isfinite(current):
                     return Minimum(state, current, 0, False)
-                trial = _try_step(bundle, state, terms, normal, damping, pool)
+                trial = _try_step(bundle, state, terms, normal, damping.value, pool)
             except (SingularError, SingularPointError):
-                if damping * growth > GREATEST_DAMPING:
+                if damping.exhausted:
                     raise
             if trial is not None:
                 gain = (current - trial.cost) / trial.predicted if trial.predicted > 0 else 0.0
@@ -217,14 +216,11 @@ def _iterate(
                     break
             if small:
                 return Minimum(state, current, iteration, True)
-            damping *= growth
-            growth *= 2.0
-            if damping > GREATEST_DAMPING:
+            if not damping.refuse():
                 return Minimum(state, current, iteration, False)
         saved = current - trial.cost
         state, current = trial.state, trial.cost
-        damping = max(LEAST_DAMPING, damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-        growth = 2.0
+        damping.accept(gain)
         progress(f"iteration {iteration}: cost {current:.6g}")
         if small or saved <= relative_tolerance * max(current, 1e-12):
             return Minimum(state, current, iteration, True)

@@ -6,14 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from photogram.factors.bundle import (
-    FIRST_DAMPING,
-    GREATEST_DAMPING,
-    LEAST_DAMPING,
-    Minimum,
-    SingularPointError,
-    minimise_bundle,
-)
+from photogram.factors.bundle import Minimum, SingularPointError, minimise_bundle
+from photogram.factors.damping import Damping
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
@@ -42,11 +36,11 @@ def minimise_graph(
     current = cost(problem, graph, state)
     if not np.isfinite(current):
         return Minimum(state, current, 0, False)
-    damping, growth = FIRST_DAMPING, 2.0
+    damping = Damping()
     for iteration in range(1, maximum_iterations + 1):
         system = linearise_all(problem, graph, state)
         while True:
-            step = damped_step(system, damping)
+            step = damped_step(system, damping.value)
             candidate = retract(problem, state, step)
             value = cost(problem, graph, candidate)
             gain = (current - value) / step.predicted_decrease if step.predicted_decrease > 0 else 0.0
@@ -55,14 +49,11 @@ def minimise_graph(
                 break
             if small:
                 return Minimum(state, current, iteration, True)
-            damping *= growth
-            growth *= 2.0
-            if damping > GREATEST_DAMPING:
+            if not damping.refuse():
                 return Minimum(state, current, iteration, False)
         saved = current - value
         state, current = candidate, value
-        damping = max(LEAST_DAMPING, damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-        growth = 2.0
+        damping.accept(gain)
         progress(f"iteration {iteration}: cost {current:.6g}")
         if small or saved <= relative_tolerance * max(current, 1e-12):
             return Minimum(state, current, iteration, True)

@@ -69,7 +69,7 @@ def _ground_height(structure: Structure, block: Block, chosen: BoolArray, direct
     heights = [
         float(structure.position[i, 2] - p.height_above_ground_m)
         for i, p in enumerate(block.photographs)
-        if structure.registered[i] and p.height_above_ground_m is not None
+        if structure.registered[i] and (p.height_above_ground_m or 0.0) > 0.0
     ]
     if heights:
         return float(np.median(heights))

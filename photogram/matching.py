@@ -1,8 +1,7 @@
-"""Pairs of photographs, candidate matches, and their verification by epipolar geometry."""
+"""Candidate matches of pairs of photographs, and their verification by epipolar geometry."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,13 +20,11 @@ class MatchingSettings:
     ratio: float = 0.8  # nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1)
     threshold_px: float = 1.5  # distance from the epipolar line
     minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
-    neighbours: int = 12  # photographs with which each one is matched, nearest first, when positions are known
 
     def __post_init__(self) -> None:
         check_range("ratio", self.ratio, 0.01, 1.0)
         check_range("threshold_px", self.threshold_px, 0.01, 100.0)
         check_range("minimum_inliers", self.minimum_inliers, 8)
-        check_range("neighbours", self.neighbours, 1)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -111,22 +108,3 @@ def match_pair(
     """Match one pair of photographs: returns the candidates and which of them are verified."""
     candidates = candidate_matches(*features, settings)
     return Matches(pair[0], pair[1], candidates), verified_matches(cameras, features, candidates, settings)
-
-
-def select_pairs(
-    positions_world_m: Sequence[NDArray[np.float64] | None], settings: MatchingSettings
-) -> list[tuple[int, int]]:
-    """Select the pairs to match: each photograph with its nearest ``neighbours`` in plan, or with all where a
-    position is unknown."""
-    count = len(positions_world_m)
-    pairs: set[tuple[int, int]] = set()
-    known = [i for i, p in enumerate(positions_world_m) if p is not None]
-    plan = {i: p[:2] for i, p in enumerate(positions_world_m) if p is not None}
-    for i in range(count):
-        if i in plan:
-            others = sorted((j for j in known if j != i), key=lambda j: (float(np.hypot(*(plan[i] - plan[j]))), j))
-            partners = others[: settings.neighbours] + [j for j in range(count) if j not in plan]
-        else:
-            partners = [j for j in range(count) if j != i]
-        pairs.update((min(i, j), max(i, j)) for j in partners)
-    return sorted(pairs)

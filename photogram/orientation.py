@@ -26,8 +26,8 @@ from photogram.triangulation import consensus_intersections, ideal_observations
 Method = Literal["control", "attitude", "growth"]
 Progress = Callable[[int, int, str], None]
 
-ATTITUDE_LIMIT = 4.0
-ATTITUDES_AGREEING = 0.8
+ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
+ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are believed
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
 OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks

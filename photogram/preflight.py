@@ -258,8 +258,3 @@ def by_severity(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings with the faults first and the notes last."""
     order = ("fault", "warning", "note")
     return sorted(findings, key=lambda finding: order.index(finding.severity))
-
-
-def faults_before_work(project: Project, tags: Sequence[PhotographTags]) -> list[Finding]:
-    """Return what would make the work fail, as far as project and tags show it; none where it can begin."""
-    return [finding for finding in survey_findings(project, tags) if finding.severity == "fault"]

@@ -115,6 +115,12 @@ def whole_diagonal_px(width_px: int, height_px: int, sensor_diagonal_mm: float |
     return long * sqrt(1.0 + 1.0 / sensor**2) if aspect > sensor else short * sqrt(1.0 + sensor**2)
 
 
+def _undistorted(focal_px: float, source: str, reason: str) -> _Interior:
+    """Return a camera of which EXIF tells the focal length alone."""
+    sigmas = (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS)
+    return _Interior(focal_px, (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), sigmas, source, reason)
+
+
 def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | None:
     equivalent = tags.focal_35mm_mm
     if equivalent is None:
@@ -124,12 +130,8 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
     part = diagonal > 1.005 * hypot(width, height)
     of = "the whole sensor, of which the picture is a part," if part else "the picture"
     lens = "" if tags.focal_mm is None else f"EXIF focal length {tags.focal_mm:g} mm, "
-    return _Interior(
+    return _undistorted(
         equivalent / DIAGONAL_35MM_MM * diagonal,
-        (0.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (0.0, 0.0),
-        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS),
         f"{lens}35 mm equivalent {equivalent:g} mm",
         f"{equivalent:g} / {DIAGONAL_35MM_MM:g} of the diagonal of {of} {diagonal:.0f} px; the equivalent is a whole "
         "number, so 3 %. The distortion is not known at all: its sigmas are what lenses have.",
@@ -139,12 +141,8 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
 def _from_resolution(tags: PhotographTags) -> _Interior | None:
     if tags.focal_mm is None or tags.pixels_per_mm is None:
         return None
-    return _Interior(
+    return _undistorted(
         tags.focal_mm * tags.pixels_per_mm,
-        (0.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (0.0, 0.0),
-        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS),
         f"EXIF focal length {tags.focal_mm:g} mm, {tags.pixels_per_mm:.1f} pixels per mm on the sensor",
         "right if the photographs are as large as they were taken: smaller copies often keep the resolution of the "
         "original. The distortion is not known at all.",

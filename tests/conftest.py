@@ -78,7 +78,7 @@ def _edit(project: Path, change: Callable[[dict[str, Any]], object]) -> None:
 
 def _small(values: dict[str, Any]) -> None:
     values["features"] = {"maximum": 800}
-    values["matching"] = {"neighbours": 2}
+    values["matching"] = {"ratio": 0.8}
 
 
 @pytest.fixture(scope="session")

@@ -41,7 +41,9 @@ def test_version_is_that_of_the_package_and_quick() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), ["adjust", "compare", "demo", "study", "--version"]),
+        ((), ["init", "check", "adjust", "compare", "demo", "study", "--version"]),
+        (("init",), ["PHOTOGRAPHS", "--control", "--check", "--marks", "--crs", "--project", "--picture-size"]),
+        (("check",), ["PROJECT", "--photographs"]),
         (("adjust",), ["PROJECT", "--photographs", "--from", "--until"]),
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
         (("demo",), ["FOLDER", "--seed"]),

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.camera import Camera, distort, undistort
-from photogram.matching import MatchingSettings, candidate_matches, match_pair, select_pairs, verified_matches
+from photogram.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import Features
 
@@ -160,43 +160,7 @@ def test_a_pair_is_matched_and_verified() -> None:
     assert verified[~right].mean() < 0.1
 
 
-@settings(max_examples=100, deadline=None)
-@given(
-    places=st.lists(st.none() | st.tuples(st.integers(0, 50), st.integers(0, 50), st.integers(0, 90)), max_size=12),
-    neighbours=st.integers(1, 5),
-)
-def test_each_photograph_meets_its_nearest(places: list[tuple[int, int, int] | None], neighbours: int) -> None:
-    positions = [None if p is None else np.array(p, dtype=float) for p in places]
-    pairs = select_pairs(positions, replace(SETTINGS, neighbours=neighbours))
-    assert pairs == sorted(set(pairs))
-    assert all(i < j for i, j in pairs)
-    expected: set[frozenset[int]] = set()
-    for i, p in enumerate(positions):
-        if p is None:
-            expected |= {frozenset((i, j)) for j in range(len(positions)) if j != i}
-            continue
-        distance = sorted(
-            (float(np.hypot(*(p - q)[:2])), j) for j, q in enumerate(positions) if q is not None and j != i
-        )
-        expected |= {frozenset((i, j)) for _, j in distance[:neighbours]}
-    assert {frozenset(pair) for pair in pairs} == expected
-    known = sum(p is not None for p in positions)
-    unknown = len(positions) - known
-    assert len(pairs) <= known * neighbours + unknown * len(positions)
-
-
-def test_the_number_of_pairs_grows_with_photographs_not_with_their_square() -> None:
-    rng = np.random.default_rng(0)
-    positions = [np.append(rng.uniform(0, 2000, 2), 80.0) for _ in range(150)]
-    pairs = select_pairs(positions, SETTINGS)
-    assert len(pairs) <= 150 * SETTINGS.neighbours
-    assert {i for pair in pairs for i in pair} == set(range(150))
-    assert len(select_pairs(positions[:10], SETTINGS)) == 45
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("ratio", 1.2), ("threshold_px", 0.0), ("minimum_inliers", 7), ("neighbours", 0)]
-)
+@pytest.mark.parametrize(("name", "value"), [("ratio", 1.2), ("threshold_px", 0.0), ("minimum_inliers", 7)])
 def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
         replace(SETTINGS, **{name: value})

@@ -27,7 +27,7 @@ from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.pair_selection import PairSettings
-from photogram.preflight import check_survey, disk_bytes, faults_before_work, memory_bytes, project_faults
+from photogram.preflight import check_survey, disk_bytes, memory_bytes, project_faults, survey_findings
 from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
 from photogram.surface_model import SurfaceSettings
 from photogram.transfer import TransferSettings
@@ -373,10 +373,10 @@ def test_what_is_wrong_is_found_and_nothing_else(kind: str) -> None:
     assert order == sorted(order)
 
 
-def test_faults_before_work_are_those_of_the_check() -> None:
+def test_tags_alone_show_what_nothing_can_be_placed_by() -> None:
     good, bad = a_survey(), without_gnss(keep_points(["G0"])(a_survey()))
-    assert faults_before_work(good[0], [t for t in good[1] if t]) == []
-    assert [f.where for f in faults_before_work(bad[0], [t for t in bad[1] if t])] == ["the block"]
+    assert [f for f in survey_findings(*good) if f.severity == "fault"] == []
+    assert [f.where for f in survey_findings(*bad) if f.severity == "fault"] == ["the block"]
 
 
 def test_twins_disk_and_memory() -> None:
