@@ -15,7 +15,7 @@ def main() -> None:
         from photogram.cli import adjust, check, compare, demo, init, study  # noqa: F401
 
     try:
-        app()
+        app(prog_name="photogram")
     except PhotogramError as fault:
         if "-vv" in sys.argv:
             raise
