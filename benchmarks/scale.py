@@ -36,7 +36,7 @@ from photogram.similarity import fit_similarity
 from photogram.simulation import SimulatedBlock, simulate_block, whole_survey_plan
 from photogram.survey import Block
 
-SIDES = {100: (5, 20), 300: (10, 30), 1000: (20, 50)}
+SIDES = {100: (5, 20), 300: (10, 30), 1000: (20, 50), 2000: (8, 250)}
 DETECTION = 0.4
 WARM_UP = 12
 

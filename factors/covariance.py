@@ -7,16 +7,19 @@ within the band of A is computed, where all photographs that share a point are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from photogram.factors.bundle import limited_threads
-from photogram.factors.elimination import NO_LOSS, Cameras, Points, point_covariances
-from photogram.factors.graph import IndeterminateError, Problem, State
+from photogram.factors.elimination import Cameras, Points, point_covariances
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import bundle_of, eliminated, variable_at
+from photogram.factors.loss import NO_LOSS, weighing
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
+from photogram.factors.reprojection import linearise
+from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
 
@@ -96,9 +99,41 @@ class Covariances:
             [[own - cross @ T.T, cross * unit], [(cross * unit).T, self.border * np.outer(unit, unit)]]
         )  # fmt: skip
 
+    def between(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return firstᵀ S⁻¹ second of columns (6 free + border, k) in the order of the reduced system S."""
+        m, scale = self.layout.columns, self.scale[:, None]
+        solved = np.concatenate(self.factor.solve(second[:m] / scale[:m], second[m:] / scale[m:])) / scale
+        return np.asarray(first.T @ solved)
+
     def _inverse(self, row: IntArray, column: IntArray) -> FloatArray:
         low, high = np.minimum(row, column), np.maximum(row, column)
         return np.asarray(self.inverse[low * self.layout.stride + high])
+
+
+def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
+    """Return the joint covariance (3 G, 3 G) of all adjusted control points in the world, m².
+
+    With a point's own normal matrix V, from its marks and its survey, and W towards cameras, two points a and b have
+    the covariance δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4).
+    """
+    layout, marks, count = found.layout, problem.marks, len(state.control)
+    ground = bundle_of(problem, state).ground
+    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+    V = ground.linearise(state).control.copy()
+    np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    W = np.zeros((layout.columns + layout.border, count, 3))
+    for i, (p, c, g) in enumerate(zip(marks.photograph, marks.camera, marks.point, strict=True)):
+        at, column = 6 * layout.place[p], layout.camera_column[c]
+        W[at : at + 6, g] += linear.pose[i].T @ linear.point[i]
+        if column >= 0:
+            rows = slice(layout.columns + column, layout.columns + column + 8)
+            W[rows, g] += (linear.calibration[i] * layout.unit[c]).T @ linear.point[i]
+    inverse = np.linalg.inv(V)
+    columns = np.einsum("rgi,gij->rgj", W, inverse).reshape(len(W), 3 * count)
+    joint = found.between(columns, columns)
+    own = np.arange(3 * count).reshape(count, 3)
+    joint[own[:, :, None], own[:, None, :]] += inverse
+    return joint
 
 
 def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:
@@ -152,7 +187,8 @@ def covariances(problem: Problem, state: State) -> Covariances:
     Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
     photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
     """
-    bundle = bundle_of(problem, state)
+    loss = weighing(problem.robust_loss, problem.robust_threshold)
+    bundle = replace(bundle_of(problem, state), loss=loss)
     layout, m = bundle.layout, bundle.layout.columns
     with limited_threads(len(bundle.tie)) as pool:
         terms = bundle.ground.linearise(state)

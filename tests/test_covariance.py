@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
-from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.covariance import Covariances, covariances, joint_control_points
 from photogram.factors.elimination import first_observations
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
-    State,
     cost,
     damped_step,
     ground_graph,
@@ -20,6 +19,7 @@ from photogram.factors.graph import (
     linearise_all,
     variable_size,
 )
+from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key, kind_and_index
 from photogram.simulation import SurveyPlan, simulate_block
 
@@ -41,7 +41,7 @@ def small(seed: int = 1, sigmas: tuple[float, ...] = FREE, **changes: float) -> 
 
 def dense(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray, dict[int, slice]]:
     """The normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state)
+    system = linearise_all(problem, ground_graph(problem), state, 1.0)
     ordering, place, start = gtsam.Ordering(), {}, 0
     for variable in system.variables:
         ordering.push_back(variable)
@@ -84,9 +84,22 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> No
         assert_equal_blocks(found[variable], inverse[where, where])
 
 
+def test_control_points_have_the_joint_covariance_of_the_whole_normal_matrix() -> None:
+    problem, state = small()
+    information, _, place = dense(problem, state)
+    scale = np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    rows = np.concatenate([np.r_[place[key(CONTROL_POINT, g)]] for g in range(len(problem.control_world_m))])
+    found = covariances(problem, state)
+    joint = joint_control_points(problem, state, found)
+    assert_equal_blocks(joint, inverse[np.ix_(rows, rows)])
+    for g in range(len(problem.control_world_m)):
+        assert_equal_blocks(found.control(g), joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3])
+
+
 def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
     problem, state = small()
-    system = linearise_all(problem, ground_graph(problem), state)
+    system = linearise_all(problem, ground_graph(problem), state, 1.0)
     marginals = gtsam.Marginals(system.graph, gtsam.VectorValues.Zero(damped_step(system, 1e-9).values))
     for variable, covariance in blocks(problem, covariances(problem, state)).items():
         assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
@@ -150,7 +163,7 @@ def floating(problem: Problem, photograph: int) -> Problem:
 
 def both_name(problem: Problem, state: State, expected: tuple[str, int]) -> None:
     with pytest.raises(IndeterminateError) as fault:
-        damped_step(linearise_all(problem, ground_graph(problem), state), 0.0)
+        damped_step(linearise_all(problem, ground_graph(problem), state, 1.0), 0.0)
     assert fault.value.variable == expected
     with pytest.raises(IndeterminateError) as fault:
         covariances(problem, state)

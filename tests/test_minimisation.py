@@ -1,0 +1,83 @@
+"""The fast engine against the reference graph and against itself: equal minima, from anywhere, on any machine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from photogram.adjustment import AdjustmentSettings, make_problem, minimise, sigma0_and_redundancy, start_state
+from photogram.factors.covariance import covariances
+from photogram.factors.graph import Problem
+from photogram.factors.levenberg_marquardt import remaining
+from photogram.factors.state import State
+from photogram.simulation import SurveyPlan, simulate_block
+
+EVERYTHING = SurveyPlan(
+    strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0002, np.inf),
+)  # fmt: skip
+TIGHT = AdjustmentSettings(relative_tolerance=1e-18, maximum_iterations=300)
+
+
+def block(seed: int, plan: SurveyPlan = EVERYTHING, tie_points: int = 80) -> tuple[Problem, State]:
+    made = simulate_block(
+        plan, seed, tie_points=tie_points, mismatches=0.02, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3,
+        start_point_sigma_m=0.3,
+    )  # fmt: skip
+    problem = make_problem(made.block, AdjustmentSettings())
+    return problem, start_state(made.block, problem.flights)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
+    problem, start = block(seed)
+    assert problem.flights
+    assert len(problem.control_world_m)
+    assert all(p.gnss_world_m is not None and p.attitude_sigma_rad is not None for p in problem.block.photographs)
+    known = covariances(problem, minimise(problem, start, TIGHT).state)
+    sigma = {
+        "position": np.sqrt(np.einsum("naa->na", known.poses)[:, 3:].max(axis=1))[:, None],
+        "rotation": np.sqrt(np.einsum("naa->na", known.poses)[:, :3].max(axis=1))[:, None, None],
+        "parameters": np.sqrt(np.diag(known.calibration(0)))[None],
+        "tie_point": np.sqrt(np.einsum("naa->na", known.tie_point)),
+        "control": np.sqrt(np.einsum("naa->na", known.control_point)),
+        "offset": np.sqrt([np.diag(known.offset(f)) for f in range(2)]),
+    }
+    fast = {s: minimise(problem, start, replace(TIGHT, solver=s)) for s in ("banded", "gtsam")}  # type: ignore[arg-type]
+    rng, near = np.random.default_rng(seed), fast["banded"].state  # the reference is slow from afar
+    moved = {
+        n: getattr(near, n) + 0.3 * unit * rng.standard_normal(getattr(near, n).shape) for n, unit in sigma.items()
+    }
+    moved["rotation"] = near.rotation
+    reference = minimise(problem, replace(near, **moved), replace(TIGHT, engine="reference"))
+    assert reference.converged
+    for solver, found in fast.items():
+        for name, unit in sigma.items():
+            error = np.abs(getattr(found.state, name) - getattr(reference.state, name))
+            assert np.all(error <= 1e-6 * unit), (solver, name, float((error / np.maximum(unit, 1e-30)).max()))
+        expected, redundancy = sigma0_and_redundancy(problem, reference)
+        assert sigma0_and_redundancy(problem, found) == (pytest.approx(expected, rel=1e-6), redundancy)
+
+
+def test_solvers_take_the_same_steps_on_a_band() -> None:
+    plan = SurveyPlan(strips=1, photographs_per_strip=40, control_points=6, check_points=0, forward_overlap=0.7)
+    problem, start = block(3, plan, 400)
+    costs: dict[str, list[float]] = {}
+    for solver in ("banded", "gtsam"):
+        settings = AdjustmentSettings(solver=solver)  # type: ignore[arg-type]
+        costs[solver] = []
+        minimise(problem, start, settings, lambda text, of=costs[solver]: of.append(float(text.split()[-1])))  # type: ignore[misc]
+    assert len(costs["banded"]) > 3
+    np.testing.assert_allclose(costs["gtsam"], costs["banded"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.5, 0.9])
+def test_what_remains_is_the_rest_of_a_geometric_series(ratio: float) -> None:
+    saved = 100.0 * ratio ** np.arange(1, 400)
+    assert remaining(float(saved[0]), 100.0) == pytest.approx(float(saved[1:].sum()), rel=1e-12)
+
+
+def test_decreases_that_grow_are_no_sign_of_a_minimum() -> None:
+    assert remaining(2.0, 1.0) == np.inf
