@@ -4,7 +4,8 @@ The diagonal of the normal equations is raised by the damping (Marquardt 1963), 
 of the cost to what the linear model had predicted (Nielsen 1999, eq. 2.4). Iterations end when what is still to be
 saved is below a fraction of the cost. With successive decreases s', s of ratio c = s / s' it is about s c / (1 − c): a
 minimum approached quadratically is known one step earlier than by s alone, and one approached slowly, as under a robust
-loss, is not taken for reached because steps are short.
+loss, is not taken for reached because steps are short. Nor is one where it was the damping that kept them short: a
+last step is tried without.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Protocol
 from photogram.factors.state import State
 
 FIRST, LEAST, GREATEST = 1e-5, 1e-9, 1e12
+HOLDING = 1e-7  # what the photographs hardly tell, such as focal length against height, moves little above it
 NEAR = 0.1  # of the cost: what the last step saved where the minimum is near
 ROUNDING = 1e-12  # of the cost
 Watch = Callable[[int, float], None]
@@ -49,8 +51,13 @@ class Damping:
 
     def accept(self, gain: float) -> None:
         """Lower the damping after a step that saved ``gain`` times what the linear model had predicted."""
-        self.value = max(LEAST, self.value * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3))
+        self.value = max(LEAST, self.value * max(0.1, 1.0 - (2.0 * gain - 1.0) ** 3))
         self.growth = 2.0
+
+    def release(self) -> bool:
+        """Lower the damping to the least; returns whether it was so high that steps may have been short for it."""
+        held, self.value = self.value > HOLDING, LEAST
+        return held
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +109,7 @@ def minimise(
     Stops when the cost has less than ``relative_tolerance`` of itself to lose. Raises Singular when no damping makes
     the system solvable.
     """
-    damping, current, before = Damping(), system.cost(state), 0.0
+    damping, current, before, released = Damping(), system.cost(state), 0.0, False
     for iteration in range(1, maximum_iterations + 1):
         step, settled = system.linearise(state, 0.0 < before < NEAR * current), relative_tolerance * max(current, 1e-12)
         while True:
@@ -124,7 +131,9 @@ def minimise(
         state, current = trial.state, trial.cost
         watch(iteration, current)
         if min(trial.predicted, remaining(saved, before)) <= settled:
-            return Minimum(state, current, iteration, True)
+            if released or not damping.release():
+                return Minimum(state, current, iteration, True)
+            released = True
         before = saved
     return Minimum(state, current, maximum_iterations, False)
 

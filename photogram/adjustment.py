@@ -41,7 +41,7 @@ class AdjustmentSettings:
     outlier_threshold: float = 4.0
     first_outlier_threshold_px: float = 40.0  # agreement of rays before anything is adjusted
     minimum_ray_angle_deg: float = 1.0
-    maximum_rounds: int = 6
+    maximum_rounds: int = 10
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph

@@ -84,4 +84,4 @@ def agreeing_observations(
 
 def settled(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> bool:
     """Return whether two choices (N,) of observations differ in so few that another round would change nothing."""
-    return int(np.count_nonzero(before != after)) <= max(2, len(after) // 500)
+    return int(np.count_nonzero(before != after)) <= len(after) // 20000

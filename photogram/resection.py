@@ -74,7 +74,7 @@ def refine_pose(
     for _ in range(REFINEMENTS):
         R, C = pose.rotation_world_from_camera, pose.position_world_m
         linear = linearise(marks, camera.parameters[None], R[None], C[None], points_world_m)
-        if not np.isfinite(linear.residual).all():
+        if np.any(pose.camera_from_world(points_world_m)[:, 2] <= 0):
             break
         step = np.linalg.lstsq(linear.pose.reshape(-1, 6), -linear.residual.ravel(), rcond=None)[0]
         pose = Pose(R @ Rotation.from_rotvec(step[:3]).as_matrix(), C + R @ step[3:])

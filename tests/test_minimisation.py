@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, minimise, sigma0_and_redundancy, start_state
+from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, sigma0_and_redundancy, start_state
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import Problem
 from photogram.factors.levenberg_marquardt import remaining
 from photogram.factors.state import State
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.simulation import SurveyPlan, simulate_block, whole_survey_plan
 
 EVERYTHING = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
@@ -81,3 +81,36 @@ def test_what_remains_is_the_rest_of_a_geometric_series(ratio: float) -> None:
 
 def test_decreases_that_grow_are_no_sign_of_a_minimum() -> None:
     assert remaining(2.0, 1.0) == np.inf
+
+
+GROSS = replace(
+    whole_survey_plan(), strips=3, photographs_per_strip=4, check_points=0, calibration_source="maker",
+    calibration_sigmas=(50.0, 5.0, 5.0, 0.01, 0.01, 0.0, 0.0005, 0.0005),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seeds", [range(n, n + 10) for n in range(0, 100, 10)])
+def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds: range) -> None:
+    """Poses off by 5 m and 5°, the focal length by 5 %, 2 % mismatches, points unknown: 100 blocks, all of them."""
+    for seed in seeds:
+        made = simulate_block(
+            GROSS, seed, tie_points=500, mismatches=0.02, start_position_sigma_m=5.0, start_attitude_sigma_deg=5.0
+        )
+        tie, truth = made.block.tie_points, made.truth
+        camera = truth.camera.parameters.copy()
+        camera[0] *= 1.05
+        unknown = replace(tie, position_world_m=np.full_like(tie.position_world_m, np.nan))
+        found = adjust(replace(made.block, tie_points=unknown), AdjustmentSettings(), start=[camera])
+        expected = adjust(replace(made.block, poses=truth.poses, tie_points=unknown), AdjustmentSettings())
+        assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
+        kept = found.block.tie_points
+        problem = make_problem(replace(made.block, tie_points=kept), AdjustmentSettings())
+        start = replace(
+            start_state(replace(made.block, poses=truth.poses, tie_points=kept), problem.flights),
+            parameters=truth.camera.parameters[None],
+        )
+        minimum = minimise(problem, start, AdjustmentSettings())
+        assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed
+        sigma = np.sqrt(np.einsum("naa->na", found.position_covariance_m2))
+        position = np.array([pose.position_world_m for pose in found.block.poses if pose is not None])
+        assert np.all(np.abs(position - minimum.state.position) <= 1e-2 * sigma), seed
