@@ -24,7 +24,7 @@ from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.factors.state import State
 from photogram.ground_points import ground_points, mark_residuals_px
-from photogram.outliers import agreeing_observations, noise_scale, outlier_limit_px, settled
+from photogram.outliers import agreeing_observations, first_limit_px, noise_scale, outlier_limit_px, settled
 from photogram.registration import registered_block, with_all_photographs
 from photogram.survey import Adjustment, Block, FloatArray, check_range
 
@@ -136,10 +136,10 @@ class Solved:
 def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
     """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
     tie = whole.block.tie_points
-    limit = np.full(len(tie.photograph), settings.first_outlier_threshold_px)
+    angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
+    limit = first_limit_px(whole, state, settings.first_outlier_threshold_px, angle)
     used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
-    angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     for number in range(1, settings.maximum_rounds + 1):
         chosen, points = agreeing_observations(whole, state, limit, angle)
         last = number == settings.maximum_rounds or (number > 2 and settled(used, chosen))

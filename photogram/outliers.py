@@ -16,6 +16,7 @@ from photogram.survey import FloatArray, IntArray, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
 TWO_RAY_ALLOWANCE = 1.5
+ENOUGH = 0.7  # of all observations, that must agree for poses to be good enough to tell mismatches
 
 
 def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
@@ -80,6 +81,18 @@ def agreeing_observations(
     used &= ~narrow[tie.point]
     points[np.bincount(tie.point[used], minlength=len(tie)) < 2] = np.nan
     return used, points
+
+
+def first_limit_px(problem: Problem, state: State, limit_px: float, minimum_ray_angle_rad: float) -> FloatArray:
+    """Return the limit (N,) for the observations before anything is adjusted: ``limit_px``, or more where poses are so
+    far off that most of what is right would be beyond it."""
+    count, largest = len(problem.tie), max(max(c.width_px, c.height_px) for c in problem.block.cameras)
+    while limit_px < largest:
+        used, _ = agreeing_observations(problem, state, np.full(count, limit_px), minimum_ray_angle_rad)
+        if np.count_nonzero(used) >= ENOUGH * count:
+            break
+        limit_px *= 4.0
+    return np.full(count, limit_px)
 
 
 def settled(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> bool:
