@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from photogram.camera import PARAMETERS
 from photogram.factors.bundle import limited_threads
 from photogram.factors.elimination import NO_LOSS, Cameras, Points, point_covariances
 from photogram.factors.graph import IndeterminateError, Problem, State
@@ -67,17 +68,19 @@ class Covariances:
         return self.border[column : column + 3, column : column + 3]
 
     def calibration(self, camera: int) -> FloatArray:
-        """Return the covariance (8, 8) of a camera's parameters, zero where they are fixed."""
-        column, unit = int(self.layout.camera_column[camera]), self.layout.unit[camera]
-        if column < 0:
-            return np.zeros((8, 8))
-        return np.asarray(self.border[column : column + 8, column : column + 8] * np.outer(unit, unit))
+        """Return the covariance (11, 11) of a camera's parameters, zero where they are held."""
+        owner, parameter = self.layout.free_parameters
+        columns = np.flatnonzero(owner == camera)
+        unit, free = self.layout.border_unit[columns], parameter[columns]
+        covariance = np.zeros((PARAMETERS, PARAMETERS))
+        covariance[np.ix_(free, free)] = self.border[np.ix_(columns, columns)] * np.outer(unit, unit)
+        return covariance
 
     def joint(self, photographs: IntArray) -> FloatArray:
         """Return the joint covariance (6 k + border) of k poses, in the order given, and the border.
 
-        The border holds the calibrations, in their natural units, from ``layout.camera_column`` on, then the GNSS
-        offsets. Photographs farther apart than the band cost a solution of the system.
+        The border holds the calibrations' free parameters, in their natural units, as ``layout.free_parameters`` has
+        them, then the GNSS offsets. Photographs farther apart than the band cost a solution of the system.
         """
         layout, place = self.layout, self.layout.place[photographs]
         rows = (6 * place[:, None] + np.arange(6)).ravel()
@@ -87,10 +90,7 @@ class Covariances:
             right = np.zeros((layout.columns, len(rows)))
             right[rows, np.arange(len(rows))] = 1.0 / self.scale[rows]
             own = self.factor.solve_poses(right)[rows] / self.scale[rows][:, None]
-        T, unit = self.T[rows], np.ones(layout.border)
-        for column, units in zip(layout.camera_column, layout.unit, strict=True):
-            if column >= 0:
-                unit[column : column + 8] = units
+        T, unit = self.T[rows], layout.border_unit
         cross = -T @ self.border
         return np.block(
             [[own - cross @ T.T, cross * unit], [(cross * unit).T, self.border * np.outer(unit, unit)]]
@@ -158,7 +158,6 @@ def covariances(problem: Problem, state: State) -> Covariances:
         terms = bundle.ground.linearise(state)
         normal = eliminated(bundle, state, terms, pool)
         scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
-        scale[m:][layout.fixed] = 1.0
         factor = _checked_factor(normal, scale)
         inverse = factor.inverse_within_band()
         scale_matrix(inverse, scale, layout)

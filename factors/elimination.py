@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
-    """Interior and exterior orientation: ``parameters`` (cameras, 8), ``rotation`` (N, 3, 3) world from camera,
+    """Interior and exterior orientation: ``parameters`` (cameras, 11), ``rotation`` (N, 3, 3) world from camera,
     ``position`` (N, 3) in the world, m."""
 
     parameters: FloatArray
@@ -55,14 +55,15 @@ class Rays:
     """Observations laid out for elimination: points in the order of their first photograph in the band.
 
     ``index`` (P,) are the points' own numbers; rays of point p are ``[first[p], first[p + 1])``, in the order of the
-    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``chunks`` are ranges of
-    points.
+    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``model`` (cameras,) are the
+    cameras' models. ``chunks`` are ranges of points.
     """
 
     index: IntArray
     first: IntArray
     seen: IntArray
     measured: FloatArray
+    model: IntArray
     chunks: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
@@ -94,6 +95,7 @@ def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays
         first,
         np.column_stack([o.photograph[order], o.camera[order]]),
         np.column_stack([o.pixel[order], 1.0 / o.sigma_px[order]]),
+        o.model,
         tuple(pairwise(edges)),
     )
 
@@ -119,10 +121,10 @@ class Points:
         return Points(position, np.zeros((0, 12)))
 
 
-def _packed(cameras: Cameras, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return interior orientations with their units (cameras, 16), rotations and positions (N, 12)."""
+def _packed(cameras: Cameras, model: IntArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return interior orientations, their units and their models (cameras, 23), rotations and positions (N, 12)."""
     count = len(cameras.position)
-    q = np.concatenate([cameras.parameters, layout.unit], axis=1)
+    q = np.concatenate([cameras.parameters, layout.unit, model[:, None]], axis=1)
     return q, np.concatenate([cameras.rotation.reshape(count, 9), cameras.position], axis=1)
 
 
@@ -141,14 +143,15 @@ def eliminate(
     lies behind a camera, and the first point that cannot be intersected, −1 when all can.
     """
     layout, whole = normal.layout, len(rays.chunks) == 1
-    q, pose = _packed(cameras, layout)
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[float, int, int, NormalEquations]:
         origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
         part = normal if whole else normal.part(origin, last)
         cost, failed = accumulate(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, damping, points.prior, origin, layout.stride,
+            free_of, loss.kind, loss.threshold, damping, points.prior, origin, layout.stride,
             part.A, part.Q.reshape(-1), part.H,
         )  # fmt: skip
         return cost, failed, origin, part
@@ -187,13 +190,14 @@ def substitute(
     damping of the cameras and everything that is known of them but for the observations.
     """
     result = points.position.copy()
-    q, pose = _packed(cameras, layout)
-    moved_q, moved_pose = _packed(moved, layout)
+    q, pose = _packed(cameras, rays.model, layout)
+    free_of = layout.free_of
+    moved_q, moved_pose = _packed(moved, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[float, float]:
         found: tuple[float, float] = substitute_points(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, damping, points.prior, *step, moved_q, moved_pose, result,
+            free_of, loss.kind, loss.threshold, damping, points.prior, *step, moved_q, moved_pose, result,
         )  # fmt: skip
         return found
 
@@ -221,13 +225,14 @@ def point_covariances(
     own = inverse[low * layout.stride + high].reshape(-1)
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
-    q, pose = _packed(cameras, layout)
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> int:
         return int(
             covariances_of_points(
                 begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-                layout.camera_column, loss.kind, loss.threshold, points.prior, layout.stride,
+                free_of, loss.kind, loss.threshold, points.prior, layout.stride,
                 inverse, own, turned, border, result,
             )
         )  # fmt: skip

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from photogram.camera import PARAMETERS
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.ground_control import surveyed_position
@@ -54,7 +55,7 @@ class IndeterminateError(ArithmeticError):
 @dataclass(frozen=True, eq=False)
 class State:
     """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters``
-    (cameras, 8), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
+    (cameras, 11), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world, m."""
 
     rotation: FloatArray
     position: FloatArray
@@ -88,7 +89,7 @@ class Problem:
 
     @property
     def scale(self) -> FloatArray:
-        """Return per camera the units (cameras, 8) of its calibration variable."""
+        """Return per camera the units (cameras, 11) of its calibration variable."""
         return np.array([calibration_scale(camera.focal_px) for camera in self.block.cameras])
 
     def with_tie_observations(self, tie: Observations) -> Problem:
@@ -233,7 +234,7 @@ def _diagonal(
     pose, point = np.zeros((len(state.rotation), 6)), np.zeros((len(state.tie_point), 3))
     np.add.at(pose, o.photograph, np.sum(tie.pose**2, axis=1))
     np.add.at(point, o.point, np.sum(tie.point**2, axis=1))
-    calibration = np.zeros((len(problem.block.cameras), 8))
+    calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
     np.add.at(calibration, o.camera, np.sum(tie.calibration**2, axis=1))
     for i, squares in enumerate(pose):
         add(key(POSE, i), squares)
@@ -250,7 +251,7 @@ def linearise_all(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: St
     linear = linearise_ground(problem, graph, state)
     tie = linearise_tie_points(problem, state)
     diagonal = _diagonal(problem, linear, tie, state)
-    unit_scale = np.ones((len(problem.block.cameras), 8))
+    unit_scale = np.ones((len(problem.block.cameras), PARAMETERS))
     for factor in reprojection_factors(
         problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale
     ):
@@ -284,7 +285,7 @@ def damped_step(system: LinearSystem, damping: float) -> Step:
     """
     damped = gtsam.GaussianFactorGraph()
     damped.push_back(system.graph)
-    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, 9)}
+    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, PARAMETERS + 1)}
     for variable in system.variables:
         diagonal = system.diagonal[variable]
         n = len(diagonal)

@@ -145,6 +145,9 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
     for name in figures:
         if document.at((*key, name)) is not None:
             document.fault((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
+    for name in ("model", "affinity"):
+        if document.at((*key, name)) is not None:
+            document.fault((*key, name), f"{camera.matlab} holds a Brown camera without affinity: leave {name} out")
     if not isfile(base / camera.matlab):
         document.fault((*key, "matlab"), f"there is no file {base / camera.matlab}")
     origin: Key = (*key, "pixel_origin")
