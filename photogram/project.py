@@ -290,7 +290,10 @@ def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_
     copies: dict[_Copy, str] = {}
     for name in file.cameras:
         flights = [flight for camera, flight in taken if camera == name and flight is not None]
-        copies |= {(name, f): f"{name} (flight {f})" for f in flights} or {(name, None): name}
+        if not flights:
+            copies[name, None] = name
+        for flight in flights:
+            copies[name, flight] = f"{name} (flight {flight})"
     return copies
 
 

@@ -84,10 +84,8 @@ def joint(seed: int) -> Joint:
         error[6 * i + 3 : 6 * i + 6] = R.T @ (truth.position_world_m - state.position[i])
     border = error[layout.columns :]
     border[layout.offset_column :] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
-    border[:8] = block.truth.camera.parameters - state.parameters[0]
-    moving = np.concatenate([np.ones(layout.columns, dtype=bool), camera.sigmas > 0, np.ones(3, dtype=bool)])
-    covariance = found.joint(np.arange(len(state.rotation)))
-    return Joint(error[moving], covariance[np.ix_(moving, moving)])
+    border[: layout.offset_column] = (block.truth.camera.parameters - state.parameters[0])[camera.sigmas > 0]
+    return Joint(error, found.joint(np.arange(len(state.rotation))))
 
 
 def within_99(total: float, degrees: int) -> bool:
@@ -418,7 +416,7 @@ def test_long_tracks_with_many_mismatches_are_intersected_from_a_bounded_number_
     ideal = (pixel - np.array([500.0, 400.0])) / 1000.0
     zero, order = np.zeros(rays, np.int64), np.arange(rays)
     points, agreeing = consensus_intersections(
-        np.array([0, rays]), order, zero, pixel, ideal, np.full(rays, 3.0), q, R, C
+        np.array([0, rays]), order, zero, pixel, ideal, np.full(rays, 3.0), zero[:1], q, R, C
     )
     np.testing.assert_allclose(points[0], X, atol=1e-6)
     assert agreeing[~wrong].all()

@@ -31,7 +31,7 @@ def test_camera_from_variables_and_structs(tmp_path: Path, variables: dict[str, 
     camera = read_camera(saved(tmp_path, variables), "P4", 5472, 3648, "photogram")
     np.testing.assert_array_equal(camera.parameters, [3674.2, 2740.9, 1837.1, -0.26, 0.107, -0.0356, -0.0011, 0.0008])
     assert (camera.name, camera.width_px, camera.height_px) == ("P4", 5472, 3648)
-    np.testing.assert_array_equal(camera.sigmas, np.zeros(8))
+    np.testing.assert_array_equal(camera.sigmas, np.zeros(11))
 
 
 def test_matlab_pixel_origin_moves_the_principal_point_by_one(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_matlab_pixel_origin_moves_the_principal_point_by_one(tmp_path: Path) ->
 
 def test_two_radial_coefficients_leave_k3_zero(tmp_path: Path) -> None:
     path = saved(tmp_path, {**PLAIN, "RadialDistortion": [[-0.2, 0.1]]})
-    np.testing.assert_array_equal(read_camera(path, "P4", 5472, 3648, "photogram").radial, [-0.2, 0.1, 0.0])
+    np.testing.assert_array_equal(read_camera(path, "P4", 5472, 3648, "photogram").radial, [-0.2, 0.1, 0.0, 0.0])
 
 
 def without(name: str) -> dict[str, object]:

@@ -80,7 +80,7 @@ def test_an_exif_focal_length_without_distortion_is_enough() -> None:
     for seed in (1, 2, 3):
         plan = replace(OBLIQUE, calibration_source="exif", calibration_sigmas=whole_survey_plan(800).calibration_sigmas)
         block = simulated(plan, seed)
-        assert block.block.cameras[0].parameters[3:].tolist() == [0.0] * 5
+        assert block.block.cameras[0].parameters[3:].tolist() == [0.0] * 8
         result, _ = calibrated(plan, seed)
         sigma, error = sigma_of(result), error_of(plan, seed)
         assert np.abs(error / sigma).max() < 4.0
