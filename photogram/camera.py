@@ -285,9 +285,10 @@ def project_point_jacobians(
         return np.nan, np.nan, pz
     f, b1, b2 = q[0], q[9], q[10]
     s, t, e = 1.0 / pz, 0.0, 1.0 / (pz * pz)
+    x, y = px / pz, py / pz
     if model == FISHEYE:
         s, t, e = equidistant(px, py, pz)
-    x, y = px * s, py * s
+        x, y = px * s, py * s
     xd, yd, a, b, d = distort_point(q, x, y)
     for row in range(2):
         gx, gy = f * b, f * d

@@ -1,13 +1,13 @@
 """Calibration in the field: which parameters of a camera the photographs can tell, and in which order they are freed.
 
 Focal length and radial distortion (k1, k2) are freed first, while the block is still being oriented and has photographs
-enough (photogram.structure); principal point and the other
-terms follow in the joint adjustment, which starts from what the
-first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a parameter
-that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in every
-predicted sigma. A focal length that runs away all the same is fixed at its given value. Weak geometry: photographs that
-look straight down from one height on level ground cannot separate the focal length from the flying height, and parallel
-strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016, sec. 15.4).
+enough (photogram.structure); principal point and the other terms follow in the joint adjustment, which starts from what
+the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a
+parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in
+every predicted sigma. A focal length that runs away all the same is fixed at its given value. Weak geometry:
+photographs that look straight down from one height on level ground cannot separate the focal length from the flying
+height, and parallel strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016,
+sec. 15.4).
 """
 
 from __future__ import annotations

@@ -185,7 +185,12 @@ def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
 def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
     problem, state = small()
     unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
-    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
+    two = replace(
+        problem,
+        block=replace(problem.block, cameras=(*problem.block.cameras, unused)),
+        tie=replace(problem.tie, model=np.zeros(2, np.int64)),
+        marks=replace(problem.marks, model=np.zeros(2, np.int64)),
+    )
     both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
 
 
