@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera
+from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS, Camera
 from photogram.survey import Adjustment, Block, FloatArray
 
 Calibration = Literal["given", "auto"]
@@ -119,6 +119,8 @@ def _held(given: Sequence[Camera], result: Adjustment) -> Held:
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         reasons = {}
         for k, name in enumerate(PARAMETER_NAMES):
+            if camera.sigmas[k] == 0.0 and not CLASSIC[k] and camera.parameters[k] == 0.0:
+                continue  # a term that the camera does without
             if camera.sigmas[k] == 0.0:
                 reasons[name] = "held at its given value"
             elif np.isfinite(camera.sigmas[k]) and sigma[k] > TOLD * camera.sigmas[k]:

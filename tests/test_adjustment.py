@@ -188,7 +188,7 @@ def referee(block: Block) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """The same adjustment without k3 and GNSS, of GTSAM's native factors alone, at the start values of ``block``."""
     camera = block.cameras[0]
     q = camera.parameters
-    K = gtsam.Cal3DS2(q[0], q[0], 0.0, q[1], q[2], q[3], q[4], q[6], q[7])
+    K = gtsam.Cal3DS2(q[0], q[0], 0.0, q[1], q[2], q[3], q[4], *camera.tangential)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     tie, control = block.tie_points, block.control_points.with_role("control")
     for i in range(len(tie.photograph)):
