@@ -43,24 +43,40 @@ def robust(square: float, loss: int, threshold: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def calibration_rows(
-    o: int, c: int, s: float, x: float, y: float, xd: float, yd: float, q: FloatArray, free_of: IntArray, J: FloatArray
+    o: int, c: int, s: float, x: float, y: float, xd: float, yd: float, q: FloatArray, J: FloatArray
 ) -> None:
-    """Fill a ray's derivatives by the free parameters of camera ``c``, in their units, times s; (x, y) before, (xd, yd)
-    after the distortion."""
-    d, k = o + 1, CALIBRATION
-    J[o, k], J[o, k + 1], J[o, k + 2], J[d, k], J[d, k + 1], J[d, k + 2] = s * xd, s, 0.0, s * yd, 0.0, s
-    sf, sb, r2 = s * (q[c, 0] + q[c, 9]), s * q[c, 10], x * x + y * y
-    sv = s * q[c, 0]
-    du, dv = r2 * (sf * x + sb * y), r2 * sv * y
-    J[o, k + 3], J[o, k + 4], J[o, k + 5], J[o, k + 6] = du, r2 * du, r2 * r2 * du, r2 * r2 * r2 * du
-    J[d, k + 3], J[d, k + 4], J[d, k + 5], J[d, k + 6] = dv, r2 * dv, r2 * r2 * dv, r2 * r2 * r2 * dv
+    """Fill a ray's derivatives by the parameters of camera ``c`` that are free, whose units are not zero, in their
+    units, times s; (x, y) before, (xd, yd) after the distortion."""
+    a, k, one = np.uint64(o), np.uint64(CALIBRATION), np.uint64(1)
+    d, r2, sv = a + one, x * x + y * y, s * q[c, 0]
+    su, sb = s * (q[c, 0] + q[c, 9]), s * q[c, 10]
+    if q[c, UNIT] > 0.0:
+        J[a, k], J[d, k] = s * xd * q[c, UNIT], s * yd * q[c, UNIT]
+        k += one
+    if q[c, UNIT + 1] > 0.0:
+        J[a, k], J[d, k] = s * q[c, UNIT + 1], 0.0
+        k += one
+    if q[c, UNIT + 2] > 0.0:
+        J[a, k], J[d, k] = 0.0, s * q[c, UNIT + 2]
+        k += one
+    du, dv = su * x + sb * y, sv * y
+    for p in range(3, 7):
+        du, dv = du * r2, dv * r2
+        if q[c, UNIT + p] > 0.0:
+            J[a, k], J[d, k] = du * q[c, UNIT + p], dv * q[c, UNIT + p]
+            k += one
     xy2, xx3, yy3 = 2.0 * x * y, r2 + 2.0 * x * x, r2 + 2.0 * y * y
-    J[o, k + 7], J[o, k + 8], J[o, k + 9], J[o, k + 10] = sf * xy2 + sb * yy3, sf * xx3 + sb * xy2, s * xd, s * yd
-    J[d, k + 7], J[d, k + 8], J[d, k + 9], J[d, k + 10] = sv * yy3, sv * xy2, 0.0, 0.0
-    for t in range(free_of[c, 1]):
-        parameter = free_of[c, 2 + t]  # never below t, so nothing is overwritten that is still wanted
-        unit = q[c, UNIT + parameter]
-        J[o, k + t], J[d, k + t] = unit * J[o, k + parameter], unit * J[d, k + parameter]
+    if q[c, UNIT + 7] > 0.0:
+        J[a, k], J[d, k] = (su * xy2 + sb * yy3) * q[c, UNIT + 7], sv * yy3 * q[c, UNIT + 7]
+        k += one
+    if q[c, UNIT + 8] > 0.0:
+        J[a, k], J[d, k] = (su * xx3 + sb * xy2) * q[c, UNIT + 8], sv * xy2 * q[c, UNIT + 8]
+        k += one
+    if q[c, UNIT + 9] > 0.0:
+        J[a, k], J[d, k] = s * xd * q[c, UNIT + 9], 0.0
+        k += one
+    if q[c, UNIT + 10] > 0.0:
+        J[a, k], J[d, k] = s * yd * q[c, UNIT + 10], 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -127,7 +143,7 @@ def linearise_point(
         b1 -= u1 * r0 + w1 * r1
         b2 -= u2 * r0 + w2 * r1
         if free_of[c, 1]:
-            calibration_rows(o, c, s, x, y, xd, yd, q, free_of, J)
+            calibration_rows(o, c, s, x, y, xd, yd, q, J)
     V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
     V[9], V[10], V[11] = b0, b1, b2
     return 0.5 * cost

@@ -83,7 +83,7 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
     chosen, unit = np.flatnonzero(free), np.linspace(0.5, 1.5, PARAMETERS)
     free_of = np.zeros((1, 2 + PARAMETERS), np.int64)
     free_of[0, 1], free_of[0, 2 : 2 + len(chosen)] = len(chosen), chosen
-    packed = np.concatenate([q, unit, [MODELS[model]]])[None]
+    packed = np.concatenate([q, np.where(free, unit, 0.0), [MODELS[model]]])[None]
     seen, measured = np.zeros((1, 2), np.int64), np.array([[u - 3.0, v + 4.0, 2.0]])
     J, V = np.zeros((2, WIDTH)), np.zeros(12)
     ray = (0, 1, seen, measured, packed, np.concatenate([R.ravel(), C])[None], X[None], 0)
