@@ -283,13 +283,14 @@ def add_pose(
     e0, e1 = J[o, 9] + z00 * y[0] + z01 * y[1] + z02 * y[2], J[o + 1, 9] + z10 * y[0] + z11 * y[1] + z12 * y[2]
     add_six(Q, block + 42, p, -e0, s, -e1)
     for slot in range(slots):
+        start, mine = block + 48 + 6 * slot_of[slot, 0], slot == own
         for t in range(slot_of[slot, 1]):
             y0, y1, y2 = Yc[slot, 0, t], Yc[slot, 1, t], Yc[slot, 2, t]
             m, n = -z00 * y0 - z01 * y1 - z02 * y2, -z10 * y0 - z11 * y1 - z12 * y2
-            if slot == own:
+            if mine:
                 m += J[o, CALIBRATION + t]
                 n += J[o + 1, CALIBRATION + t]
-            add_six(Q, block + 48 + 6 * (slot_of[slot, 0] + t), p, m, s, n)
+            add_six(Q, start + 6 * t, p, m, s, n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -404,9 +405,11 @@ def substitute_points(
                 for a in range(6):
                     r0 += J[c, a] * step[at + a]
                     r1 += J[c + 1, a] * step[at + a]
+            column = np.uint64(max(free_of[camera, 0], 0))
             for a in range(free_of[camera, 1]):
-                r0 += J[c, CALIBRATION + a] * border_step[free_of[camera, 0] + a]
-                r1 += J[c + 1, CALIBRATION + a] * border_step[free_of[camera, 0] + a]
+                moved = border_step[column + np.uint64(a)]
+                r0 += J[c, CALIBRATION + a] * moved
+                r1 += J[c + 1, CALIBRATION + a] * moved
             decrease -= 0.5 * (J[c, 9] * r0 + J[c + 1, 9] * r1)
             t0 -= J[c, 6] * r0 + J[c + 1, 6] * r1
             t1 -= J[c, 7] * r0 + J[c + 1, 7] * r1
