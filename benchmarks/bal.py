@@ -41,7 +41,8 @@ def read_bal(path: Path) -> tuple[Observations, BundleState]:
     q[:, FREE] = cameras[:, 6:]
     rotation = np.ascontiguousarray((FLIP @ turn).transpose(0, 2, 1))
     position = -np.einsum("nji,nj->ni", turn, cameras[:, 3:6])
-    observations = Observations(photograph, point, pixel, np.ones(count), photograph.copy())
+    models = np.zeros(photographs, dtype=np.int64)
+    observations = Observations(photograph, point, pixel, np.ones(count), photograph.copy(), models)
     return observations, BundleState(rotation, position, q, X)
 
 

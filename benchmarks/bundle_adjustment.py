@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 
 from photogram.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.camera import models_of
 from photogram.factors.bundle import BundleState, adjust_bundle
 from photogram.factors.covariance import covariances
 from photogram.factors.reprojection import Observations
@@ -93,8 +94,9 @@ def make_task(photographs: int, seed: int, *, free: bool) -> Task:
         made.tie_point_position_world_m + rng.standard_normal((len(tie), 3)),
     )
     observations = Observations(
-        tie.photograph, tie.point, tie.pixel, tie.sigma_px, np.zeros(len(tie.photograph), np.int64)
-    )
+        tie.photograph, tie.point, tie.pixel, tie.sigma_px, np.zeros(len(tie.photograph), np.int64),
+        models_of(block.cameras),
+    )  # fmt: skip
     return Task(observations, start, block, plan.gsd_m, free)
 
 

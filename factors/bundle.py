@@ -118,9 +118,8 @@ def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) 
     layout = bundle.layout
     tangent = np.zeros((len(state.rotation), 6))
     tangent[layout.photograph_at] = poses.reshape(-1, 6)
-    parameters, free = state.parameters.copy(), layout.camera_column >= 0
-    columns = layout.camera_column[free][:, None] + np.arange(8)
-    parameters[free] += border[columns] * layout.unit[free]
+    parameters, free = state.parameters.copy(), layout.free_parameters
+    parameters[free] += border[: layout.offset_column] * layout.unit[free]
     return replace(
         state,
         rotation=state.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
@@ -189,7 +188,7 @@ def minimise_bundle(
 @dataclass(frozen=True, eq=False)
 class BundleState:
     """A block in its own frame: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras,
-    8), ``point`` (P, 3).
+    11), ``point`` (P, 3).
 
     ``cost`` is half the sum of squared whitened residuals under the loss, infinite when points lie behind photographs;
     ``converged`` is False when no step makes it smaller, or iterations ran out.
@@ -218,11 +217,10 @@ class _CalibrationPrior:
 
     def linearise(self, state: State) -> Terms:
         layout, terms = self._layout, Terms.zero(self._layout, 0)
-        free = layout.camera_column >= 0
-        columns = (layout.camera_column[free][:, None] + np.arange(8)).ravel()
+        free, columns = layout.free_parameters, np.arange(layout.offset_column)
         unit, weight = layout.unit[free], self._weight[free]
-        terms.border[columns, columns] = (weight * unit**2).ravel()
-        terms.border_gradient[columns] = (weight * unit * (self._expected - state.parameters)[free]).ravel()
+        terms.border[columns, columns] = weight * unit**2
+        terms.border_gradient[columns] = weight * unit * (self._expected - state.parameters)[free]
         return replace(terms, cost=self.cost(state))
 
 
@@ -243,8 +241,8 @@ def adjust_bundle(
 ) -> BundleState:
     """Adjust poses, points and free calibration parameters of a block from image observations alone.
 
-    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 8) are the parameters that move, with
-    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 8), infinite for none. Observations sorted by point, of
+    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 11) are the parameters that move, with
+    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 11), infinite for none. Observations sorted by point, of
     points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
     the damping does. A result that could not move has ``converged`` False, and an infinite ``cost`` when points lie
     behind photographs.
@@ -256,7 +254,7 @@ def adjust_bundle(
     used = np.zeros(len(held_poses), dtype=bool)
     used[observations.photograph] = True
     layout = make_layout([(first, observations.photograph)], held_poses | ~used, state.position, unit)
-    none = Observations(*(np.zeros(0, np.int64),) * 2, np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
+    none = observations.select(np.zeros(len(observations), dtype=bool))
     bundle = Bundle(
         layout,
         lay_out(observations, index, layout),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from photogram.camera import PARAMETERS
 from photogram.factors.bundle import limited_threads
 from photogram.factors.elimination import Cameras, Points, point_covariances
 from photogram.factors.graph import IndeterminateError, Problem
@@ -70,17 +71,19 @@ class Covariances:
         return self.border[column : column + 3, column : column + 3]
 
     def calibration(self, camera: int) -> FloatArray:
-        """Return the covariance (8, 8) of a camera's parameters, zero where they are fixed."""
-        column, unit = int(self.layout.camera_column[camera]), self.layout.unit[camera]
-        if column < 0:
-            return np.zeros((8, 8))
-        return np.asarray(self.border[column : column + 8, column : column + 8] * np.outer(unit, unit))
+        """Return the covariance (11, 11) of a camera's parameters, zero where they are held."""
+        owner, parameter = self.layout.free_parameters
+        columns = np.flatnonzero(owner == camera)
+        unit, free = self.layout.border_unit[columns], parameter[columns]
+        covariance = np.zeros((PARAMETERS, PARAMETERS))
+        covariance[np.ix_(free, free)] = self.border[np.ix_(columns, columns)] * np.outer(unit, unit)
+        return covariance
 
     def joint(self, photographs: IntArray) -> FloatArray:
         """Return the joint covariance (6 k + border) of k poses, in the order given, and the border.
 
-        The border holds the calibrations, in their natural units, from ``layout.camera_column`` on, then the GNSS
-        offsets. Photographs farther apart than the band cost a solution of the system.
+        The border holds the calibrations' free parameters, in their natural units, as ``layout.free_parameters`` has
+        them, then the GNSS offsets. Photographs farther apart than the band cost a solution of the system.
         """
         layout, place = self.layout, self.layout.place[photographs]
         rows = (6 * place[:, None] + np.arange(6)).ravel()
@@ -90,10 +93,7 @@ class Covariances:
             right = np.zeros((layout.columns, len(rows)))
             right[rows, np.arange(len(rows))] = 1.0 / self.scale[rows]
             own = self.factor.solve_poses(right)[rows] / self.scale[rows][:, None]
-        T, unit = self.T[rows], np.ones(layout.border)
-        for column, units in zip(layout.camera_column, layout.unit, strict=True):
-            if column >= 0:
-                unit[column : column + 8] = units
+        T, unit = self.T[rows], layout.border_unit
         cross = -T @ self.border
         return np.block(
             [[own - cross @ T.T, cross * unit], [(cross * unit).T, self.border * np.outer(unit, unit)]]
@@ -117,17 +117,17 @@ def joint_control_points(problem: Problem, state: State, found: Covariances) -> 
     the covariance δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4).
     """
     layout, marks, count = found.layout, problem.marks, len(state.control)
+    owner, parameter = layout.free_parameters
     ground = bundle_of(problem, state).ground
     linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
     V = ground.linearise(state).control.copy()
     np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
     W = np.zeros((layout.columns + layout.border, count, 3))
     for i, (p, c, g) in enumerate(zip(marks.photograph, marks.camera, marks.point, strict=True)):
-        at, column = 6 * layout.place[p], layout.camera_column[c]
+        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
         W[at : at + 6, g] += linear.pose[i].T @ linear.point[i]
-        if column >= 0:
-            rows = slice(layout.columns + column, layout.columns + column + 8)
-            W[rows, g] += (linear.calibration[i] * layout.unit[c]).T @ linear.point[i]
+        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
+        W[layout.columns + columns, g] += free.T @ linear.point[i]
     inverse = np.linalg.inv(V)
     columns = np.einsum("rgi,gij->rgj", W, inverse).reshape(len(W), 3 * count)
     joint = found.between(columns, columns)
@@ -194,7 +194,6 @@ def covariances(problem: Problem, state: State) -> Covariances:
         terms = bundle.ground.linearise(state)
         normal = eliminated(bundle, state, terms, pool)
         scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
-        scale[m:][layout.fixed] = 1.0
         factor = _checked_factor(normal, scale)
         inverse = factor.inverse_within_band()
         scale_matrix(inverse, scale, layout)

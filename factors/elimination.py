@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
-    """Interior and exterior orientation: ``parameters`` (cameras, 8), ``rotation`` (N, 3, 3) world from camera,
+    """Interior and exterior orientation: ``parameters`` (cameras, 11), ``rotation`` (N, 3, 3) world from camera,
     ``position`` (N, 3) in the world, m."""
 
     parameters: FloatArray
@@ -44,14 +44,15 @@ class Rays:
     """Observations laid out for elimination: points in the order of their first photograph in the band.
 
     ``index`` (P,) are the points' own numbers; rays of point p are ``[first[p], first[p + 1])``, in the order of the
-    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``chunks`` are ranges of
-    points.
+    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``model`` (cameras,) are the
+    cameras' models. ``chunks`` are ranges of points.
     """
 
     index: IntArray
     first: IntArray
     seen: IntArray
     measured: FloatArray
+    model: IntArray
     chunks: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
@@ -83,6 +84,7 @@ def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays
         first,
         np.column_stack([o.photograph[order], o.camera[order]]),
         np.column_stack([o.pixel[order], 1.0 / o.sigma_px[order]]),
+        o.model,
         tuple(pairwise(edges)),
     )
 
@@ -108,10 +110,10 @@ class Points:
         return Points(position, np.zeros((0, 12)))
 
 
-def _packed(cameras: Cameras, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return interior orientations with their units (cameras, 16), rotations and positions (N, 12)."""
+def _packed(cameras: Cameras, model: IntArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return interior orientations, their units and their models (cameras, 23), rotations and positions (N, 12)."""
     count = len(cameras.position)
-    q = np.concatenate([cameras.parameters, layout.unit], axis=1)
+    q = np.concatenate([cameras.parameters, layout.unit, model[:, None]], axis=1)
     return q, np.concatenate([cameras.rotation.reshape(count, 9), cameras.position], axis=1)
 
 
@@ -130,14 +132,15 @@ def eliminate(
     that cannot be intersected, −1 when all can.
     """
     layout, whole = normal.layout, len(rays.chunks) == 1
-    q, pose = _packed(cameras, layout)
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
         origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
         part = normal if whole else normal.part(origin, last)
         failed = accumulate(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, origin,
+            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, origin,
             layout.stride, part.A, part.Q.reshape(-1), part.H,
         )  # fmt: skip
         return int(failed), origin, part
@@ -159,7 +162,7 @@ def observation_cost(
     pool: ThreadPoolExecutor | None = None,
 ) -> float:
     """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
-    q, pose = _packed(cameras, layout)
+    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> float:
         return float(
@@ -197,13 +200,14 @@ def substitute(
     damping of the cameras and everything that is known of them but for the observations.
     """
     result = points.position.copy()
-    q, pose = _packed(cameras, layout)
-    moved_q, moved_pose = _packed(moved, layout)
+    q, pose = _packed(cameras, rays.model, layout)
+    free_of = layout.free_of
+    moved_q, moved_pose = _packed(moved, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[float, float]:
         found: tuple[float, float] = substitute_points(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, *step,
+            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, *step,
             moved_q, moved_pose, result,
         )  # fmt: skip
         return found
@@ -232,13 +236,14 @@ def point_covariances(
     own = inverse[low * layout.stride + high].reshape(-1)
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
-    q, pose = _packed(cameras, layout)
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> int:
         return int(
             covariances_of_points(
                 begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-                layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, points.prior, layout.stride,
+                free_of, loss.kind, loss.threshold, loss.least_curvature, points.prior, layout.stride,
                 inverse, own, turned, border, result,
             )
         )  # fmt: skip

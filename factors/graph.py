@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from photogram.camera import PARAMETERS
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.ground_control import surveyed_position
@@ -75,7 +76,7 @@ class Problem:
 
     @property
     def scale(self) -> FloatArray:
-        """Return per camera the units (cameras, 8) of its calibration variable."""
+        """Return per camera the units (cameras, 11) of its calibration variable."""
         return np.array([calibration_scale(camera.focal_px) for camera in self.block.cameras])
 
     def with_tie_observations(self, tie: Observations) -> Problem:
@@ -211,7 +212,7 @@ def _diagonal(
     pose, point = np.zeros((len(state.rotation), 6)), np.zeros((len(state.tie_point), 3))
     np.add.at(pose, o.photograph, np.sum(tie.pose**2, axis=1))
     np.add.at(point, o.point, np.sum(tie.point**2, axis=1))
-    calibration = np.zeros((len(problem.block.cameras), 8))
+    calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
     np.add.at(calibration, o.camera, np.sum(tie.calibration**2, axis=1))
     for i, squares in enumerate(pose):
         add(key(POSE, i), squares)
@@ -233,7 +234,7 @@ def linearise_all(
     linear = linearise_ground(problem, graph, state)
     tie = linearise_tie_points(problem, state, least_curvature)
     diagonal = _diagonal(problem, linear, tie, state)
-    unit_scale = np.ones((len(problem.block.cameras), 8))
+    unit_scale = np.ones((len(problem.block.cameras), PARAMETERS))
     for factor in reprojection_factors(
         problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale
     ):
@@ -267,7 +268,7 @@ def damped_step(system: LinearSystem, damping: float) -> Step:
     """
     damped = gtsam.GaussianFactorGraph()
     damped.push_back(system.graph)
-    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, 9)}
+    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, PARAMETERS + 1)}
     for variable in system.variables:
         diagonal = system.diagonal[variable]
         n = len(diagonal)

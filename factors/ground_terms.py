@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogram.camera import PARAMETERS
 from photogram.factors.bundle import Bundle, SingularPointError
 from photogram.factors.elimination import first_observations, lay_out
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
@@ -56,7 +57,7 @@ class GroundTerms:
             return list(range(6 * int(layout.place[index]), 6 * int(layout.place[index]) + 6))
         if kind == CALIBRATION:
             start = layout.columns + int(layout.camera_column[index])
-            return [start + int(k) for k in self._problem.free[index]]
+            return list(range(start, start + len(self._problem.free[index])))
         start = layout.columns + (layout.offset_column if kind == GNSS_OFFSET else layout.border) + 3 * index
         return list(range(start, start + 3))
 
@@ -99,7 +100,7 @@ class GroundTerms:
 
 def bundle_of(problem: Problem, state: State) -> Bundle:
     """Return the problem laid out for elimination: a band of photographs, a border of calibrations and offsets."""
-    free = np.array([camera.sigmas > 0 for camera in problem.block.cameras]).reshape(-1, 8)
+    free = np.array([camera.sigmas > 0 for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
     index = np.flatnonzero(np.bincount(problem.tie.point, minlength=len(state.tie_point)))
     control = np.arange(len(problem.control_world_m))
     marks = np.argsort(problem.marks.point, kind="stable")
@@ -110,7 +111,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         ],
         np.zeros(len(problem.block.photographs), dtype=bool),
         state.position,
-        problem.scale.reshape(-1, 8) * free,
+        problem.scale.reshape(-1, PARAMETERS) * free,
         len(problem.flights),
     )
     return Bundle(
@@ -145,4 +146,4 @@ def variable_at(layout: Layout, column: int) -> tuple[str, int]:
     border = column - layout.columns
     if border >= layout.offset_column:
         return GNSS_OFFSET, (border - layout.offset_column) // 3
-    return CALIBRATION, int(np.flatnonzero(layout.camera_column == border // 8 * 8)[0])
+    return CALIBRATION, int(layout.free_parameters[0][border])

@@ -1,13 +1,14 @@
 """Compiled loops over the rays of points: linearisation, elimination, substitution, covariances.
 
-Work rows: a ray has two rows of J, each with its Jacobian on the pose (0–5), the calibration (6–13) and the point
-(14–16), its residual (17) and Z (18–20), all multiplied by the root of the ray's weight. V holds a point's normal
-matrix (0–8) and right-hand side (9–11), M the elements 00 10 11 20 21 22 of L⁻¹, where L Lᵀ is the damped V.
+Work rows: a ray has two rows of J, each with its Jacobian on the pose (0–5) and the point (6–8), its residual (9), Z
+(10–12) and its Jacobian on the free parameters of its camera (13 on), all multiplied by the root of the ray's weight.
+V holds a point's normal matrix (0–8) and right-hand side (9–11), M the elements 00 10 11 20 21 22 of L⁻¹, where L Lᵀ is
+the damped V.
 
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
 elimination (36–41), the right-hand side (42–47), then six for every border column. Interior orientations come with the
-units of their parameters (cameras, 16), poses as rotation, row by row, and position (photographs, 12), measurements as
-u, v and 1 / sigma, rays as photograph and camera.
+units of their parameters and the camera's model (cameras, 23), the numbers of the free ones as Layout.free_of, poses as
+rotation, row by row, and position (photographs, 12), measurements as u, v and 1 / sigma, rays as photograph and camera.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
 
@@ -20,10 +21,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from photogram.camera import FISHEYE, PARAMETERS, equidistant
 from photogram.survey import FloatArray, IntArray
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large
 SETTLING = 5  # iterations at most
+CALIBRATION = 13  # first column of a work row that belongs to free parameters
+WIDTH = CALIBRATION + PARAMETERS
+UNIT, MODEL = PARAMETERS, 2 * PARAMETERS  # where units begin and the model stands in a packed interior orientation
+
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -43,22 +49,44 @@ def robust(square: float, loss: int, threshold: float) -> tuple[float, float, fl
 def calibration_rows(
     o: int, c: int, s: float, x: float, y: float, xd: float, yd: float, q: FloatArray, J: FloatArray
 ) -> None:
-    """Fill a ray's derivatives by the parameters of camera ``c``, in their units, times s; (x, y) ideal, (xd, yd)
-    distorted."""
-    J[o, 6], J[o, 7], J[o, 8] = s * xd * q[c, 8], s * q[c, 9], 0.0
-    J[o + 1, 6], J[o + 1, 7], J[o + 1, 8] = s * yd * q[c, 8], 0.0, s * q[c, 10]
-    sf, r2, xy2 = s * q[c, 0], x * x + y * y, 2.0 * x * y
-    m3, m4, m5 = sf * r2 * q[c, 11], sf * r2 * r2 * q[c, 12], sf * r2 * r2 * r2 * q[c, 13]
-    m6, m7 = sf * q[c, 14], sf * q[c, 15]
-    J[o, 9], J[o, 10], J[o, 11], J[o, 12], J[o, 13] = m3 * x, m4 * x, m5 * x, m6 * xy2, m7 * (r2 + 2.0 * x * x)
-    J[o + 1, 9], J[o + 1, 10], J[o + 1, 11] = m3 * y, m4 * y, m5 * y
-    J[o + 1, 12], J[o + 1, 13] = m6 * (r2 + 2.0 * y * y), m7 * xy2
+    """Fill a ray's derivatives by the parameters of camera ``c`` that are free, whose units are not zero, in their
+    units, times s; (x, y) before, (xd, yd) after the distortion."""
+    a, k, one = np.uint64(o), np.uint64(CALIBRATION), np.uint64(1)
+    d, r2, sv = a + one, x * x + y * y, s * q[c, 0]
+    su, sb = s * (q[c, 0] + q[c, 9]), s * q[c, 10]
+    if q[c, UNIT] > 0.0:
+        J[a, k], J[d, k] = s * xd * q[c, UNIT], s * yd * q[c, UNIT]
+        k += one
+    if q[c, UNIT + 1] > 0.0:
+        J[a, k], J[d, k] = s * q[c, UNIT + 1], 0.0
+        k += one
+    if q[c, UNIT + 2] > 0.0:
+        J[a, k], J[d, k] = 0.0, s * q[c, UNIT + 2]
+        k += one
+    du, dv = su * x + sb * y, sv * y
+    for p in range(3, 7):
+        du, dv = du * r2, dv * r2
+        if q[c, UNIT + p] > 0.0:
+            J[a, k], J[d, k] = du * q[c, UNIT + p], dv * q[c, UNIT + p]
+            k += one
+    xy2, xx3, yy3 = 2.0 * x * y, r2 + 2.0 * x * x, r2 + 2.0 * y * y
+    if q[c, UNIT + 7] > 0.0:
+        J[a, k], J[d, k] = (su * xy2 + sb * yy3) * q[c, UNIT + 7], sv * yy3 * q[c, UNIT + 7]
+        k += one
+    if q[c, UNIT + 8] > 0.0:
+        J[a, k], J[d, k] = (su * xx3 + sb * xy2) * q[c, UNIT + 8], sv * xy2 * q[c, UNIT + 8]
+        k += one
+    if q[c, UNIT + 9] > 0.0:
+        J[a, k], J[d, k] = s * xd * q[c, UNIT + 9], 0.0
+        k += one
+    if q[c, UNIT + 10] > 0.0:
+        J[a, k], J[d, k] = s * yd * q[c, UNIT + 10], 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def linearise_point(
     begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
-    number: int, loss: int, threshold: float, least: float, J: FloatArray, V: FloatArray,
+    number: int, free_of: IntArray, loss: int, threshold: float, least: float, J: FloatArray, V: FloatArray,
 ) -> int:  # fmt: skip
     """Fill the work rows of a point's rays, and add to V: its normal matrix 0–8 and right-hand side 9–11.
 
@@ -79,37 +107,43 @@ def linearise_point(
             J[o], J[o + 1] = 0.0, 0.0
             behind += 1
             continue
-        f, k1, k2, k3, p1, p2 = q[c, 0], q[c, 3], q[c, 4], q[c, 5], q[c, 6], q[c, 7]
+        f, k1, k2, k3, k4, p1, p2 = q[c, 0], q[c, 3], q[c, 4], q[c, 5], q[c, 6], q[c, 7], q[c, 8]
+        fu, skew = f + q[c, 9], q[c, 10]
         near = 1.0 / pz
+        bend, away = 0.0, near * near
+        if q[c, MODEL] == FISHEYE:
+            near, bend, away = equidistant(px, py, pz)
         x, y = px * near, py * near
         r2 = x * x + y * y
-        radial, slope = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4)))
         xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
         yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
         xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
         xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
         yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
         s = measured[i, 2]
-        r0, r1 = s * (f * xd + q[c, 1] - measured[i, 0]), s * (f * yd + q[c, 2] - measured[i, 1])
-        _, weight, bend = robust(r0 * r0 + r1 * r1, loss, threshold)
+        r0, r1 = s * (fu * xd + skew * yd + q[c, 1] - measured[i, 0]), s * (f * yd + q[c, 2] - measured[i, 1])
+        _, weight, curvature = robust(r0 * r0 + r1 * r1, loss, threshold)
         along, n0, n1 = 0.0, 0.0, 0.0
         if weight != 1.0:
-            root, norm, curvature = np.sqrt(weight), np.sqrt(r0 * r0 + r1 * r1), np.sqrt(max(bend, least))
-            along, n0, n1 = 1.0 - curvature, r0 / norm, r1 / norm
-            s, r0, r1 = s * root, r0 * root / curvature, r1 * root / curvature
-        w = s * f * near
-        g0, g1, h0, h1 = w * xx, w * xy, w * xy, w * yy
+            root, norm, rest = np.sqrt(weight), np.sqrt(r0 * r0 + r1 * r1), np.sqrt(max(curvature, least))
+            along, n0, n1 = 1.0 - rest, r0 / norm, r1 / norm
+            s, r0, r1 = s * root, r0 * root / rest, r1 * root / rest
+        g0, g1, h0, h1 = s * (fu * xx + skew * xy), s * (fu * xy + skew * yy), s * f * xy, s * f * yy
         if along != 0.0:
             t0, t1 = along * (n0 * g0 + n1 * h0), along * (n0 * g1 + n1 * h1)
             g0, g1, h0, h1 = g0 - n0 * t0, g1 - n0 * t1, h0 - n1 * t0, h1 - n1 * t1
-        g2, h2 = -(g0 * x + g1 * y), -(h0 * x + h1 * y)
+        g2, h2 = g0 * px + g1 * py, h0 * px + h1 * py
+        g0, g1, g2 = g0 * near + bend * g2 * px, g1 * near + bend * g2 * py, -away * g2
+        h0, h1, h2 = h0 * near + bend * h2 * px, h1 * near + bend * h2 * py, -away * h2
         J[o, 0], J[o, 1], J[o, 2] = g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px
-        J[o, 3], J[o, 4], J[o, 5], J[o, 17] = -g0, -g1, -g2, r0
+        J[o, 3], J[o, 4], J[o, 5], J[o, 9] = -g0, -g1, -g2, r0
         J[o + 1, 0], J[o + 1, 1], J[o + 1, 2] = h1 * pz - h2 * py, h2 * px - h0 * pz, h0 * py - h1 * px
-        J[o + 1, 3], J[o + 1, 4], J[o + 1, 5], J[o + 1, 17] = -h0, -h1, -h2, r1
+        J[o + 1, 3], J[o + 1, 4], J[o + 1, 5], J[o + 1, 9] = -h0, -h1, -h2, r1
         u0, u1, u2 = a00 * g0 + a01 * g1 + a02 * g2, a10 * g0 + a11 * g1 + a12 * g2, a20 * g0 + a21 * g1 + a22 * g2
         w0, w1, w2 = a00 * h0 + a01 * h1 + a02 * h2, a10 * h0 + a11 * h1 + a12 * h2, a20 * h0 + a21 * h1 + a22 * h2
-        J[o, 14], J[o, 15], J[o, 16], J[o + 1, 14], J[o + 1, 15], J[o + 1, 16] = u0, u1, u2, w0, w1, w2
+        J[o, 6], J[o, 7], J[o, 8], J[o + 1, 6], J[o + 1, 7], J[o + 1, 8] = u0, u1, u2, w0, w1, w2
         v00 += u0 * u0 + w0 * w0
         v10 += u1 * u0 + w1 * w0
         v11 += u1 * u1 + w1 * w1
@@ -119,12 +153,13 @@ def linearise_point(
         b0 -= u0 * r0 + w0 * r1
         b1 -= u1 * r0 + w1 * r1
         b2 -= u2 * r0 + w2 * r1
-        calibration_rows(o, c, s, x, y, xd, yd, q, J)
-        if along != 0.0:
-            for k in range(6, 14):
-                t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
-                J[o, k] -= n0 * t0
-                J[o + 1, k] -= n1 * t0
+        if free_of[c, 1]:
+            calibration_rows(o, c, s, x, y, xd, yd, q, J)
+            if along != 0.0:
+                for k in range(CALIBRATION, CALIBRATION + free_of[c, 1]):
+                    t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
+                    J[o, k] -= n0 * t0
+                    J[o + 1, k] -= n1 * t0
     V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
     V[9], V[10], V[11] = b0, b1, b2
     return behind
@@ -145,14 +180,17 @@ def point_cost(
             cost += robust((measured[i, 2] * BEHIND_PX) ** 2, loss, threshold)[0]
             bad += 1
             continue
+        px = pose[p, 0] * dx + pose[p, 3] * dy + pose[p, 6] * dz
+        py = pose[p, 1] * dx + pose[p, 4] * dy + pose[p, 7] * dz
         near = 1.0 / pz
-        x = near * (pose[p, 0] * dx + pose[p, 3] * dy + pose[p, 6] * dz)
-        y = near * (pose[p, 1] * dx + pose[p, 4] * dy + pose[p, 7] * dz)
+        if q[c, MODEL] == FISHEYE:
+            near = equidistant(px, py, pz)[0]
+        x, y = px * near, py * near
         r2 = x * x + y * y
-        radial = 1.0 + r2 * (q[c, 3] + r2 * (q[c, 4] + r2 * q[c, 5]))
-        xd = x * radial + 2.0 * q[c, 6] * x * y + q[c, 7] * (r2 + 2.0 * x * x)
-        yd = y * radial + q[c, 6] * (r2 + 2.0 * y * y) + 2.0 * q[c, 7] * x * y
-        r0 = measured[i, 2] * (q[c, 0] * xd + q[c, 1] - measured[i, 0])
+        radial = 1.0 + r2 * (q[c, 3] + r2 * (q[c, 4] + r2 * (q[c, 5] + r2 * q[c, 6])))
+        xd = x * radial + 2.0 * q[c, 7] * x * y + q[c, 8] * (r2 + 2.0 * x * x)
+        yd = y * radial + q[c, 7] * (r2 + 2.0 * y * y) + 2.0 * q[c, 8] * x * y
+        r0 = measured[i, 2] * ((q[c, 0] + q[c, 9]) * xd + q[c, 10] * yd + q[c, 1] - measured[i, 0])
         r1 = measured[i, 2] * (q[c, 0] * yd + q[c, 2] - measured[i, 1])
         square = r0 * r0 + r1 * r1
         cost += robust(square, loss, threshold)[0]
@@ -189,8 +227,8 @@ def inverse_factor(V: FloatArray, damping: float, M: FloatArray) -> bool:
 def eliminate_coordinates(rows: int, M: FloatArray, J: FloatArray) -> None:
     """Fill Z = B L⁻ᵀ of a point's work rows from their Jacobians B on the point."""
     for o in range(rows):
-        u0, u1, u2 = J[o, 14], J[o, 15], J[o, 16]
-        J[o, 18], J[o, 19], J[o, 20] = u0 * M[0], u0 * M[1] + u1 * M[2], u0 * M[3] + u1 * M[4] + u2 * M[5]
+        u0, u1, u2 = J[o, 6], J[o, 7], J[o, 8]
+        J[o, 10], J[o, 11], J[o, 12] = u0 * M[0], u0 * M[1] + u1 * M[2], u0 * M[3] + u1 * M[4] + u2 * M[5]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -211,20 +249,20 @@ def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, st
         if place[j] < 0:
             continue
         z00, z01, z02, z10, z11, z12 = (
-            J[2 * j, 18],
-            J[2 * j, 19],
-            J[2 * j, 20],
-            J[2 * j + 1, 18],
-            J[2 * j + 1, 19],
-            J[2 * j + 1, 20],
+            J[2 * j, 10],
+            J[2 * j, 11],
+            J[2 * j, 12],
+            J[2 * j + 1, 10],
+            J[2 * j + 1, 11],
+            J[2 * j + 1, 12],
         )
         column = 6 * (place[j] - origin) * stride
         for i in range(j + 1, count):
             c, d = 2 * i, 2 * i + 1
-            k00 = -J[c, 18] * z00 - J[c, 19] * z01 - J[c, 20] * z02
-            k01 = -J[c, 18] * z10 - J[c, 19] * z11 - J[c, 20] * z12
-            k10 = -J[d, 18] * z00 - J[d, 19] * z01 - J[d, 20] * z02
-            k11 = -J[d, 18] * z10 - J[d, 19] * z11 - J[d, 20] * z12
+            k00 = -J[c, 10] * z00 - J[c, 11] * z01 - J[c, 12] * z02
+            k01 = -J[c, 10] * z10 - J[c, 11] * z11 - J[c, 12] * z12
+            k10 = -J[d, 10] * z00 - J[d, 11] * z01 - J[d, 12] * z02
+            k11 = -J[d, 10] * z10 - J[d, 11] * z11 - J[d, 12] * z12
             corner = column + 6 * (place[i] - origin)
             p = (J[c, 0], J[c, 1], J[c, 2], J[c, 3], J[c, 4], J[c, 5])
             s = (J[d, 0], J[d, 1], J[d, 2], J[d, 3], J[d, 4], J[d, 5])
@@ -246,14 +284,14 @@ def add_pose(
     o: int,
     own: int,
     slots: int,
-    start: IntArray,
+    slot_of: IntArray,
     J: FloatArray,
     y: FloatArray,
     Yc: FloatArray,
     Q: FloatArray,
 ) -> None:
     """Add a ray's share to the rows of its pose, which begin at ``block`` of the flat Q."""
-    z00, z01, z02, z10, z11, z12 = J[o, 18], J[o, 19], J[o, 20], J[o + 1, 18], J[o + 1, 19], J[o + 1, 20]
+    z00, z01, z02, z10, z11, z12 = J[o, 10], J[o, 11], J[o, 12], J[o + 1, 10], J[o + 1, 11], J[o + 1, 12]
     k00, k11 = 1.0 - z00 * z00 - z01 * z01 - z02 * z02, 1.0 - z10 * z10 - z11 * z11 - z12 * z12
     k01 = -z00 * z10 - z01 * z11 - z02 * z12
     p = (J[o, 0], J[o, 1], J[o, 2], J[o, 3], J[o, 4], J[o, 5])
@@ -262,64 +300,67 @@ def add_pose(
         m, n = J[o, b], J[o + 1, b]
         add_six(Q, block + 6 * b, p, k00 * m + k01 * n, s, k01 * m + k11 * n)
         Q[block + 36 + b] += m * m + n * n
-    e0, e1 = J[o, 17] + z00 * y[0] + z01 * y[1] + z02 * y[2], J[o + 1, 17] + z10 * y[0] + z11 * y[1] + z12 * y[2]
+    e0, e1 = J[o, 9] + z00 * y[0] + z01 * y[1] + z02 * y[2], J[o + 1, 9] + z10 * y[0] + z11 * y[1] + z12 * y[2]
     add_six(Q, block + 42, p, -e0, s, -e1)
     for slot in range(slots):
-        for t in range(8):
-            m = -z00 * Yc[slot, t] - z01 * Yc[slot, 8 + t] - z02 * Yc[slot, 16 + t]
-            n = -z10 * Yc[slot, t] - z11 * Yc[slot, 8 + t] - z12 * Yc[slot, 16 + t]
-            if slot == own:
-                m += J[o, 6 + t]
-                n += J[o + 1, 6 + t]
-            add_six(Q, block + 48 + 6 * (start[slot] + t), p, m, s, n)
+        start, mine = block + 48 + 6 * slot_of[slot, 0], slot == own
+        for t in range(slot_of[slot, 1]):
+            y0, y1, y2 = Yc[slot, 0, t], Yc[slot, 1, t], Yc[slot, 2, t]
+            m, n = -z00 * y0 - z01 * y1 - z02 * y2, -z10 * y0 - z11 * y1 - z12 * y2
+            if mine:
+                m += J[o, CALIBRATION + t]
+                n += J[o + 1, CALIBRATION + t]
+            add_six(Q, start + 6 * t, p, m, s, n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def add_border(
-    count: int, first: int, seen: IntArray, column_of: IntArray, J: FloatArray, y: FloatArray, start: IntArray,
+    count: int, first: int, seen: IntArray, free_of: IntArray, J: FloatArray, y: FloatArray, slot_of: IntArray,
     own: IntArray, Yc: FloatArray, H: FloatArray,
 ) -> int:  # fmt: skip
     """Add a point's share to the border: H holds its matrix, then the undamped diagonal, then the right-hand side.
 
-    Fills Yc (cameras, 24) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``start`` with their
-    border columns, ``own`` with each ray's slot, −1 for none; returns the number of slots.
+    Fills Yc (cameras, 3, 11) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``slot_of`` with their
+    first border columns and numbers of columns, ``own`` with each ray's slot, −1 for none; returns the number of slots.
     """
     border, slots = H.shape[1], 0
     for o in range(count):
-        own[o], column = -1, column_of[seen[first + o, 1]]
+        camera = seen[first + o, 1]
+        own[o], column, size = -1, free_of[camera, 0], free_of[camera, 1]
         if column < 0:
             continue
         slot = 0
-        while slot < slots and start[slot] != column:
+        while slot < slots and slot_of[slot, 0] != column:
             slot += 1
         if slot == slots:
-            start[slot], slots = column, slots + 1
+            slot_of[slot, 0], slot_of[slot, 1], slots = column, size, slots + 1
             Yc[slot] = 0.0
         own[o], c, d = slot, 2 * o, 2 * o + 1
-        for t in range(8):
-            m, n = J[c, 6 + t], J[d, 6 + t]
-            H[border + 1, column + t] -= m * J[c, 17] + n * J[d, 17]
+        for t in range(size):
+            m, n = J[c, CALIBRATION + t], J[d, CALIBRATION + t]
+            H[border + 1, column + t] -= m * J[c, 9] + n * J[d, 9]
             H[border, column + t] += m * m + n * n
             for k in range(3):
-                Yc[slot, 8 * k + t] += J[c, 18 + k] * m + J[d, 18 + k] * n
+                Yc[slot, k, t] += J[c, 10 + k] * m + J[d, 10 + k] * n
             for s in range(t + 1):
-                H[column + t, column + s] += m * J[c, 6 + s] + n * J[d, 6 + s]
+                H[column + t, column + s] += m * J[c, CALIBRATION + s] + n * J[d, CALIBRATION + s]
     for slot in range(slots):
-        for a in range(8):
-            row, y0, y1, y2 = start[slot] + a, Yc[slot, a], Yc[slot, 8 + a], Yc[slot, 16 + a]
+        for a in range(slot_of[slot, 1]):
+            row, y0, y1, y2 = slot_of[slot, 0] + a, Yc[slot, 0, a], Yc[slot, 1, a], Yc[slot, 2, a]
             H[border + 1, row] -= y0 * y[0] + y1 * y[1] + y2 * y[2]
             for other in range(slots):
-                if start[other] > start[slot]:
+                low = slot_of[other, 0]
+                if low > slot_of[slot, 0]:
                     continue
-                for t in range(8 if other != slot else a + 1):
-                    H[row, start[other] + t] -= y0 * Yc[other, t] + y1 * Yc[other, 8 + t] + y2 * Yc[other, 16 + t]
+                for t in range(slot_of[other, 1] if other != slot else a + 1):
+                    H[row, low + t] -= y0 * Yc[other, 0, t] + y1 * Yc[other, 1, t] + y2 * Yc[other, 2, t]
     return slots
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def accumulate(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
     least: float, damping: float, prior: FloatArray, origin: int, stride: int, A: FloatArray, Q: FloatArray,
     H: FloatArray,
 ) -> int:  # fmt: skip
@@ -330,14 +371,16 @@ def accumulate(
     longest = 1
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M, y = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6), np.zeros(3)
+    J, V, M, y = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6), np.zeros(3)
     place, own = np.zeros(longest, np.int64), np.zeros(longest, np.int64)
-    start, Yc = np.zeros(len(q), np.int64), np.zeros((len(q), 24))
+    slot_of, Yc = np.zeros((len(q), 2), np.int64), np.zeros((len(q), 3, PARAMETERS))
     share = 48 + 6 * H.shape[1]
     for p in range(begin, end):
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
-        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, least, J, V)
+        linearise_point(
+            first[p], first[p + 1], seen, measured, q, pose, X, index[p], free_of, loss, threshold, least, J, V
+        )  # fmt: skip
         if V[0] + V[4] + V[8] == 0.0:  # behind all of its cameras
             continue
         if not inverse_factor(V, damping, M):
@@ -346,11 +389,11 @@ def accumulate(
         y[2] = M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
         count = first[p + 1] - first[p]
         eliminate_coordinates(2 * count, M, J)
-        slots = add_border(count, first[p], seen, column_of, J, y, start, own, Yc, H)
+        slots = add_border(count, first[p], seen, free_of, J, y, slot_of, own, Yc, H)
         for o in range(count):
             place[o] = place_of[seen[first[p] + o, 0]]
             if place[o] >= 0:
-                add_pose(place[o] * share, 2 * o, own[o], slots, start, J, y, Yc, Q)
+                add_pose(place[o] * share, 2 * o, own[o], slots, slot_of, J, y, Yc, Q)
         subtract_pairs(count, place, J, A, stride, origin)
     return -1
 
@@ -358,8 +401,8 @@ def accumulate(
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def settle_point(
     begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
-    number: int, loss: int, threshold: float, least: float, value: float, J: FloatArray, V: FloatArray, M: FloatArray,
-    moved: FloatArray,
+    number: int, held: IntArray, loss: int, threshold: float, least: float, value: float, J: FloatArray, V: FloatArray,
+    M: FloatArray, moved: FloatArray,
 ) -> float:  # fmt: skip
     """Move a point with mismatches, of the cost ``value``, down its own cost while its cameras rest; returns its cost.
 
@@ -372,7 +415,7 @@ def settle_point(
     damping = 1e-3
     for _ in range(SETTLING):
         V[:] = 0.0
-        linearise_point(begin, end, seen, measured, q, pose, moved, number, loss, threshold, least, J, V)
+        linearise_point(begin, end, seen, measured, q, pose, moved, number, held, loss, threshold, least, J, V)
         if not inverse_factor(V, damping, M):
             break
         y0, y1, y2 = M[0] * V[9], M[1] * V[9] + M[2] * V[10], M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
@@ -411,7 +454,7 @@ def cost_of_points(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def substitute_points(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
     least: float, damping: float, prior: FloatArray, step: FloatArray, border_step: FloatArray,
     moved_q: FloatArray, moved_pose: FloatArray, moved_X: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
@@ -420,31 +463,34 @@ def substitute_points(
     longest = 1
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6)
-    decrease, cost = 0.0, 0.0
+    J, V, M = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6)
+    decrease, cost, held = 0.0, 0.0, np.zeros_like(free_of)
     for p in range(begin, end):
         number = index[p]
         for k in range(12):
             V[k] = prior[number, k] if len(prior) else 0.0
-        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, number, loss, threshold, least, J, V)
+        linearise_point(
+            first[p], first[p + 1], seen, measured, q, pose, X, number, free_of, loss, threshold, least, J, V
+        )  # fmt: skip
         if not inverse_factor(V, damping, M):  # behind all of its cameras
             M[:] = 0.0
         t0, t1, t2 = V[9], V[10], V[11]
         for i in range(first[p], first[p + 1]):
-            c, at, column = 2 * (i - first[p]), 6 * place_of[seen[i, 0]], column_of[seen[i, 1]]
+            c, at, camera = 2 * (i - first[p]), 6 * place_of[seen[i, 0]], seen[i, 1]
             r0, r1 = 0.0, 0.0
             if at >= 0:
                 for a in range(6):
                     r0 += J[c, a] * step[at + a]
                     r1 += J[c + 1, a] * step[at + a]
-            if column >= 0:
-                for a in range(8):
-                    r0 += J[c, 6 + a] * border_step[column + a]
-                    r1 += J[c + 1, 6 + a] * border_step[column + a]
-            decrease -= 0.5 * (J[c, 17] * r0 + J[c + 1, 17] * r1)
-            t0 -= J[c, 14] * r0 + J[c + 1, 14] * r1
-            t1 -= J[c, 15] * r0 + J[c + 1, 15] * r1
-            t2 -= J[c, 16] * r0 + J[c + 1, 16] * r1
+            column = np.uint64(max(free_of[camera, 0], 0))
+            for a in range(free_of[camera, 1]):
+                moved = border_step[column + np.uint64(a)]
+                r0 += J[c, CALIBRATION + a] * moved
+                r1 += J[c + 1, CALIBRATION + a] * moved
+            decrease -= 0.5 * (J[c, 9] * r0 + J[c + 1, 9] * r1)
+            t0 -= J[c, 6] * r0 + J[c + 1, 6] * r1
+            t1 -= J[c, 7] * r0 + J[c + 1, 7] * r1
+            t2 -= J[c, 8] * r0 + J[c + 1, 8] * r1
         y0, y1, y2 = M[0] * t0, M[1] * t0 + M[2] * t1, M[3] * t0 + M[4] * t1 + M[5] * t2
         t0, t1, t2 = M[0] * y0 + M[1] * y1 + M[3] * y2, M[2] * y1 + M[4] * y2, M[5] * y2
         decrease += 0.5 * (t0 * (V[9] + damping * V[0] * t0) + t1 * (V[10] + damping * V[4] * t1))
@@ -459,8 +505,8 @@ def substitute_points(
         )  # fmt: skip
         if bad > 0 and not len(prior):
             value = settle_point(
-                first[p], first[p + 1], seen, measured, moved_q, moved_pose, X, number, loss, threshold, least, value,
-                J, V, M, moved_X,
+                first[p], first[p + 1], seen, measured, moved_q, moved_pose, X, number, held, loss, threshold, least,
+                value, J, V, M, moved_X,
             )  # fmt: skip
         cost += value
     return decrease, cost
@@ -492,10 +538,10 @@ def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, stride: int,
         v11 += r1 * J[s + 1, c]
     half = 0.5 if o == s else 1.0
     for m in range(3):
-        t0 = half * (v00 * J[s, 18 + m] + v01 * J[s + 1, 18 + m])
-        t1 = half * (v10 * J[s, 18 + m] + v11 * J[s + 1, 18 + m])
+        t0 = half * (v00 * J[s, 10 + m] + v01 * J[s + 1, 10 + m])
+        t1 = half * (v10 * J[s, 10 + m] + v11 * J[s + 1, 10 + m])
         for k in range(3):
-            product = J[o, 18 + k] * t0 + J[o + 1, 18 + k] * t1
+            product = J[o, 10 + k] * t0 + J[o + 1, 10 + k] * t1
             H[k, m] += product
             H[m, k] += product
 
@@ -517,7 +563,7 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
+    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
     least: float, prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray,
     border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
@@ -528,29 +574,31 @@ def covariances_of_points(
     longest, n = 1, len(border)
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6)
+    J, V, M = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6)
     G, H = np.zeros((3, n)), np.zeros((3, 3))
     for p in range(begin, end):
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
-        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, least, J, V)
+        linearise_point(
+            first[p], first[p + 1], seen, measured, q, pose, X, index[p], free_of, loss, threshold, least, J, V
+        )  # fmt: skip
         if not inverse_factor(V, 0.0, M):
             return int(index[p])
         # In the coordinates L⁻¹ of the point every Jacobian on it is Z.
         eliminate_coordinates(2 * (first[p + 1] - first[p]), M, J)
         G[:], H[:] = 0.0, 0.0
         for i in range(first[p], first[p + 1]):
-            o, at, column = 2 * (i - first[p]), place_of[seen[i, 0]], column_of[seen[i, 1]]
-            if column >= 0:
-                for k in range(3):
-                    for t in range(8):
-                        G[k, column + t] += J[o, 18 + k] * J[o, 6 + t] + J[o + 1, 18 + k] * J[o + 1, 6 + t]
+            o, at, camera = 2 * (i - first[p]), place_of[seen[i, 0]], seen[i, 1]
+            for k in range(3):
+                for t in range(free_of[camera, 1]):
+                    value = J[o, 10 + k] * J[o, CALIBRATION + t] + J[o + 1, 10 + k] * J[o + 1, CALIBRATION + t]
+                    G[k, free_of[camera, 0] + t] += value
             if at < 0:
                 continue
             for t in range(n):
                 r0, r1 = two_dots(T, 6 * (n * at + t), J, o)
                 for k in range(3):
-                    G[k, t] -= J[o, 18 + k] * r0 + J[o + 1, 18 + k] * r1
+                    G[k, t] -= J[o, 10 + k] * r0 + J[o + 1, 10 + k] * r1
             for other in range(first[p], i + 1):
                 low = place_of[seen[other, 0]]
                 if low < 0:

@@ -1,9 +1,9 @@
 """The reduced system of poses and a border of what is common to many of them, [A B; Bᵀ E]: layout, factor, solution.
 
 The poses' matrix A is a band when photographs are numbered so that those with common points lie close together
-(reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free calibrations,
-eight columns per camera, and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks of
-the inverse come from the recursion of Takahashi et al. (1973), panel by panel.
+(reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free
+parameters of the calibrations and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks
+of the inverse come from the recursion of Takahashi et al. (1973), panel by panel.
 
 Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
 storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
@@ -42,9 +42,10 @@ class Layout:
     """Where variables sit in the reduced system.
 
     ``place`` (N,) of each photograph in the band, −1 for one that is held; ``photograph_at`` its inverse; ``reach`` how
-    many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first of eight border
-    columns of a camera, −1 when nothing of it is free; ``unit`` (cameras, 8) units of its parameters, 0 where fixed;
-    ``offset_column`` first border column of the GNSS offsets; ``border`` number of border columns.
+    many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
+    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 11) units of its parameters, 0 where held:
+    each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
+    number of border columns.
     """
 
     place: IntArray
@@ -76,13 +77,25 @@ class Layout:
         return self.columns if self.dense else 6 * self.reach + 5
 
     @property
-    def fixed(self) -> BoolArray:
-        """Return which border columns belong to parameters that are held."""
-        held = np.zeros(self.border, dtype=bool)
-        for c, column in enumerate(self.camera_column.tolist()):
-            if column >= 0:
-                held[column : column + 8] = self.unit[c] == 0
-        return held
+    def free_parameters(self) -> tuple[IntArray, IntArray]:
+        """Return camera and parameter of each of the border's first columns, those of the calibrations."""
+        camera, parameter = np.nonzero(self.unit > 0)
+        return camera.astype(np.int64), parameter.astype(np.int64)
+
+    @property
+    def border_unit(self) -> FloatArray:
+        """Return the units (border,) of the border: those of the calibrations, and 1 for the GNSS offsets."""
+        return np.concatenate([self.unit[self.free_parameters], np.ones(self.border - self.offset_column)])
+
+    @property
+    def free_of(self) -> IntArray:
+        """Return for compiled loops, by camera (cameras, 13): its first border column, −1 for none, how many of its
+        parameters are free, and which."""
+        table = np.zeros((len(self.unit), 2 + self.unit.shape[1]), dtype=np.int64)
+        for c, unit in enumerate(self.unit):
+            free = np.flatnonzero(unit > 0)
+            table[c, 0], table[c, 1], table[c, 2 : 2 + len(free)] = self.camera_column[c], len(free), free
+        return table
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -125,8 +138,8 @@ def make_layout(
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
-    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 8) the units of free parameters, 0 where
-    fixed; ``offsets`` the number of GNSS offsets.
+    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 11) the units of free parameters, 0 where
+    held; ``offsets`` the number of GNSS offsets.
     """
     free = np.flatnonzero(~held)
     number = np.full(len(held), -1, dtype=np.int64)
@@ -141,9 +154,9 @@ def make_layout(
     place = np.full(len(held), -1, dtype=np.int64)
     place[free] = rank
     reach = int(np.abs(rank[rows] - rank[columns]).max(initial=0))
-    moving = np.any(unit > 0, axis=1)
-    column = np.where(moving, 8 * (np.cumsum(moving) - 1), -1).astype(np.int64)
-    offset_column = 8 * int(np.count_nonzero(moving))
+    size = np.count_nonzero(unit > 0, axis=1)
+    column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
+    offset_column = int(size.sum())
     return Layout(place, free[order], reach, column, unit, offset_column, offset_column + 3 * offsets)
 
 
@@ -231,11 +244,9 @@ class NormalEquations:
         return A
 
     def damped_border(self, damping: float) -> FloatArray:
-        """Return the border's matrix, its diagonal raised by ``damping`` times F, 1 for parameters that are held."""
+        """Return the border's matrix with its diagonal raised by ``damping`` times F."""
         E = self.E
         E[np.diag_indices(len(E))] += damping * self.F
-        fixed = np.flatnonzero(self.layout.fixed)
-        E[fixed, fixed] = 1.0
         return E
 
     def factor(self, damping: float = 0.0, scale: FloatArray | None = None, shift: float = 0.0) -> Factor:
@@ -377,13 +388,11 @@ class Factor:
         return result
 
     def border_covariance(self) -> FloatArray:
-        """Return the inverse (border, border) of the border's Schur complement, zero for held parameters."""
+        """Return the inverse (border, border) of the border's Schur complement."""
         if not self.layout.border:
             return np.zeros((0, 0))
         inverse, _ = lapack.dpotri(self.border, lower=1)
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
-        moving = ~self.layout.fixed
-        return np.ascontiguousarray(inverse * np.outer(moving, moving))
+        return np.ascontiguousarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
 
 def _matrix(layout: Layout, flat: FloatArray) -> FloatArray:

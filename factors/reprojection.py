@@ -14,25 +14,32 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from photogram.camera import project_point, project_point_jacobians
+from photogram.camera import PARAMETERS, RADIAL, TANGENTIAL, project_point, project_point_jacobians
 from photogram.factors.variables import CALIBRATION, POSE, key
 from photogram.survey import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,), ``camera`` (N,)."""
+    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,), ``camera`` (N,);
+    ``model`` (cameras,) are the cameras' models, as camera.models_of has them."""
 
     photograph: IntArray
     point: IntArray
     pixel: FloatArray
     sigma_px: FloatArray
     camera: IntArray
+    model: IntArray
 
     def select(self, keep: NDArray[np.bool_]) -> Observations:
         """Keep the observations of the mask (N,)."""
         return Observations(
-            self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep], self.camera[keep]
+            self.photograph[keep],
+            self.point[keep],
+            self.pixel[keep],
+            self.sigma_px[keep],
+            self.camera[keep],
+            self.model,
         )
 
     def __len__(self) -> int:
@@ -41,7 +48,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Whitened residuals (N, 2) and Jacobians on pose (N, 2, 6), interior orientation (N, 2, 8) and point (N, 2, 3)."""
+    """Whitened residuals (N, 2), Jacobians on pose (N, 2, 6), interior orientation (N, 2, 11) and point (N, 2, 3)."""
 
     residual: FloatArray
     pose: FloatArray
@@ -51,13 +58,13 @@ class Linearisation:
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _residuals(
-    photograph: IntArray, point: IntArray, camera: IntArray, pixel: FloatArray, sigma: FloatArray,
+    photograph: IntArray, point: IntArray, camera: IntArray, model: IntArray, pixel: FloatArray, sigma: FloatArray,
     q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
 ) -> FloatArray:  # fmt: skip
     residual = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
-        p = photograph[i]
-        u, v, depth = project_point(q[camera[i]], R[p], C[p], X[point[i]])
+        p, c = photograph[i], camera[i]
+        u, v, depth = project_point(model[c], q[c], R[p], C[p], X[point[i]])
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -67,15 +74,17 @@ def _residuals(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _linearise(
-    photograph: IntArray, point: IntArray, camera: IntArray, pixel: FloatArray, sigma: FloatArray,
+    photograph: IntArray, point: IntArray, camera: IntArray, model: IntArray, pixel: FloatArray, sigma: FloatArray,
     q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
     count = len(photograph)
     residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
-    J_camera, J_point = np.empty((count, 2, 8)), np.empty((count, 2, 3))
+    J_camera, J_point = np.empty((count, 2, PARAMETERS)), np.empty((count, 2, 3))
     for i in range(count):
-        p = photograph[i]
-        u, v, depth = project_point_jacobians(q[camera[i]], R[p], C[p], X[point[i]], J_pose[i], J_camera[i], J_point[i])
+        p, c = photograph[i], camera[i]
+        u, v, depth = project_point_jacobians(
+            model[c], q[c], R[p], C[p], X[point[i]], J_pose[i], J_camera[i], J_point[i]
+        )
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -91,11 +100,11 @@ def residuals(
 ) -> FloatArray:
     """Return whitened residuals (N, 2), infinite for points at or behind the projection centre.
 
-    ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X``
+    ``parameters`` (cameras, 11), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X``
     (points, 3) world, m.
     """
     o = observations
-    result: FloatArray = _residuals(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X)
+    result: FloatArray = _residuals(o.photograph, o.point, o.camera, o.model, o.pixel, o.sigma_px, parameters, R, C, X)
     return result
 
 
@@ -107,13 +116,17 @@ def linearise(
     Points at or behind the projection centre pull at nothing: theirs are zero.
     """
     o = observations
-    return Linearisation(*_linearise(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X))
+    return Linearisation(
+        *_linearise(o.photograph, o.point, o.camera, o.model, o.pixel, o.sigma_px, parameters, R, C, X)
+    )
 
 
 def calibration_scale(focal_px: float) -> FloatArray:
-    """Return the units (8,) in which calibration variables are solved: 1 px, and 1/f for the distortion
-    coefficients."""
-    return np.array([1.0, 1.0, 1.0] + [1.0 / focal_px] * 5)
+    """Return the units (11,) in which calibration variables are solved: 1 px, also of the affinity, and 1/f for the
+    distortion coefficients."""
+    unit = np.ones(PARAMETERS)
+    unit[RADIAL] = unit[TANGENTIAL] = 1.0 / focal_px
+    return unit
 
 
 def reprojection_factors(
@@ -127,7 +140,7 @@ def reprojection_factors(
     """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
 
     ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free
-    parameters; ``scale`` (cameras, 8) their units.
+    parameters; ``scale`` (cameras, 11) their units.
     """
     root = np.sqrt(weight)[:, None]
     b = -linear.residual * root

@@ -10,7 +10,7 @@ from photogram.survey import FloatArray
 @dataclass(frozen=True, eq=False)
 class State:
     """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters``
-    (cameras, 8), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
+    (cameras, 11), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world, m."""
 
     rotation: FloatArray
     position: FloatArray

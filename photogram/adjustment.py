@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.camera import Pose
+from photogram.camera import PARAMETERS, Pose, models_of
 from photogram.determinacy import check_determined, check_in_front, undetermined
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
@@ -84,7 +84,7 @@ def start_state(block: Block, flights: tuple[str, ...]) -> State:
     return State(
         np.array([pose.rotation_world_from_camera for pose in poses]).reshape(-1, 3, 3),
         np.array([pose.position_world_m for pose in poses]).reshape(-1, 3),
-        np.array([camera.parameters for camera in block.cameras]).reshape(-1, 8),
+        np.array([camera.parameters for camera in block.cameras]).reshape(-1, PARAMETERS),
         block.tie_points.position_world_m.copy(),
         control.position_world_m.copy(),
         np.zeros((len(flights), 3)),
@@ -102,17 +102,19 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
+    models = models_of(block.cameras)
     if np.any(block.gnss_offset_sigma_m > 0):
         flights = tuple(sorted({p.flight for p in block.photographs if p.gnss_world_m is not None}))
     return Problem(
         block,
-        Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph]),
+        Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], models),
         Observations(
             control.mark_photograph,
             control.mark_point,
             control.mark_pixel,
             control.mark_sigma_px,
             camera_of[control.mark_photograph],
+            models,
         ),
         control.position_world_m,
         control.sigma_m,
@@ -192,7 +194,7 @@ def adjust(
     """Adjust a block jointly, reject mismatched observations, and compute covariances.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
-    orientation (8,) of each camera to start from, where it is not the given one, which stays the mean of the priors.
+    orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors.
     Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
     part, kept = registered_block(block)
@@ -217,7 +219,7 @@ def _adjust_oriented(
         tie = adjusted.tie_points
         final_state = replace(state, tie_point=tie.position_world_m)
         final = solved.problem.with_tie_observations(
-            Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph])
+            Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], whole.tie.model)
         )
         progress("covariances")
         found = covariances(final, final_state)

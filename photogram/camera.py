@@ -1,19 +1,28 @@
 """Interior and exterior orientation, projection and its Jacobians.
 
-Brown–Conrady model (Brown 1971, eq. 7–8), as OpenCV evaluates it: with (x, y) = (X/Z, Y/Z) in the camera frame (x
-right, y down, z forward) and r² = x² + y²,
+Two models, in the camera frame (x right, y down, z forward):
 
-    x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
-    y_d = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
-    u = f x_d + cx,  v = f y_d + cy
+    brown:    (x, y) = (X/Z, Y/Z)                  Brown–Conrady (Brown 1971, eq. 7–8), as OpenCV evaluates it
+    fisheye:  (x, y) = (X, Y)/ρ · θ,               equidistant (Kannala & Brandt 2006, eq. 6); p1 = p2 = 0: cv2.fisheye
+              ρ = hypot(X, Y), θ = atan2(ρ, Z)
 
-Pixel frame: the centre of the top-left pixel is (0, 0). The project owns its projection because GTSAM's has no k3.
+and then for both, with r² = x² + y²,
+
+    x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + 2 p1 x y + p2 (r² + 2 x²)
+    y_d = y (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p1 (r² + 2 y²) + 2 p2 x y
+    u = f x_d + cx + b1 x_d + b2 y_d,  v = f y_d + cy
+
+A point must lie in front of the camera, Z > 0, in both models: the field of view of a fisheye is below 180°. Ideal
+coordinates are (X/Z, Y/Z), whatever the model. Pixel frame: the centre of the top-left pixel is (0, 0). The project
+owns its projection because GTSAM's has no k3.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import cos, radians, sin
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -23,9 +32,23 @@ from photogram.errors import ImageError
 
 FloatArray = NDArray[np.float64]
 
-PARAMETER_NAMES = ("focal_px", "cx_px", "cy_px", "k1", "k2", "k3", "p1", "p2")
+Model = Literal["brown", "fisheye"]
+
+PARAMETER_NAMES = ("focal_px", "cx_px", "cy_px", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 """The order of interior orientation in every parameter vector of photogram."""
 
+PARAMETERS = len(PARAMETER_NAMES)
+RADIAL, TANGENTIAL, AFFINITY = slice(3, 7), slice(7, 9), slice(9, 11)
+RADIAL_TERMS = RADIAL.stop - RADIAL.start
+CLASSIC = np.array([name not in ("k4", "b1", "b2") for name in PARAMETER_NAMES])
+"""The eight parameters that most sources give; the others are zero, and held, where a vector leaves them out."""
+
+BROWN, FISHEYE = 0, 1
+MODELS: dict[Model, int] = {"brown": BROWN, "fisheye": FISHEYE}
+"""The numbers by which compiled code knows the models."""
+
+NEAR_AXIS = 1e-3
+"""(ρ/Z)² below which the fisheye is evaluated by its series: the closed form loses its digits there."""
 
 VERTICAL = 1e-7
 """Level part of an optical axis, of unit length, below which it counts as vertical."""
@@ -35,13 +58,27 @@ def _zeros(n: int) -> FloatArray:
     return np.zeros(n)
 
 
+def all_parameters(values: FloatArray) -> FloatArray:
+    """Return values (11,) of all parameters: of those in CLASSIC (8,), with zeros for the others."""
+    if values.shape != (np.count_nonzero(CLASSIC),):
+        return values
+    full = _zeros(PARAMETERS)
+    full[CLASSIC] = values
+    return full
+
+
+def models_of(cameras: Sequence[Camera]) -> NDArray[np.int64]:
+    """Return the models (cameras,) of cameras, by their numbers in MODELS."""
+    return np.array([camera.kind for camera in cameras], dtype=np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Interior orientation of one camera.
 
-    ``principal_point_px`` (2,), ``radial`` (3,) k1 k2 k3, ``tangential`` (2,) p1 p2. ``sigmas`` (8,) in the order of
-    PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard deviation, infinity leaves it
-    free.
+    ``principal_point_px`` (2,), ``radial`` (4,) k1 k2 k3 k4, ``tangential`` (2,) p1 p2, ``affinity`` (2,) b1 b2.
+    ``sigmas`` (11,) in the order of PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard
+    deviation, infinity leaves it free. ``radial`` may lack k4, ``sigmas`` those of k4, b1 and b2 (CLASSIC): zero then.
     """
 
     name: str
@@ -49,13 +86,22 @@ class Camera:
     height_px: int
     focal_px: float
     principal_point_px: FloatArray
-    radial: FloatArray = field(default_factory=lambda: _zeros(3))
+    radial: FloatArray = field(default_factory=lambda: _zeros(4))
     tangential: FloatArray = field(default_factory=lambda: _zeros(2))
-    sigmas: FloatArray = field(default_factory=lambda: _zeros(8))
+    sigmas: FloatArray = field(default_factory=lambda: _zeros(PARAMETERS))
+    affinity: FloatArray = field(default_factory=lambda: _zeros(2))
+    model: Model = "brown"
 
     def __post_init__(self) -> None:
-        for name, size in (("principal_point_px", 2), ("radial", 3), ("tangential", 2), ("sigmas", 8)):
+        if self.model not in MODELS:
+            raise ValueError(f"camera {self.name}: its model is {self.model!r}, expected {' or '.join(MODELS)}")
+        sizes = {"principal_point_px": 2, "radial": RADIAL_TERMS, "tangential": 2, "sigmas": PARAMETERS, "affinity": 2}
+        for name, size in sizes.items():
             array = np.asarray(getattr(self, name), dtype=np.float64)
+            if name == "radial" and array.shape == (3,):
+                array = np.append(array, 0.0)
+            elif name == "sigmas":
+                array = all_parameters(array)
             if array.shape != (size,):
                 raise ValueError(f"camera {self.name}: {name} has shape {array.shape}, expected ({size},)")
             object.__setattr__(self, name, array)
@@ -64,18 +110,27 @@ class Camera:
 
     @property
     def parameters(self) -> FloatArray:
-        """Return the interior orientation (8,) in the order of PARAMETER_NAMES."""
-        return np.array([self.focal_px, *self.principal_point_px, *self.radial, *self.tangential])
+        """Return the interior orientation (11,) in the order of PARAMETER_NAMES."""
+        return np.array([self.focal_px, *self.principal_point_px, *self.radial, *self.tangential, *self.affinity])
 
     def with_parameters(self, parameters: FloatArray) -> Camera:
-        """Return the same camera with the interior orientation ``parameters`` (8,)."""
+        """Return the same camera with the interior orientation ``parameters`` (11,), or (8,) as in CLASSIC."""
+        q = all_parameters(np.asarray(parameters, dtype=np.float64))
+        if q.shape != (PARAMETERS,):
+            raise ValueError(f"camera {self.name}: parameters of shape {q.shape}, expected ({PARAMETERS},)")
         return replace(
             self,
-            focal_px=float(parameters[0]),
-            principal_point_px=np.array(parameters[1:3]),
-            radial=np.array(parameters[3:6]),
-            tangential=np.array(parameters[6:8]),
+            focal_px=float(q[0]),
+            principal_point_px=q[1:3].copy(),
+            radial=q[RADIAL].copy(),
+            tangential=q[TANGENTIAL].copy(),
+            affinity=q[AFFINITY].copy(),
         )
+
+    @property
+    def kind(self) -> int:
+        """Return the number by which compiled code knows the camera's model."""
+        return MODELS[self.model]
 
     @property
     def matrix(self) -> FloatArray:
@@ -84,17 +139,32 @@ class Camera:
         return np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]])
 
     @property
+    def _fold(self) -> float:
+        """Return the r up to which the radial distortion grows; infinite without end."""
+        k1, k2, k3, k4 = self.radial
+        slope = np.array([9.0 * k4, 7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        # Coefficients that do nothing within any field of view would send the other roots to infinity.
+        squares = np.roots(np.where(np.abs(slope) < 1e-12, 0.0, slope))
+        real = squares.real[(np.abs(squares.imag) < 1e-12) & (squares.real > 0)]
+        return float(np.sqrt(real.min())) if len(real) else float("inf")
+
+    @property
     def largest_radius(self) -> float:
         """Return the ideal radius, at unit focal length, up to which the radial distortion grows; infinite without end.
 
         Beyond it the polynomial folds back and would show points from far outside within the photograph.
         """
-        k1, k2, k3 = self.radial
-        slope = np.array([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
-        # Coefficients that do nothing within any field of view would send the other roots to infinity.
-        squares = np.roots(np.where(np.abs(slope) < 1e-12, 0.0, slope))
-        real = squares.real[(np.abs(squares.imag) < 1e-12) & (squares.real > 0)]
-        return float(np.sqrt(real.min())) if len(real) else float("inf")
+        fold = self._fold
+        if self.model == "brown":
+            return fold
+        return float(np.tan(fold)) if fold < np.pi / 2 else float("inf")
+
+    @property
+    def largest_image_radius(self) -> float:
+        """Return the radius in the photograph, at unit focal length, up to which the projection can be undone: where
+        the radial distortion folds back, or a fisheye looks sideways; infinite without end."""
+        r = self._fold if self.model == "brown" else min(self._fold, np.pi / 2)
+        return float(r * (1.0 + r**2 * np.polyval(self.radial[::-1], r**2))) if np.isfinite(r) else float("inf")
 
     def contains(self, pixel: FloatArray) -> NDArray[np.bool_]:
         """Return which pixels (N, 2) lie within the photograph."""
@@ -123,14 +193,32 @@ class Pose:
         return points_camera_m @ self.rotation_world_from_camera.T + self.position_world_m
 
 
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def equidistant(px: float, py: float, pz: float) -> tuple[float, float, float]:
+    """Return s = θ/ρ of a point p in front of a fisheye, so that (x, y) = s (X, Y), and t and e of its derivatives.
+
+    ∂s/∂ρ = t ρ, ∂s/∂Z = −e; with w = ρ/Z: s = (1 − w²/3 + w⁴/5 …)/Z, t = (−2/3 + 4/5 w² − 6/7 w⁴ …)/Z³ near the axis.
+    """
+    rho2 = px * px + py * py
+    e = 1.0 / (rho2 + pz * pz)
+    w2 = rho2 / (pz * pz)
+    if w2 < NEAR_AXIS:
+        s = (1.0 - w2 * (1 / 3 - w2 * (1 / 5 - w2 * (1 / 7 - w2 * (1 / 9 - w2 / 11))))) / pz
+        t = (-2 / 3 + w2 * (4 / 5 - w2 * (6 / 7 - w2 * (8 / 9 - w2 * (10 / 11 - w2 * 12 / 13))))) / (pz * pz * pz)
+        return s, t, e
+    rho = np.sqrt(rho2)
+    s = np.arctan2(rho, pz) / rho
+    return s, (pz * e - s) / rho2, e
+
+
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def distort_point(q: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """Distort ideal image-plane coordinates; returns x_d, y_d and the Jacobian entries ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x,
-    ∂y_d/∂y."""
-    k1, k2, k3, p1, p2 = q[3], q[4], q[5], q[6], q[7]
+    """Distort image-plane coordinates (x, y) of either model; returns x_d, y_d and the Jacobian entries ∂x_d/∂x,
+    ∂x_d/∂y = ∂y_d/∂x, ∂y_d/∂y."""
+    k1, k2, k3, k4, p1, p2 = q[3], q[4], q[5], q[6], q[7], q[8]
     r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4)))
     xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
     yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
     a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
@@ -140,9 +228,15 @@ def distort_point(q: FloatArray, x: float, y: float) -> tuple[float, float, floa
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def project_point(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> tuple[float, float, float]:
-    """Project X (3,) by interior orientation q (8,), rotation world from camera R and centre C; returns u, v and the
-    depth in m.
+def pixel_of(q: FloatArray, xd: float, yd: float) -> tuple[float, float]:
+    """Return the pixel of distorted image-plane coordinates."""
+    return q[0] * xd + q[1] + (q[9] * xd + q[10] * yd), q[0] * yd + q[2]
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def project_point(model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> tuple[float, float, float]:
+    """Project X (3,) by a model of MODELS with interior orientation q (11,), rotation world from camera R and centre C;
+    returns u, v and the depth in m.
 
     The pixel of a point with depth at or below zero means nothing: the caller must test the depth.
     """
@@ -152,12 +246,19 @@ def project_point(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) ->
     pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
     if pz <= 0.0:
         return np.nan, np.nan, pz
-    xd, yd, _, _, _ = distort_point(q, px / pz, py / pz)
-    return q[0] * xd + q[1], q[0] * yd + q[2], pz
+    if model == FISHEYE:
+        s, _, _ = equidistant(px, py, pz)
+        x, y = px * s, py * s
+    else:
+        x, y = px / pz, py / pz
+    xd, yd, _, _, _ = distort_point(q, x, y)
+    u, v = pixel_of(q, xd, yd)
+    return u, v, pz
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def project_point_jacobians(
+    model: int,
     q: FloatArray,
     R: FloatArray,
     C: FloatArray,
@@ -166,11 +267,12 @@ def project_point_jacobians(
     J_camera: FloatArray,
     J_point: FloatArray,
 ) -> tuple[float, float, float]:
-    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), interior orientation (2, 8), point (2,
+    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), interior orientation (2, 11), point (2,
     3).
 
     The pose's tangent is (ω, v) in the camera frame, R' = R Exp(ω), C' = C + R v to first order, as GTSAM's Pose3
-    (Dellaert & Kaess 2017, sec. 6.3): with p = Rᵀ(X − C), ∂p/∂ω = [p]ₓ, ∂p/∂v = −I, ∂p/∂X = Rᵀ.
+    (Dellaert & Kaess 2017, sec. 6.3): with p = Rᵀ(X − C), ∂p/∂ω = [p]ₓ, ∂p/∂v = −I, ∂p/∂X = Rᵀ. In both models
+    (x, y) = s (p_x, p_y), see equidistant; Brown's has s = 1/p_z.
     """
     dx, dy, dz = X[0] - C[0], X[1] - C[1], X[2] - C[2]
     px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
@@ -181,13 +283,19 @@ def project_point_jacobians(
         J_camera[:] = 0.0
         J_point[:] = 0.0
         return np.nan, np.nan, pz
-    f = q[0]
+    f, b1, b2 = q[0], q[9], q[10]
+    s, t, e = 1.0 / pz, 0.0, 1.0 / (pz * pz)
     x, y = px / pz, py / pz
+    if model == FISHEYE:
+        s, t, e = equidistant(px, py, pz)
+        x, y = px * s, py * s
     xd, yd, a, b, d = distort_point(q, x, y)
-    w = f / pz
     for row in range(2):
-        gx, gy = (a, b) if row == 0 else (b, d)
-        g0, g1, g2 = w * gx, w * gy, -w * (gx * x + gy * y)
+        gx, gy = f * b, f * d
+        if row == 0:
+            gx, gy = (f + b1) * a + b2 * b, (f + b1) * b + b2 * d
+        along = gx * px + gy * py
+        g0, g1, g2 = gx * s + along * t * px, gy * s + along * t * py, -along * e
         J_pose[row, 0] = g1 * pz - g2 * py
         J_pose[row, 1] = g2 * px - g0 * pz
         J_pose[row, 2] = g0 * py - g1 * px
@@ -200,13 +308,17 @@ def project_point_jacobians(
     J_camera[0, 0], J_camera[1, 0] = xd, yd
     J_camera[0, 1], J_camera[1, 1] = 1.0, 0.0
     J_camera[0, 2], J_camera[1, 2] = 0.0, 1.0
-    power = f
-    for k in range(3, 6):
+    du, dv, power = (f + b1) * x + b2 * y, f * y, 1.0
+    for k in range(3, 7):
         power *= r2
-        J_camera[0, k], J_camera[1, k] = power * x, power * y
-    J_camera[0, 6], J_camera[1, 6] = f * 2.0 * x * y, f * (r2 + 2.0 * y * y)
-    J_camera[0, 7], J_camera[1, 7] = f * (r2 + 2.0 * x * x), f * 2.0 * x * y
-    return f * xd + q[1], f * yd + q[2], pz
+        J_camera[0, k], J_camera[1, k] = power * du, power * dv
+    xy2, xx3, yy3 = 2.0 * x * y, r2 + 2.0 * x * x, r2 + 2.0 * y * y
+    J_camera[0, 7], J_camera[1, 7] = (f + b1) * xy2 + b2 * yy3, f * yy3
+    J_camera[0, 8], J_camera[1, 8] = (f + b1) * xx3 + b2 * xy2, f * xy2
+    J_camera[0, 9], J_camera[1, 9] = xd, 0.0
+    J_camera[0, 10], J_camera[1, 10] = yd, 0.0
+    u, v = pixel_of(q, xd, yd)
+    return u, v, pz
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
@@ -230,27 +342,51 @@ def undistort_point(q: FloatArray, xd: float, yd: float) -> tuple[float, float]:
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _project_all(q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
+def ideal_point(model: int, q: FloatArray, u: float, v: float) -> tuple[float, float]:
+    """Return the ideal coordinates (X/Z, Y/Z) that a pixel shows; NaN where the model cannot be undone, such as where a
+    fisheye looks sideways."""
+    yd = (v - q[2]) / q[0]
+    xd = (u - q[1] - q[10] * yd) / (q[0] + q[9])
+    x, y = undistort_point(q, xd, yd)
+    if model != FISHEYE:
+        return x, y
+    theta = np.sqrt(x * x + y * y)
+    if not theta < np.pi / 2:
+        return np.nan, np.nan
+    if theta * theta < NEAR_AXIS:
+        w2 = theta * theta
+        stretch = 1.0 + w2 * (1 / 3 + w2 * (2 / 15 + w2 * (17 / 315 + w2 * (62 / 2835 + w2 * 1382 / 155925))))
+    else:
+        stretch = np.tan(theta) / theta
+    return x * stretch, y * stretch
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _project_all(model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
     pixel = np.empty((len(X), 2))
     for i in range(len(X)):
-        pixel[i, 0], pixel[i, 1], _ = project_point(q, R, C, X[i])
+        pixel[i, 0], pixel[i, 1], _ = project_point(model, q, R, C, X[i])
     return pixel
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _distort_all(q: FloatArray, ideal: FloatArray) -> FloatArray:
+def _distort_all(model: int, q: FloatArray, ideal: FloatArray) -> FloatArray:
     pixel = np.empty_like(ideal)
     for i in range(len(ideal)):
-        xd, yd, _, _, _ = distort_point(q, ideal[i, 0], ideal[i, 1])
-        pixel[i, 0], pixel[i, 1] = q[0] * xd + q[1], q[0] * yd + q[2]
+        x, y = ideal[i, 0], ideal[i, 1]
+        if model == FISHEYE:
+            s, _, _ = equidistant(x, y, 1.0)
+            x, y = x * s, y * s
+        xd, yd, _, _, _ = distort_point(q, x, y)
+        pixel[i, 0], pixel[i, 1] = pixel_of(q, xd, yd)
     return pixel
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _undistort_all(q: FloatArray, pixel: FloatArray) -> FloatArray:
+def _undistort_all(model: int, q: FloatArray, pixel: FloatArray) -> FloatArray:
     ideal = np.empty_like(pixel)
     for i in range(len(pixel)):
-        ideal[i, 0], ideal[i, 1] = undistort_point(q, (pixel[i, 0] - q[1]) / q[0], (pixel[i, 1] - q[2]) / q[0])
+        ideal[i, 0], ideal[i, 1] = ideal_point(model, q, pixel[i, 0], pixel[i, 1])
     return ideal
 
 
@@ -265,7 +401,7 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
     """
     R = _contiguous(pose.rotation_world_from_camera)
     pixel: FloatArray = _project_all(
-        camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m)
+        camera.kind, camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m)
     )
     limit = camera.largest_radius
     if np.isfinite(limit):
@@ -275,24 +411,26 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
 
 
 def image_plane(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Return the ideal, distortion-free image-plane coordinates (N, 2), unit focal length, of pixels (N, 2).
+    """Return the ideal image-plane coordinates (X/Z, Y/Z) (N, 2) of pixels (N, 2), whatever the model.
 
-    Raises ImageError where the distortion model cannot be inverted.
+    Raises ImageError where the model cannot be inverted, or a fisheye looks 90° or more off its axis.
     """
-    ideal: FloatArray = _undistort_all(camera.parameters, _contiguous(pixel))
+    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters, _contiguous(pixel))
     lost = np.isnan(ideal).any(axis=1) & ~np.isnan(pixel).any(axis=1)
     if lost.any():
         u, v = pixel[lost][0]
+        sideways = ", which must be less than 90° off the axis" if camera.model == "fisheye" else ""
         raise ImageError(
-            f"camera {camera.name}: its distortion (k1 k2 k3 = {camera.radial.tolist()}) cannot be undone at pixel "
-            f"({u:.1f}, {v:.1f}): check the coefficients and their order, or leave out marks that far from the centre"
+            f"camera {camera.name}: its distortion (k1 k2 k3 k4 = {camera.radial.tolist()}) cannot be undone at pixel "
+            f"({u:.1f}, {v:.1f}){sideways}: check the coefficients and their order, or leave out marks that far from "
+            "the centre"
         )
     return ideal
 
 
 def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Remove radial and tangential distortion from pixels (N, 2); the result is where a pinhole of the same K would
-    see them.
+    """Remove distortion and affinity from pixels (N, 2), and the bend of a fisheye; the result is where a pinhole of
+    the same K would see them.
 
     Raises ImageError where the distortion model cannot be inverted.
     """
@@ -300,9 +438,9 @@ def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
 
 
 def distort(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Apply radial and tangential distortion to ideal pixels (N, 2); the inverse of undistort."""
+    """Apply distortion and affinity to ideal pixels (N, 2), and the bend of a fisheye; the inverse of undistort."""
     ideal = (_contiguous(pixel) - camera.principal_point_px) / camera.focal_px
-    distorted: FloatArray = _distort_all(camera.parameters, ideal)
+    distorted: FloatArray = _distort_all(camera.kind, camera.parameters, ideal)
     return distorted
 
 

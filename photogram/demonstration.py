@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.images import write_photograph
 from photogram.files.rasters import write_geotiff
@@ -72,7 +73,9 @@ def _gnss_lines(plan: SurveyPlan) -> list[str]:
 def _project_text(survey: SimulatedSurvey) -> str:
     camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
     sigma = camera.sigmas
-    sigmas = ", ".join(f"{n}: {_sigma(s)}" for n, s in zip(("k1", "k2", "k3", "p1", "p2"), sigma[3:], strict=True))
+    stated = [k for k in range(3, PARAMETERS) if CLASSIC[k] or sigma[k] > 0]
+    sigmas = ", ".join(f"{PARAMETER_NAMES[k]}: {_sigma(sigma[k])}" for k in stated)
+    radial = camera.radial if camera.radial[3] else camera.radial[:3]
     lines = [
         f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
         "photogram: 1",
@@ -81,10 +84,12 @@ def _project_text(survey: SimulatedSurvey) -> str:
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",
         f"    height_px: {camera.height_px}",
+        *([f"    model: {camera.model}"] if camera.model != "brown" else []),
         f"    focal_px: {camera.focal_px:.4f}",
         f"    principal_point_px: {_numbers(camera.principal_point_px, 4)}",
-        f"    radial: {_numbers(camera.radial, 8)}",
+        f"    radial: {_numbers(radial, 8)}",
         f"    tangential: {_numbers(camera.tangential, 8)}",
+        *([f"    affinity: {_numbers(camera.affinity, 4)}"] if camera.affinity.any() else []),
         "    # what the laboratory says of these figures; 0 holds one fixed",
         f"    sigmas: {{focal_px: {_sigma(sigma[0])}, principal_point_px: {_sigma(sigma[1])}, {sigmas}}}",
         "photographs:",

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from photogram.camera import CLASSIC, PARAMETERS, Model
 from photogram.frames import LocalFrame
 
 CalibrationSource = Literal["laboratory", "maker", "exif"]
@@ -21,11 +22,12 @@ _DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 class SurveyPlan:
     """All settings of a simulated survey.
 
-    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3, ``tangential`` p1 p2.
+    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential``
+    p1 p2, ``affinity_px`` b1 b2, and the ``camera_model``.
     ``calibration_source`` is what the surveyor has of it: a ``laboratory``'s figures, the ``maker``'s in the tags
     (DewarpData), or the ``exif`` focal length alone, in whole millimetres on 35 mm film, with no distortion known.
-    ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, are the sigmas that the approximate camera states,
-    and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
+    ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in camera.CLASSIC, are the sigmas that
+    the approximate camera states, and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
     Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose height is 0 on the average; an oblique
     strip, of ``oblique_photographs`` where it is not as long as the others, crosses them, its cameras tilted forward by
     ``oblique_angle_deg``. ``attitude_noise_deg`` and
@@ -43,8 +45,10 @@ class SurveyPlan:
     height_px: int = 900
     focal_px: float = 1800.0
     principal_point_offset_px: tuple[float, float] = (3.0, -2.0)
-    radial: tuple[float, float, float] = (-0.08, 0.06, -0.01)
+    radial: tuple[float, ...] = (-0.08, 0.06, -0.01)
     tangential: tuple[float, float] = (0.0004, -0.0003)
+    affinity_px: tuple[float, float] = (0.0, 0.0)
+    camera_model: Model = "brown"
     calibration_source: CalibrationSource = "laboratory"
     calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
     flying_height_m: float = 80.0
@@ -86,8 +90,12 @@ class SurveyPlan:
             raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
         if self.oblique_photographs is not None and self.oblique_photographs < 1:
             raise ValueError("oblique_photographs: an oblique strip has at least one photograph")
-        if len(self.calibration_sigmas) != 8:
-            raise ValueError(f"calibration_sigmas: eight values, not {len(self.calibration_sigmas)}")
+        if len(self.calibration_sigmas) not in (np.count_nonzero(CLASSIC), PARAMETERS):
+            raise ValueError(f"calibration_sigmas: eight or eleven values, not {len(self.calibration_sigmas)}")
+
+        beyond_tags = any(self.radial[3:]) or any(self.affinity_px) or self.camera_model != "brown"
+        if self.calibration_source == "maker" and beyond_tags:
+            raise ValueError("a maker's tags hold k1 k2 k3 p1 p2 of a Brown camera, neither k4, affinity nor a fisheye")
 
     @property
     def gsd_m(self) -> float:

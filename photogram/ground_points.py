@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogram.camera import Camera, image_plane
+from photogram.camera import Camera, image_plane, models_of
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination import first_observations
@@ -34,7 +34,12 @@ def _check_points(
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
     photograph = points.mark_photograph[order]
     observations = Observations(
-        photograph, number, points.mark_pixel[order], points.mark_sigma_px[order], camera_of[photograph]
+        photograph,
+        number,
+        points.mark_pixel[order],
+        points.mark_sigma_px[order],
+        camera_of[photograph],
+        problem.tie.model,
     )
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
     X = intersect_weighted(observations, cameras, state, len(index))
@@ -53,12 +58,12 @@ def _intersection_covariance(
     photographs, number = np.unique(observations.photograph[rays], return_inverse=True)
     border = 6 * len(photographs)
     cameras = found.joint(photographs)
+    owner, parameter = found.layout.free_parameters
     J = np.zeros((len(number), 2, len(cameras)))
     for n, (i, camera) in enumerate(zip(number.tolist(), observations.camera[rays].tolist(), strict=True)):
         J[n, :, 6 * i : 6 * i + 6] = linear.pose[rays][n]
-        column = int(found.layout.camera_column[camera])
-        if column >= 0:
-            J[n, :, border + column : border + column + 8] = linear.calibration[rays][n]
+        columns = np.flatnonzero(owner == camera)
+        J[n, :, border + columns] = linear.calibration[rays][n][:, parameter[columns]].T
     G = np.linalg.solve(J_point.T @ J_point, J_point.T)
     rows = J.reshape(2 * len(number), -1)
     return np.asarray(G @ (np.eye(len(G.T)) + rows @ cameras @ rows.T) @ G.T)
@@ -84,6 +89,7 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         o.pixel,
         ideal,
         everything,
+        o.model,
         state.parameters,
         state.rotation,
         state.position,
@@ -122,7 +128,12 @@ def mark_residuals_px(block: Block, ground_world_m: FloatArray, state: State) ->
     known = np.asarray(np.isfinite(ground_world_m).all(axis=1))[points.mark_point]
     residual = np.full((len(known), 2), np.nan)
     marks = Observations(
-        points.mark_photograph, points.mark_point, points.mark_pixel, np.ones(len(known)), camera
+        points.mark_photograph,
+        points.mark_point,
+        points.mark_pixel,
+        np.ones(len(known)),
+        camera,
+        models_of(block.cameras),
     ).select(known)
     residual[known] = residuals(marks, state.parameters, state.rotation, state.position, np.nan_to_num(ground_world_m))
     return residual

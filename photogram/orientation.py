@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.camera import Camera, Pose
+from photogram.camera import PARAMETER_NAMES, Camera, Pose, models_of
 from photogram.direct_orientation import direct_structure, measured
 from photogram.errors import OrientationError, PhotogramError
 from photogram.growth import extend, grow, settle
@@ -49,7 +49,7 @@ class Orientation:
     ``poses[i]`` is None for a photograph that is not registered; ``reason[i]`` then says why. ``resections`` are those
     of photographs with enough control points. ``component`` (N,): 0 for the block that is adjusted, 1 and more for
     others that share no tie points with it, −1 for photographs in none. ``parameters``: the interior orientation
-    (8,) of each camera that came out of it, none where it was not touched.
+    (11,) of each camera that came out of it, none where it was not touched.
     """
 
     poses: tuple[Pose | None, ...]
@@ -77,9 +77,18 @@ def _distortion_sigma_px(camera: Camera) -> float:
     Focal length and principal point do not count: a pose takes up what is wrong with them.
     """
     f, r = camera.focal_px, 0.5 * float(np.hypot(camera.width_px, camera.height_px)) / camera.focal_px
-    moved = f * np.array([r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2])
-    sigmas = camera.sigmas[3:]
-    return float(np.linalg.norm(moved * np.where(np.isfinite(sigmas), sigmas, 0.0)))
+    moved = {
+        "k1": r**3,
+        "k2": r**5,
+        "k3": r**7,
+        "k4": r**9,
+        "p1": 3.0 * r**2,
+        "p2": 3.0 * r**2,
+        "b1": r / f,
+        "b2": r / f,
+    }
+    sigmas = np.array([camera.sigmas[PARAMETER_NAMES.index(name)] for name in moved])
+    return float(np.linalg.norm(f * np.array(list(moved.values())) * np.where(np.isfinite(sigmas), sigmas, 0.0)))
 
 
 def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Resection | None, ...], tuple[str, ...]]:
@@ -144,7 +153,7 @@ def intersected_control(structure: Structure, points: ControlPoints) -> FloatArr
     position: FloatArray = consensus_intersections(
         marks.first_observation, photograph, structure.camera_of, marks.pixel,
         ideal_observations(structure.calibrated(), structure.camera_of, marks), limit,
-        structure.parameters, structure.rotation, structure.position,
+        models_of(structure.cameras), structure.parameters, structure.rotation, structure.position,
     )[0]  # fmt: skip
     return position
 

@@ -73,6 +73,7 @@ def agreeing_observations(
             rest.pixel,
             ideal_observations(cameras, camera_of, rest),
             TWO_RAY_ALLOWANCE * limit_px[~good[tie.point]],
+            problem.tie.model,
             state.parameters,
             state.rotation,
             state.position,

@@ -56,10 +56,13 @@ def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def header_findings(headers: Sequence[PhotographHeader], twins: Sequence[Sequence[int]] = ()) -> list[Finding]:
+def header_findings(
+    headers: Sequence[PhotographHeader], twins: Sequence[Sequence[int]] = (), fisheye: Sequence[bool] = ()
+) -> list[Finding]:
     """Return what is wrong with photographs by themselves: not to be read, twice the same, of a kind not ordinary.
 
-    ``twins`` are groups of indices of files with the same content.
+    ``twins`` are groups of indices of files with the same content; ``fisheye`` says which photographs the project gives
+    a fisheye as camera, empty where there is no project.
     """
     damaged = [h for h in headers if h.tags is None]
     findings = [Finding("fault", h.name, h.fault) for h in damaged[:_MOST_LINES]]
@@ -70,8 +73,10 @@ def header_findings(headers: Sequence[PhotographHeader], twins: Sequence[Sequenc
         names = some([headers[i].name for i in group])
         findings.append(Finding("fault", names, "the same photograph twice", "leave out all but one"))
     kinds: defaultdict[str, list[str]] = defaultdict(list)
-    for header in headers:
+    for number, header in enumerate(headers):
         if header.tags is not None and header.tags.kind != "frame":
+            if header.tags.kind == "fisheye" and fisheye and fisheye[number]:
+                continue
             kinds[header.tags.kind].append(header.name)
     for kind, names_of_kind in kinds.items():
         text = f"{things(len(names_of_kind), 'picture')} of the kind {kind}, which is not an ordinary photograph's"
@@ -246,7 +251,7 @@ def check_survey(
     """
     tags = [header.tags for header in headers]
     findings = [
-        *header_findings(headers, twins),
+        *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
         *survey_findings(project, tags),
         *machine_findings(project, free_disk_bytes, memory),
         _overview(project, tags),

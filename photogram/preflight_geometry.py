@@ -345,7 +345,8 @@ def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArra
 
 
 def _half_view_deg(camera: Camera) -> float:
-    return float(np.rad2deg(np.arctan2(0.5 * np.hypot(camera.width_px, camera.height_px), camera.focal_px)))
+    reach = 0.5 * float(np.hypot(camera.width_px, camera.height_px)) / camera.focal_px
+    return float(np.rad2deg(np.arctan(reach) if camera.model == "brown" else min(reach, np.pi / 2)))
 
 
 def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:

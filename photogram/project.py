@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.adjustment import AdjustmentSettings
-from photogram.camera import Camera
+from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
 from photogram.frames import LocalFrame, WorldKind
@@ -101,6 +101,7 @@ class ProjectControlPoint:
 class Project:
     """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
 
+    ``cameras``: one calibrated per flight stands there once for each of its flights, as ``NAME (flight FLIGHT)``.
     ``calibration`` and ``camera_source``, by camera: whether its parameters are freed as given or as the geometry
     supports, and where its figures come from, empty where the file does not say. ``control_points`` holds those of the
     list, then those of the files. ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and
@@ -176,16 +177,21 @@ def read_project(
         _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
     ]
     document.raise_faults()
-    names = list(file.cameras)
-    listed = tuple(_photograph(file, p, _given(folder), names) for p in _given(photographs))
+    entries = _given(photographs)
+    copies = _copies(file, entries)
+    numbers = {key: number for number, key in enumerate(copies)}
+    named = dict(zip(file.cameras, cameras, strict=True))
+    listed = tuple(
+        _photograph(file, p, _given(folder), numbers[_copy_of(file, _given(camera_of(file, p)), p)]) for p in entries
+    )
     return Project(
         path,
         _given(file.crs),
         file.world,
         file.quality,
-        tuple(_given(camera) for camera in cameras),
-        tuple(camera.calibration for camera in file.cameras.values()),
-        tuple(camera.source or "" for camera in file.cameras.values()),
+        tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
+        tuple(file.cameras[name].calibration for name, _ in copies),
+        tuple(file.cameras[name].source or "" for name, _ in copies),
         listed,
         _control_points(file, surveyed, [p.name for p in listed]),
         np.array(file.gnss.offset_sigma_m),
@@ -224,8 +230,8 @@ def _given(value: ValueT | None) -> ValueT:
 
 
 def _sigmas(sigmas: CameraSigmas) -> FloatArray:
-    s, centre = sigmas, sigmas.principal_point_px
-    return np.array([s.focal_px, centre, centre, s.k1, s.k2, s.k3, s.p1, s.p2])
+    centre = dict.fromkeys(("cx_px", "cy_px"), sigmas.principal_point_px)
+    return np.array([centre[name] if name in centre else getattr(sigmas, name) for name in PARAMETER_NAMES])
 
 
 def _camera(
@@ -253,9 +259,13 @@ def _camera(
             entry.height_px,
             entry.focal_px,
             np.array(entry.principal_point_px) - PIXEL_ORIGIN_PX[entry.pixel_origin or "photogram"],
-            np.array(entry.radial or (0.0, 0.0, 0.0)),
+            np.pad(entry.radial or (), (0, RADIAL_TERMS - len(entry.radial or ()))),
             np.array(entry.tangential or (0.0, 0.0)),
+            affinity=np.array(entry.affinity or (0.0, 0.0)),
+            model=entry.model or "brown",
         )
+    if not camera.focal_px + camera.affinity[0] > 0:
+        document.fault((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
     if not camera.contains(camera.principal_point_px):
         cx, cy = camera.principal_point_px
         document.fault(
@@ -266,12 +276,33 @@ def _camera(
     return replace(camera, sigmas=_sigmas(entry.sigmas))
 
 
-def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, cameras: list[str]) -> ProjectPhotograph:
+_Copy = tuple[str, str | None]
+
+
+def _copy_of(file: ProjectFile, camera: str, photograph: PhotographEntry) -> _Copy:
+    """Return the camera of a photograph: its name, and the flight where each flight has its own calibration."""
+    return camera, photograph.flight if file.cameras[camera].per_flight else None
+
+
+def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_Copy, str]:
+    """Return all cameras, one for each flight where each has its own calibration, and what they are called."""
+    taken = dict.fromkeys(_copy_of(file, _given(camera_of(file, p)), p) for p in photographs)
+    copies: dict[_Copy, str] = {}
+    for name in file.cameras:
+        flights = [flight for camera, flight in taken if camera == name and flight is not None]
+        if not flights:
+            copies[name, None] = name
+        for flight in flights:
+            copies[name, flight] = f"{name} (flight {flight})"
+    return copies
+
+
+def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, camera: int) -> ProjectPhotograph:
     name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
     return ProjectPhotograph(
         name,
         folder / name,
-        cameras.index(_given(camera_of(file, entry))),
+        camera,
         entry.flight,
         None if entry.gnss_m is None else np.array(entry.gnss_m),
         None if sigma is None else np.array(sigma),

@@ -136,7 +136,7 @@ def check_project(
 
 
 def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path) -> None:
-    figures = ("focal_px", "principal_point_px", "radial", "tangential")
+    figures = ("focal_px", "principal_point_px", "radial", "tangential", "affinity")
     if camera.matlab is None:
         for name in figures[:2]:
             if getattr(camera, name) is None and document.at((*key, name)) is None and document.at(key) is not None:
@@ -145,6 +145,8 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
     for name in figures:
         if document.at((*key, name)) is not None:
             document.fault((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
+    if document.at((*key, "model")) is not None:
+        document.fault((*key, "model"), f"{camera.matlab} holds a Brown camera: leave model out")
     if not isfile(base / camera.matlab):
         document.fault((*key, "matlab"), f"there is no file {base / camera.matlab}")
     origin: Key = (*key, "pixel_origin")

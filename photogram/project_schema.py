@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator
 
+from photogram.camera import Model
 from photogram.project_file import Entry, Needed, found
 from photogram.survey import Role
 
@@ -29,15 +30,19 @@ def _number(value: object) -> float | None:
     return float(value) if number and math.isfinite(value) else None  # type: ignore[arg-type]
 
 
-def _vector(*names: str, above: float | None = None, at_least: float | None = None) -> PlainValidator:
-    """Validate a list of one finite number per name."""
+def _vector(
+    *names: str, above: float | None = None, at_least: float | None = None, fewest: int | None = None
+) -> PlainValidator:
+    """Validate a list of one finite number per name, or of the first ``fewest`` names and more."""
+    least = len(names) if fewest is None else fewest
+    count = f"{len(names)}" if least == len(names) else f"{least} to {len(names)}"
 
     def read(value: object) -> tuple[float, ...]:
-        if not isinstance(value, list) or len(value) != len(names):
-            raise ValueError(f"needs {len(names)} numbers [{', '.join(names)}], found {found(value)}")
+        if not isinstance(value, list) or not least <= len(value) <= len(names):
+            raise ValueError(f"needs {count} numbers [{', '.join(names)}], found {found(value)}")
         numbers = [_number(v) for v in value]
         wrong = []
-        for name, raw, number in zip(names, value, numbers, strict=True):
+        for name, raw, number in zip(names, value, numbers, strict=False):
             if number is None:
                 wrong.append(f"{name} must be a finite number, found {found(raw)}")
             elif above is not None and not number > above:
@@ -99,23 +104,29 @@ class CameraSigmas(Entry):
     k1: Freedom = 0.0
     k2: Freedom = 0.0
     k3: Freedom = 0.0
+    k4: Freedom = 0.0
     p1: Freedom = 0.0
     p2: Freedom = 0.0
+    b1: Freedom = 0.0
+    b2: Freedom = 0.0
 
 
 class CameraEntry(Entry):
-    """One camera; ``matlab`` stands instead of the figures."""
+    """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew."""
 
     width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
     height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
     matlab: Text | None = None
+    model: Model | None = None
     focal_px: Positive | None = None
     principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy")] | None = None
-    radial: Annotated[tuple[float, float, float], _vector("k1", "k2", "k3")] | None = None
+    radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", fewest=2)] | None = None
     tangential: Annotated[tuple[float, float], _vector("p1", "p2")] | None = None
+    affinity: Annotated[tuple[float, float], _vector("b1", "b2")] | None = None
     pixel_origin: PixelOrigin | None = None
     sigmas: CameraSigmas = CameraSigmas()
     calibration: Calibration = "given"
+    per_flight: bool = False
     source: Text | None = None
 
 

@@ -1,4 +1,4 @@
-"""Photographs of a made scene: each pixel's ray, undistorted by the full Brown model, meets the height field exactly.
+"""Photographs of a made scene: each pixel's ray, undistorted by the full camera model, meets the height field exactly.
 
 Within a cell the surface is bilinear, so the height of a ray above it is a quadratic of the ray's parameter and its
 first root is the hit; blocks of cells that lie below the ray are skipped (Amanatides & Woo 1987, on two levels).
@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from photogram.camera import Camera, Pose, image_plane, undistort_point
+from photogram.camera import Camera, Pose, ideal_point, image_plane
 from photogram.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 FloatArray = NDArray[np.float64]
@@ -226,13 +226,20 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _render_rows(
-    f: _Field, q: FloatArray, R: FloatArray, C: FloatArray, first: int, vignetting: float, out: NDArray[np.float32]
+    f: _Field,
+    model: int,
+    q: FloatArray,
+    R: FloatArray,
+    C: FloatArray,
+    first: int,
+    vignetting: float,
+    out: NDArray[np.float32],
 ) -> None:
     """Fill rows of a photograph, from row ``first`` on, with digital numbers; where a ray meets nothing it sees sky."""
     rgb, d = np.empty(3), np.empty(3)
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
-            x, y = undistort_point(q, (column - q[1]) / q[0], (first + row - q[2]) / q[0])
+            x, y = ideal_point(model, q, column, first + row)
             for k in range(3):
                 d[k] = R[k, 0] * x + R[k, 1] * y + R[k, 2]
             t = _first_hit(f, C, d, 1e5)
@@ -269,7 +276,7 @@ def render(
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
     with ThreadPoolExecutor(threads or cpu_count()) as pool:
         tasks = [
-            pool.submit(_render_rows, field, q, R, C, row, vignetting, picture[row : row + _ROWS_PER_TASK])
+            pool.submit(_render_rows, field, camera.kind, q, R, C, row, vignetting, picture[row : row + _ROWS_PER_TASK])
             for row in range(0, camera.height_px, _ROWS_PER_TASK)
         ]
         for task in tasks:

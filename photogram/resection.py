@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, image_plane, project
+from photogram.camera import Camera, Pose, image_plane, models_of, project
 from photogram.errors import OrientationError
 from photogram.factors.reprojection import Observations, linearise
 from photogram.survey import FloatArray
@@ -70,7 +70,7 @@ def refine_pose(
     Raises OrientationError when the iteration leaves the points behind or does not settle.
     """
     zero = np.zeros(len(pixel), dtype=np.int64)
-    marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px, zero)
+    marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px, zero, models_of([camera]))
     for _ in range(REFINEMENTS):
         R, C = pose.rotation_world_from_camera, pose.position_world_m
         linear = linearise(marks, camera.parameters[None], R[None], C[None], points_world_m)

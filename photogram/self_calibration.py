@@ -1,12 +1,13 @@
 """Calibration in the field: which parameters of a camera the photographs can tell, and in which order they are freed.
 
 Focal length and radial distortion (k1, k2) are freed first, while the block is still being oriented and has photographs
-enough (photogram.structure); principal point, k3, p1 and p2 follow in the joint adjustment, which starts from what the
-first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a parameter
-that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in every
-predicted sigma. A focal length that runs away all the same is fixed at its given value. Weak geometry: photographs that
-look straight down from one height on level ground cannot separate the focal length from the flying height, and parallel
-strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016, sec. 15.4).
+enough (photogram.structure); principal point and the other terms follow in the joint adjustment, which starts from what
+the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a
+parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in
+every predicted sigma. A focal length that runs away all the same is fixed at its given value. Weak geometry:
+photographs that look straight down from one height on level ground cannot separate the focal length from the flying
+height, and parallel strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016,
+sec. 15.4).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.camera import PARAMETER_NAMES, Camera
+from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS, Camera
 from photogram.survey import Adjustment, Block, FloatArray
 
 Calibration = Literal["given", "auto"]
@@ -29,14 +30,20 @@ TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothi
 TOLD_BY_HEIGHTS = 0.3  # relative sigma of a measured flying height over that of the given focal length
 BELIEVABLE = 3.0  # prior sigmas, that a focal length may change by in a block that looks straight down
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
-WEAKEST = (0.1, 0.05, 0.05, 0.3, 0.3, 0.3, 0.01, 0.01)
-"""Priors of parameters left wholly free: of the focal length in itself, of the principal point in the width."""
+WEAKEST = {
+    "focal_px": 0.1, "cx_px": 0.05, "cy_px": 0.05, "k1": 0.3, "k2": 0.3, "k3": 0.3, "k4": 0.3, "p1": 0.01, "p2": 0.01,
+    "b1": 0.01, "b2": 0.01,
+}  # fmt: skip
+"""Priors of parameters left wholly free: of focal length and affinity in the focal length, of the principal point in
+the width."""
 
 
 def with_priors(camera: Camera) -> Camera:
     """Return the camera with wide priors in place of none."""
-    unit = np.array([camera.focal_px, camera.width_px, camera.width_px] + [1.0] * 5)
-    return replace(camera, sigmas=np.where(np.isinf(camera.sigmas), np.array(WEAKEST) * unit, camera.sigmas))
+    f, width = camera.focal_px, float(camera.width_px)
+    unit = {"focal_px": f, "cx_px": width, "cy_px": width, "b1": f, "b2": f}
+    weakest = np.array([WEAKEST[name] * unit.get(name, 1.0) for name in PARAMETER_NAMES])
+    return replace(camera, sigmas=np.where(np.isinf(camera.sigmas), weakest, camera.sigmas))
 
 
 def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
@@ -112,6 +119,8 @@ def _held(given: Sequence[Camera], result: Adjustment) -> Held:
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         reasons = {}
         for k, name in enumerate(PARAMETER_NAMES):
+            if camera.sigmas[k] == 0.0 and not CLASSIC[k] and camera.parameters[k] == 0.0:
+                continue  # a term that the camera does without
             if camera.sigmas[k] == 0.0:
                 reasons[name] = "held at its given value"
             elif np.isfinite(camera.sigmas[k]) and sigma[k] > TOLD * camera.sigmas[k]:
@@ -130,7 +139,7 @@ def calibrate(
     """Adjust a block, and say of every parameter of its cameras whether it was held, and why.
 
     ``calibration`` says for each camera whether its sigmas are as given, or priors, with wide ones for parameters left
-    free (auto). ``start`` holds the interior orientations (8,) to start from, where they are not the given ones. A
+    free (auto). ``start`` holds the interior orientations (11,) to start from, where they are not the given ones. A
     focal length that runs away is held at its given value, and the block adjusted again. Raises AdjustmentError as
     adjust does.
     """
@@ -148,7 +157,7 @@ def calibrate(
         progress("calibration: focal length held")
         first = [camera.parameters for camera in result.block.cameras]
         for c in away:
-            cameras[c] = replace(cameras[c], sigmas=np.where(np.arange(8) == 0, 0.0, cameras[c].sigmas))
+            cameras[c] = replace(cameras[c], sigmas=np.where(np.arange(PARAMETERS) == 0, 0.0, cameras[c].sigmas))
             first[c] = np.concatenate([cameras[c].parameters[:1], first[c][1:]])
         result = adjust(replace(block, cameras=tuple(cameras)), settings, progress, start=first)
     held = _held(cameras, result)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, image_plane, project_point
+from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose, all_parameters, image_plane, project_point
 from photogram.flight_plan import SurveyPlan
 from photogram.rendering import visible
 from photogram.scene import Scene
@@ -98,12 +98,21 @@ def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera
     """Return the true and the approximate camera."""
     w, h, radial, tangential = plan.width_px, plan.height_px, np.array(plan.radial), np.array(plan.tangential)
     middle = np.array([(w - 1) / 2, (h - 1) / 2])
-    camera = Camera("simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential)
-    sigmas = np.array(plan.calibration_sigmas)
-    error = np.where(np.isfinite(sigmas), sigmas, 0.0) * rng.standard_normal(8)
+    camera = Camera(
+        "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential,
+        affinity=np.array(plan.affinity_px), model=plan.camera_model,
+    )  # fmt: skip
+    sigmas = all_parameters(np.array(plan.calibration_sigmas))
+    drawn = np.zeros(PARAMETERS)
+    drawn[CLASSIC] = rng.standard_normal(np.count_nonzero(CLASSIC))
+    if np.any(sigmas[~CLASSIC] > 0):
+        drawn[~CLASSIC] = rng.standard_normal(np.count_nonzero(~CLASSIC))
+    error = np.where(np.isfinite(sigmas), sigmas, 0.0) * drawn
     if plan.calibration_source == "exif":
         focal_px = plan.focal_px * plan.focal_35mm_mm / plan.exact_focal_35mm_mm
-        return camera, replace(camera.with_parameters(np.array([focal_px, *middle, 0, 0, 0, 0, 0])), sigmas=sigmas)
+        undistorted = np.zeros(PARAMETERS)
+        undistorted[:3] = focal_px, *middle
+        return camera, replace(camera.with_parameters(undistorted), sigmas=sigmas)
     return camera, replace(camera.with_parameters(camera.parameters + error), sigmas=sigmas)
 
 
@@ -172,8 +181,8 @@ def footprints(flight: Flight, height_m: float) -> FloatArray:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _sight(
-    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, i: IntArray, p: IntArray, reach: float,
-    limits: FloatArray,
+    model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
+    reach: float, limits: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:  # fmt: skip
     """Project points p by photographs i; they are seen within ``limits`` (left, top, right, bottom) in px.
 
@@ -183,7 +192,7 @@ def _sight(
     pixel = np.empty((len(p), 2))
     seen = np.zeros(len(p), dtype=np.bool_)
     for n in range(len(p)):
-        u, v, depth = project_point(q, R[i[n]], C[i[n]], X[p[n]])
+        u, v, depth = project_point(model, q, R[i[n]], C[i[n]], X[p[n]])
         pixel[n, 0], pixel[n, 1] = u, v
         if depth > 0.0:
             distance2 = np.sum((X[p[n]] - C[i[n]]) ** 2)
@@ -211,7 +220,7 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
         pairs = cKDTree(chunk[:, :2]).sparse_distance_matrix(tree, near_m, output_type="ndarray")
         order = np.lexsort((pairs["j"], pairs["i"]))
         point, photograph = pairs["i"][order].astype(np.int64), pairs["j"][order].astype(np.int64)
-        pixel, seen = _sight(q, R, C, chunk, photograph, point, reach, limits)
+        pixel, seen = _sight(flight.camera.kind, q, R, C, chunk, photograph, point, reach, limits)
         parts.append(Sightings(photograph, point + start, pixel).select(seen))
     photograph, point, pixel = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.camera import Camera, Pose, image_plane
+from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera, Pose, image_plane, models_of, project
 from photogram.factors.bundle import BundleState, adjust_bundle
 from photogram.factors.reprojection import Observations, residuals
 from photogram.survey import FloatArray, IntArray, TiePoints, check_range
@@ -25,7 +25,7 @@ BoolArray = NDArray[np.bool_]
 HUBER = 2.0  # sigmas of an image point, of one pixel where the block has settled
 LARGEST_FOCAL_CHANGE = 2.0  # a factor
 LARGEST_CHANGE = 4.0  # sigmas of what was known of a calibration
-FIRST_FREE = np.array([1, 0, 0, 1, 1, 0, 0, 0], dtype=bool)  # focal length, k1, k2: what even a weak block can tell
+FIRST_FREE = np.isin(PARAMETER_NAMES, ("focal_px", "k1", "k2"))  # what even a weak block can tell
 PHOTOGRAPHS_FOR_CALIBRATION = 5
 NEIGHBOURS = 5
 
@@ -51,7 +51,7 @@ class Structure:
     """Poses and tie points so far.
 
     ``rotation`` (N, 3, 3) world from camera and ``position`` (N, 3) of the photographs in ``registered`` (N,),
-    ``parameters`` (cameras, 8), ``point`` (P, 3), NaN where unknown, ``good`` (O,) the observations that agree. The
+    ``parameters`` (cameras, 11), ``point`` (P, 3), NaN where unknown, ``good`` (O,) the observations that agree. The
     frame is any that the start was given in.
     """
 
@@ -81,7 +81,7 @@ class Structure:
             np.broadcast_to(np.eye(3), (n, 3, 3)).copy(),
             np.zeros((n, 3)),
             np.zeros(n, dtype=bool),
-            np.array([camera.parameters for camera in cameras]).reshape(-1, 8),
+            np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
             np.full((len(tie_points), 3), np.nan),
             np.zeros(len(tie_points.photograph), dtype=bool),
             ideal_observations(cameras, camera_of, tie_points),
@@ -128,7 +128,12 @@ class Structure:
         tie = self.tie_points
         photograph = tie.photograph[chosen]
         return Observations(
-            photograph, tie.point[chosen], tie.pixel[chosen], np.ones(len(photograph)), self.camera_of[photograph]
+            photograph,
+            tie.point[chosen],
+            tie.pixel[chosen],
+            np.ones(len(photograph)),
+            self.camera_of[photograph],
+            models_of(self.cameras),
         )
 
     def residual_px(self, chosen: BoolArray) -> FloatArray:
@@ -154,7 +159,7 @@ class Structure:
         limit = np.full(len(part.photograph), self.settings.threshold_px)
         points, agree = consensus_intersections(
             part.first_observation, part.photograph, self.camera_of, part.pixel, self.ideal[chosen], limit,
-            self.parameters, self.rotation, self.position,
+            models_of(self.cameras), self.parameters, self.rotation, self.position,
         )  # fmt: skip
         wide = ray_angles(part, agree, self.position, points) > np.deg2rad(self.settings.minimum_ray_angle_deg)
         points[~wide] = np.nan
@@ -223,7 +228,7 @@ class Structure:
         result = adjust_bundle(
             Observations(
                 photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px),
-                self.camera_of[tie.photograph[chosen]],
+                self.camera_of[tie.photograph[chosen]], models_of(self.cameras),
             ),
             start,
             held_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
@@ -261,6 +266,8 @@ class Structure:
         local = pose.camera_from_world(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             error_px = np.linalg.norm(local[:, :2] / local[:, 2:] - ideal, axis=1) * camera.focal_px
+        if camera.model == "fisheye":  # a pixel far off its axis is much more of ideal coordinates
+            error_px = np.linalg.norm(project(camera, pose, points) - tie.pixel[seen], axis=1)
         agree = (local[:, 2] > 0) & (error_px < s.threshold_px)
         if agree.sum() < max(s.minimum_points, s.minimum_share * len(seen)):
             return False
@@ -270,7 +277,7 @@ class Structure:
 
 
 def _believable(given: Camera, parameters: FloatArray) -> bool:
-    """Return whether a calibration (8,) is near the given one, and its distortion can be undone up to the corners."""
+    """Return whether a calibration (11,) is near the given one, and its distortion can be undone up to the corners."""
     if not 1.0 / LARGEST_FOCAL_CHANGE < parameters[0] / given.focal_px < LARGEST_FOCAL_CHANGE:
         return False
     if np.any(np.abs(parameters - given.parameters)[FIRST_FREE] > LARGEST_CHANGE * given.sigmas[FIRST_FREE]):
@@ -279,8 +286,7 @@ def _believable(given: Camera, parameters: FloatArray) -> bool:
     width, height = given.width_px - 0.5, given.height_px - 0.5
     corners = np.array([[-0.5, -0.5], [width, -0.5], [-0.5, height], [width, height]])
     reach = float(np.linalg.norm((corners - camera.principal_point_px) / camera.focal_px, axis=1).max())
-    r = camera.largest_radius
-    return bool(not np.isfinite(r) or r * (1.0 + r**2 * np.polyval(camera.radial[::-1], r**2)) > reach)
+    return camera.largest_image_radius > reach
 
 
 def resected(points: FloatArray, ideal: FloatArray, threshold: float) -> Pose | None:

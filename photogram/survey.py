@@ -280,7 +280,7 @@ class Adjustment:
 
     ``block`` holds adjusted cameras, poses and tie points: only points and observations that took part. Covariances are
     a-priori, in the world frame: ``position_covariance_m2`` (N, 3, 3) of the projection centres,
-    ``rotation_covariance_rad2`` (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 8, 8),
+    ``rotation_covariance_rad2`` (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 11, 11),
     ``tie_point_covariance_m2`` (P, 3, 3). Ground points, control and check, in the order of ``block.control_points``:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.

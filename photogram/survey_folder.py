@@ -61,7 +61,7 @@ def photograph_tags(survey: SimulatedSurvey, photograph: Photograph) -> Photogra
 def _dewarp(survey: SimulatedSurvey) -> Dewarp:
     camera = survey.approximate_camera
     u, v = camera.principal_point_px - np.array([camera.width_px - 1, camera.height_px - 1]) / 2
-    k1, k2, k3 = camera.radial
+    k1, k2, k3 = camera.radial[:3]
     p1, p2 = camera.tangential
     return Dewarp("2024-06-01", (camera.focal_px,) * 2, (float(u), float(v)), (k1, k2, k3), (p1, p2))
 

@@ -140,6 +140,7 @@ def _consensus(
     pixel: FloatArray,
     ideal: FloatArray,
     limit: FloatArray,
+    model: IntArray,
     parameters: FloatArray,
     R: FloatArray,
     C: FloatArray,
@@ -162,7 +163,8 @@ def _consensus(
             support, cost = 0, 0.0
             for k in range(begin, end):
                 t = photograph[k]
-                u, v, depth = project_point(parameters[camera_of[t]], R[t], C[t], X)
+                c = camera_of[t]
+                u, v, depth = project_point(model[c], parameters[c], R[t], C[t], X)
                 error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
                 inlier[k - begin] = error < 1.0
                 if error < 1.0:
@@ -183,6 +185,7 @@ def consensus_intersections(
     pixel: FloatArray,
     ideal: FloatArray,
     limit_px: FloatArray,
+    model: IntArray,
     parameters: FloatArray,
     R: FloatArray,
     C: FloatArray,
@@ -190,17 +193,29 @@ def consensus_intersections(
     """Intersect every tie point from the largest set of rays that agree within ``limit_px`` (N,).
 
     ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``camera_of`` (photographs,), ``pixel`` and
-    ``ideal`` (N, 2), ``parameters`` (cameras, 8), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3)
-    world. Returns points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). Pairs of rays
-    are tried in turn, all of them up to MANY_PAIRS, evenly spread ones of a longer track (RANSAC without the
-    randomness; Fischler & Bolles 1981).
+    ``ideal`` (N, 2), ``model`` (cameras,) as camera.models_of has them, ``parameters`` (cameras, 11), ``R`` (N, 3, 3)
+    world from camera and ``C`` (N, 3) world of the photographs. Returns points (P, 3), NaN where no two rays agree, and
+    the agreeing observations (N,). Pairs of rays are tried in turn, all of them up to MANY_PAIRS, evenly spread ones of
+    a longer track (RANSAC without the randomness; Fischler & Bolles 1981).
     """
     count = len(first) - 1
     points = np.full((count, 3), np.nan)
     inlier = np.zeros(len(photograph), dtype=np.bool_)
     for p in range(count):
         support = _consensus(
-            first[p], first[p + 1], photograph, camera_of, pixel, ideal, limit_px, parameters, R, C, points[p], inlier
+            first[p],
+            first[p + 1],
+            photograph,
+            camera_of,
+            pixel,
+            ideal,
+            limit_px,
+            model,
+            parameters,
+            R,
+            C,
+            points[p],
+            inlier,
         )
         if support < 2:
             points[p] = np.nan

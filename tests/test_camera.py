@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,10 +11,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import (
+    NEAR_AXIS,
+    PARAMETER_NAMES,
+    PARAMETERS,
     Camera,
     Pose,
     distort,
     distort_point,
+    equidistant,
     gimbal_from_rotation,
     image_plane,
     omega_phi_kappa_deg,
@@ -42,16 +47,33 @@ def cameras(draw: st.DrawFn) -> Camera:
     width, height = draw(st.integers(300, 9000)), draw(st.integers(200, 6000))
     focal = draw(st.floats(0.6, 3.0)) * max(width, height)
     centre = [draw(st.floats(0.45, 0.55)) * width, draw(st.floats(0.45, 0.55)) * height]
-    radial = [draw(st.floats(-0.3, 0.3)), draw(st.floats(-0.15, 0.15)), draw(st.floats(-0.05, 0.05))]
+    radial = [draw(st.floats(-size, size)) for size in (0.3, 0.15, 0.05, 0.02)]
     tangential = [draw(st.floats(-0.003, 0.003)), draw(st.floats(-0.003, 0.003))]
-    return Camera("drawn", width, height, focal, np.array(centre), np.array(radial), np.array(tangential))
+    affinity = np.array([draw(st.floats(-20.0, 20.0)), draw(st.floats(-20.0, 20.0))])
+    return Camera(
+        "drawn", width, height, focal, np.array(centre), np.array(radial), np.array(tangential), affinity=affinity
+    )
+
+
+@st.composite
+def fisheyes(draw: st.DrawFn) -> Camera:
+    """Cameras that see up to 70° off their axis in the corners."""
+    camera = draw(cameras())
+    reach = draw(st.floats(0.4, 1.2))
+    focal = 0.6 * float(np.hypot(camera.width_px, camera.height_px)) / reach
+    radial = np.array([draw(st.floats(-size, size)) for size in (0.05, 0.02, 0.01, 0.003)])
+    return replace(camera, focal_px=focal, radial=radial, model="fisheye")
 
 
 def points_before(pose: Pose, camera: Camera, count: int, seed: int) -> np.ndarray:
     """Points that ``camera`` sees all over its picture, 20 to 90 m away."""
     rng = np.random.default_rng(seed)
     pixel = rng.uniform([0.0, 0.0], [camera.width_px - 1, camera.height_px - 1], (count, 2))
-    ray = np.column_stack([(pixel - camera.principal_point_px) / camera.focal_px, np.ones(count)])
+    plane = (pixel - camera.principal_point_px) / camera.focal_px
+    if camera.model == "fisheye":
+        theta = np.linalg.norm(plane, axis=1, keepdims=True)
+        plane *= np.tan(np.minimum(theta, 1.4)) / theta
+    ray = np.column_stack([plane, np.ones(count)])
     return pose.world_from_camera(ray * rng.uniform(20.0, 90.0, (count, 1)))
 
 
@@ -74,10 +96,12 @@ def assert_close_by_row(analytic: np.ndarray, numerical: np.ndarray) -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(camera=cameras(), place=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)))
+@given(camera=st.one_of(cameras(), fisheyes()), place=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)))
 def test_undistort_undoes_distort(camera: Camera, place: tuple[float, float]) -> None:
     ideal = np.array([[place[0] * (camera.width_px - 1), place[1] * (camera.height_px - 1)]])
     x, y = ((ideal - camera.principal_point_px) / camera.focal_px)[0]
+    if camera.model == "fisheye":
+        x, y = np.array([x, y]) * np.arctan(np.hypot(x, y)) / max(np.hypot(x, y), 1e-12)
     # The model must be invertible on the whole way from the centre to the point; beyond a fold, no inverse is right.
     for share in np.linspace(0.0, 1.0, 40):
         _, _, a, b, d = distort_point(camera.parameters, share * x, share * y)
@@ -96,22 +120,72 @@ def test_a_real_calibration_is_undone_to_a_billionth_of_a_pixel_everywhere(place
 @settings(max_examples=60, deadline=None)
 @given(camera=cameras(), seed=st.integers(0, 2**31))
 def test_projection_agrees_with_opencv(camera: Camera, seed: int) -> None:
+    # OpenCV knows neither k4 as a power of the radius nor b2.
+    camera = replace(camera, radial=camera.radial[:3], affinity=camera.affinity * [1.0, 0.0])
     points = points_before(POSE, camera, 40, seed)
-    k1, k2, k3 = camera.radial
+    k1, k2, k3, _ = camera.radial
     R = POSE.rotation_world_from_camera.T
     expected, _ = cv2.projectPoints(
         points,
         cv2.Rodrigues(R)[0],
         -R @ POSE.position_world_m,
-        camera.matrix,
+        camera.matrix + np.diag([camera.affinity[0], 0.0, 0.0]),
         np.array([k1, k2, *camera.tangential, k3]),
     )
     np.testing.assert_allclose(project(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
 
 
+@settings(max_examples=60, deadline=None)
+@given(camera=fisheyes(), seed=st.integers(0, 2**31))
+def test_the_fisheye_agrees_with_opencv(camera: Camera, seed: int) -> None:
+    camera = replace(camera, tangential=np.zeros(2))
+    points = points_before(POSE, camera, 40, seed)
+    R = POSE.rotation_world_from_camera.T
+    b1, b2 = camera.affinity
+    expected, _ = cv2.fisheye.projectPoints(
+        points[:, None],
+        cv2.Rodrigues(R)[0],
+        -R @ POSE.position_world_m,
+        camera.matrix + np.diag([b1, 0.0, 0.0]),
+        camera.radial,
+        alpha=b2 / (camera.focal_px + b1),
+    )
+    np.testing.assert_allclose(project(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
+
+
+def test_the_fisheye_is_smooth_where_its_series_ends() -> None:
+    camera = Camera("eye", 4000, 3000, 1400.0, np.array([1999.5, 1499.5]), model="fisheye")
+    tangent = np.sqrt(NEAR_AXIS) * np.array([0.0, 1e-9, 1e-3, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 2.0])
+    points = np.column_stack([tangent, np.zeros_like(tangent), np.ones_like(tangent)])
+    pixel = project(camera, Pose(np.eye(3), np.zeros(3)), points)
+    np.testing.assert_allclose(pixel[:, 0] - 1999.5, 1400.0 * np.arctan(tangent), rtol=0, atol=1e-12 * 2000)
+    np.testing.assert_allclose(image_plane(camera, pixel)[:, 0], tangent, rtol=0, atol=1e-15)
+    for model_point in points:
+        analytic = np.array(equidistant(*(30.0 * model_point)))
+        x, _, z = 30.0 * model_point
+        numerical = central(lambda p: np.array(equidistant(p[0], 0.0, p[1])[:1]), np.array([x, z]), np.full(2, 1e-2))
+        np.testing.assert_allclose([analytic[1] * x, -analytic[2]], numerical[0], rtol=1e-7, atol=1e-12)
+
+
+def test_a_fisheye_that_looks_sideways_is_refused_with_the_place() -> None:
+    camera = Camera("eye", 4000, 3000, 1200.0, np.array([1999.5, 1499.5]), model="fisheye")
+    assert camera.largest_radius == np.inf
+    assert camera.largest_image_radius == pytest.approx(np.pi / 2)
+    edge = np.array([[1999.5 + 1200.0 * np.pi / 2 - 1.0, 1499.5]])
+    np.testing.assert_allclose(distort(camera, undistort(camera, edge)), edge, atol=1e-6)
+    with pytest.raises(ImageError, match=r"eye: .* at pixel \(3990\.0, 1499\.5\), which must be less than 90° off"):
+        image_plane(camera, np.array([[2100.0, 1500.0], [3990.0, 1499.5]]))
+    folding = replace(camera, radial=np.array([-0.25, 0.0, 0.0, 0.0]))
+    assert folding.largest_radius == pytest.approx(np.tan(np.sqrt(4.0 / 3.0)))
+    sideways = np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
+    pixel = project(folding, Pose(np.eye(3), np.zeros(3)), sideways)
+    assert np.isnan(pixel[:2]).all()
+    assert np.isfinite(pixel[2]).all()
+
+
 def test_undistortion_agrees_with_opencv() -> None:
     pixel = np.random.default_rng(3).uniform([0, 0], [5471, 3647], (200, 2))
-    k1, k2, k3 = DRONE.radial
+    k1, k2, k3, _ = DRONE.radial
     coefficients = np.array([k1, k2, *DRONE.tangential, k3])
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-14)
     expected = cv2.undistortPoints(pixel[:, None], DRONE.matrix, coefficients, P=DRONE.matrix, criteria=criteria)
@@ -126,8 +200,11 @@ def test_each_coefficient_enters_as_brown_wrote_it() -> None:
         "k1": (f * x * r2, f * y * r2),
         "k2": (f * x * r2**2, f * y * r2**2),
         "k3": (f * x * r2**3, f * y * r2**3),
+        "k4": (f * x * r2**4, f * y * r2**4),
         "p1": (f * 2 * x * y, f * (r2 + 2 * y * y)),
         "p2": (f * (r2 + 2 * x * x), f * 2 * x * y),
+        "b1": (x, 0.0),
+        "b2": (y, 0.0),
     }
     ideal = np.array([[f * x + 990.0, f * y + 505.0]])
     for number, move in enumerate(moves.values(), start=3):
@@ -138,12 +215,14 @@ def test_each_coefficient_enters_as_brown_wrote_it() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(camera=cameras(), seed=st.integers(0, 2**31))
+@given(camera=st.one_of(cameras(), fisheyes()), seed=st.integers(0, 2**31))
 def test_projection_jacobians_agree_with_differences(camera: Camera, seed: int) -> None:
     X = points_before(POSE, camera, 1, seed)[0]
     rotation, centre = POSE.rotation_world_from_camera, POSE.position_world_m
-    J_pose, J_camera, J_point = np.empty((2, 6)), np.empty((2, 8)), np.empty((2, 3))
-    u, v, depth = project_point_jacobians(camera.parameters, rotation, centre, X, J_pose, J_camera, J_point)
+    J_pose, J_camera, J_point = np.empty((2, 6)), np.empty((2, PARAMETERS)), np.empty((2, 3))
+    u, v, depth = project_point_jacobians(
+        camera.kind, camera.parameters, rotation, centre, X, J_pose, J_camera, J_point
+    )
 
     def of_pose(t: np.ndarray) -> np.ndarray:
         moved = Pose(rotation @ Rotation.from_rotvec(t[:3]).as_matrix(), centre + rotation @ t[3:])
@@ -153,7 +232,7 @@ def test_projection_jacobians_agree_with_differences(camera: Camera, seed: int) 
     np.testing.assert_allclose([u, v], of_pose(np.zeros(6)), rtol=0, atol=1e-9)
     assert_close_by_row(J_pose, central(of_pose, np.zeros(6), np.array([1e-4] * 3 + [1e-2] * 3)))
     assert_close_by_row(J_point, central(lambda p: project(camera, POSE, p[None])[0], X, np.full(3, 1e-2)))
-    step = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
+    step = np.where(np.isin(PARAMETER_NAMES, ("focal_px", "cx_px", "cy_px", "b1", "b2")), 1.0, 1e-3)
     of_camera = central(lambda q: project(camera.with_parameters(q), POSE, X[None])[0], camera.parameters, step)
     reach = float(np.abs((X - centre) @ rotation).max() / depth)
     np.testing.assert_allclose(J_camera, of_camera, rtol=1e-6, atol=1e-7 * camera.focal_px * max(1.0, reach))
@@ -174,9 +253,9 @@ def test_points_behind_or_in_the_projection_centre_have_no_pixel() -> None:
     pixel = project(DRONE, POSE, points)
     np.testing.assert_allclose(pixel[0], DRONE.principal_point_px, atol=1e-9)
     assert np.isnan(pixel[1:]).all()
-    J = np.ones((2, 6)), np.ones((2, 8)), np.ones((2, 3))
+    J = np.ones((2, 6)), np.ones((2, PARAMETERS)), np.ones((2, 3))
     u, v, depth = project_point_jacobians(
-        DRONE.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, points[1], *J
+        DRONE.kind, DRONE.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, points[1], *J
     )
     assert np.isnan([u, v]).all()
     assert depth == pytest.approx(-30.0)
@@ -217,13 +296,21 @@ def test_a_camera_knows_its_edges_width_from_height() -> None:
 
 
 def test_parameters_keep_their_order() -> None:
-    parameters = np.array([3000.0, 1.0, 2.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    parameters = np.array([3000.0, 1.0, 2.0, 0.1, 0.2, 0.3, 0.6, 0.4, 0.5, 7.0, 8.0])
     camera = DRONE.with_parameters(parameters)
     np.testing.assert_array_equal(camera.parameters, parameters)
-    np.testing.assert_array_equal(camera.radial, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(camera.radial, [0.1, 0.2, 0.3, 0.6])
     np.testing.assert_array_equal(camera.tangential, [0.4, 0.5])
+    np.testing.assert_array_equal(camera.affinity, [7.0, 8.0])
     np.testing.assert_array_equal(camera.matrix, [[3000.0, 0.0, 1.0], [0.0, 3000.0, 2.0], [0.0, 0.0, 1.0]])
     assert (camera.name, camera.width_px) == ("drone", 5472)
+    classic = DRONE.with_parameters(np.array([3000.0, 1.0, 2.0, 0.1, 0.2, 0.3, 0.4, 0.5]))
+    parameters[[6, 9, 10]] = 0.0
+    np.testing.assert_array_equal(classic.parameters, parameters)
+    sigmas = replace(DRONE, sigmas=np.arange(1.0, 9.0)).sigmas
+    assert dict(zip(PARAMETER_NAMES, sigmas.tolist(), strict=True)) == {
+        "focal_px": 1, "cx_px": 2, "cy_px": 3, "k1": 4, "k2": 5, "k3": 6, "k4": 0, "p1": 7, "p2": 8, "b1": 0, "b2": 0
+    }  # fmt: skip
 
 
 def test_a_camera_refuses_what_cannot_be() -> None:
@@ -231,6 +318,10 @@ def test_a_camera_refuses_what_cannot_be() -> None:
         Camera("none", 10, 10, 0.0, np.zeros(2))
     with pytest.raises(ValueError, match="radial"):
         Camera("short", 10, 10, 10.0, np.zeros(2), np.zeros(2))
+    with pytest.raises(ValueError, match="expected brown or fisheye"):
+        Camera("odd", 10, 10, 10.0, np.zeros(2), model="pinhole")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="parameters of shape"):
+        DRONE.with_parameters(np.ones(9))
 
 
 @settings(max_examples=100, deadline=None)

@@ -113,7 +113,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
     )  # fmt: skip
     problem = make_problem(made.block, SETTINGS)
     state = start_state(made.block, problem.flights)
-    f, cx, cy, k1, k2, _, p1, p2 = state.parameters[0]
+    f, cx, cy, k1, k2, _, _, p1, p2, _, _ = state.parameters[0]
     calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
     graph = ground_graph(problem)
     for marks, kind in ((problem.tie, TIE_POINT), (problem.marks, CONTROL_POINT)):
@@ -135,7 +135,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
 def test_fixed_parameters_have_no_covariance() -> None:
     problem, state = small()
     calibration = covariances(problem, state).calibration(0)
-    assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 6, 7]
+    assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 7, 8]
     assert not calibration[[4, 5]].any()
     assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 6]] < np.array(FREE)[[0, 1, 2, 3, 6]])
 
@@ -198,7 +198,12 @@ def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
 def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
     problem, state = small()
     unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
-    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
+    two = replace(
+        problem,
+        block=replace(problem.block, cameras=(*problem.block.cameras, unused)),
+        tie=replace(problem.tie, model=np.zeros(2, np.int64)),
+        marks=replace(problem.marks, model=np.zeros(2, np.int64)),
+    )
     both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
 
 

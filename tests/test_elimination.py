@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.camera import PARAMETERS, all_parameters
 from photogram.factors import elimination
 from photogram.factors.elimination import (
     Cameras,
@@ -47,11 +48,15 @@ class Case:
             first = first_observations(tie.point, tie_points)
             many = first[np.argmax(np.diff(first))]
             photograph[many + 1] = photograph[many]
-        self.tie = replace(tie, photograph=photograph, camera=(photograph % 2).astype(np.int64))
-        q = np.vstack([state.parameters, state.parameters + np.array([9.0, 2.0, -1.0, 0.001, 0, 0, 0, 0])])
+        self.tie = replace(
+            tie, photograph=photograph, camera=(photograph % 2).astype(np.int64), model=np.zeros(2, np.int64)
+        )
+        other = all_parameters(np.array([9.0, 2.0, -1.0, 0.001, 0, 0, 0, 0]))
+        q = np.vstack([state.parameters, state.parameters + other])
         self.cameras = Cameras(q, state.rotation, state.position)
         self.points = Points.unknown(state.tie_point)
-        self.unit = np.array([[1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 5e-4, 0.0], [0.0] * 8])
+        self.unit = np.zeros((2, PARAMETERS))
+        self.unit[0] = [1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0]
         self.held = np.arange(8) == 3
         self.layout = self.lay(self.unit)
         self.rays = lay_out(self.tie, np.arange(tie_points), self.layout)
@@ -73,9 +78,9 @@ class Case:
             at = 6 * layout.place[p]
             if at >= 0:
                 J[i, :, at : at + 6] = linear.pose[i]
-            column = layout.columns + layout.camera_column[k]
-            if layout.camera_column[k] >= 0:
-                J[i, :, column : column + 8] = linear.calibration[i] * layout.unit[k]
+            free = np.flatnonzero(layout.unit[k] > 0)
+            columns = layout.columns + layout.camera_column[k] + np.arange(len(free))
+            J[i, :, columns] = (linear.calibration[i] * layout.unit[k])[:, free].T
             J[i, :, edge + 3 * n : edge + 3 * n + 3] = linear.point[i]
         return (turn @ J).reshape(2 * len(tie), -1), residual.ravel()
 
@@ -265,7 +270,7 @@ def strip(photographs: int, reach: int, rng: np.random.Generator) -> tuple[Layou
     position = np.empty((photographs, 3))
     position[name] = np.arange(photographs)[:, None] * np.array([10.0, 3.0, 0.0]) + rng.normal(0, 1, (photographs, 3))
     layout = make_layout(
-        [(first, np.concatenate(tracks))], np.zeros(photographs, bool), position, np.ones((1, 8)), offsets=1
+        [(first, np.concatenate(tracks))], np.zeros(photographs, bool), position, np.ones((1, PARAMETERS)), offsets=1
     )
     return layout, reach
 
@@ -347,7 +352,7 @@ def test_photographs_far_apart_do_not_widen_the_band() -> None:
     tracks = [np.array([i, i + 2]) for i in range(18)]
     first = np.arange(0, 37, 2)
     layout = make_layout(
-        [(first, np.concatenate(tracks))], np.zeros(20, bool), np.full((20, 3), np.nan), np.zeros((1, 8))
+        [(first, np.concatenate(tracks))], np.zeros(20, bool), np.full((20, 3), np.nan), np.zeros((1, PARAMETERS))
     )
     assert layout.reach == 1
     assert layout.border == 0
@@ -359,8 +364,13 @@ def test_held_photographs_and_fixed_cameras_have_no_columns() -> None:
     assert case.layout.free == 7
     assert case.layout.place[3] == -1
     assert case.layout.camera_column.tolist() == [0, -1]
-    assert case.layout.border == 11
-    assert np.flatnonzero(case.layout.fixed).tolist() == [2, 7]
+    camera, parameter = case.layout.free_parameters
+    assert camera.tolist() == [0] * 8
+    assert parameter.tolist() == [0, 1, 3, 4, 5, 7, 9, 10]
+    assert case.layout.border == 8 + 3
+    assert case.layout.free_of.tolist() == [
+        [0, 8, 0, 1, 3, 4, 5, 7, 9, 10, 0, 0, 0], [-1, 0, *[0] * PARAMETERS]
+    ]  # fmt: skip
     empty = lay_out(case.tie.select(np.zeros(len(case.tie), bool)), np.arange(60), case.layout)
     assert isinstance(case.tie, Observations)
     assert len(empty) == 0

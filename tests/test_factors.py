@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.camera import PARAMETERS, all_parameters, models_of
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.graph import (
@@ -197,7 +198,9 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
     n = len(ties.point)
     shift = np.array([0.6, -0.8])
     sigma = np.linspace(0.2, 2.0, n)
-    marks = Observations(ties.photograph, ties.point, ties.pixel - shift, sigma, np.zeros(n, np.int64))
+    marks = Observations(
+        ties.photograph, ties.point, ties.pixel - shift, sigma, np.zeros(n, np.int64), models_of([truth.camera])
+    )
     R = np.array([pose.rotation_world_from_camera for pose in truth.poses])
     C = np.array([pose.position_world_m for pose in truth.poses])
     q = truth.camera.parameters[None]
@@ -217,8 +220,10 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
 
 def test_observations_use_the_camera_they_are_of() -> None:
     problem, state = small()
-    two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, 0.0, 0.0, 0.0, 0.0])])
-    mixed = replace(problem.tie, camera=(problem.tie.photograph % 2).astype(np.int64))
+    two = np.vstack(
+        [state.parameters, state.parameters + all_parameters(np.array([100.0, 5.0, -3.0, 0.01, 0, 0, 0, 0]))]
+    )
+    mixed = replace(problem.tie, camera=(problem.tie.photograph % 2).astype(np.int64), model=np.zeros(2, np.int64))
     found = residuals(mixed, two, state.rotation, state.position, state.tie_point)
     for c in (0, 1):
         one = residuals(problem.tie, two[c : c + 1], state.rotation, state.position, state.tie_point)
@@ -250,7 +255,7 @@ def test_linearised_observations_agree_with_differences() -> None:
         "pose": of(pose, 6, np.array([1e-4] * 3 + [1e-2] * 3)),
         "point": of(lambda t: replace(state, tie_point=state.tie_point + t), 3, np.full(3, 1e-2)),
         "calibration": of(
-            lambda t: replace(state, parameters=state.parameters + t), 8, np.array([1.0] * 3 + [1e-2] * 5)
+            lambda t: replace(state, parameters=state.parameters + t), PARAMETERS, np.array([1.0] * 3 + [1e-2] * 8)
         ),
     }
     for name, numerical in expected.items():
@@ -264,8 +269,8 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
     made = simulate_block(replace(PLAN, radial=(-0.08, 0.06, 0.0)), 2, tie_points=40)
     problem = make_problem(made.block, SETTINGS)
     state = start_state(made.block, problem.flights)
-    f, cx, cy, k1, k2, k3, p1, p2 = state.parameters[0]
-    assert k3 == 0.0
+    f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2 = state.parameters[0]
+    assert k3 == k4 == b1 == b2 == 0.0
     tie = replace(problem.tie, sigma_px=np.linspace(0.3, 1.2, len(problem.tie)))
     linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
     values = values_of(problem, state)
@@ -282,7 +287,7 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
         np.testing.assert_allclose(jacobian[:, 6:9], linear.point[i], rtol=1e-8, atol=1e-6)
         native = jacobian[:, 9:]
         own = np.column_stack([native[:, 0] + native[:, 1], native[:, 3:7], native[:, 7:9]])
-        np.testing.assert_allclose(own, linear.calibration[i][:, [0, 1, 2, 3, 4, 6, 7]], rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(own, linear.calibration[i][:, [0, 1, 2, 3, 4, 7, 8]], rtol=1e-7, atol=1e-7)
 
 
 def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
@@ -313,7 +318,7 @@ def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
     linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
     moves = np.abs(linear.calibration * problem.scale[0]).max(axis=(0, 1))
     assert moves.max() < 2.0
-    assert moves[[0, 1, 2, 3, 6, 7]].min() > 0.03
+    assert moves[[0, 1, 2, 3, 7, 8, 9, 10]].min() > 0.03
 
 
 # ---- robust loss ----------------------------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ def test_a_plain_folder_becomes_a_project_that_can_be_read(folder: Path, photogr
     assert camera.focal_px == pytest.approx(20.0 / 43.2666 * 80.0, abs=1e-3)
     assert camera.principal_point_px.tolist() == [31.5, 23.5]
     f = camera.focal_px
-    assert camera.sigmas == pytest.approx([0.03 * f, 0.64, 0.64, 0.1, 0.1, 0.05, 0.003, 0.003], rel=5e-3)
+    assert camera.sigmas == pytest.approx([0.03 * f, 0.64, 0.64, 0.1, 0.1, 0.05, 0, 0.003, 0.003, 0, 0], rel=5e-3)
     assert project.calibration == ("auto",)
     assert project.camera_source == ("EXIF focal length 3.61 mm, 35 mm equivalent 20 mm",)
     assert [p.gnss_sigma_m.tolist() for p in project.photographs if p.gnss_sigma_m is not None] == [[2, 2, 3]] * 12
@@ -249,9 +249,9 @@ def test_cameras_are_listed_and_photographs_say_which(folder: Path, photogram: R
     calibrated = cameras[-1]
     assert calibrated.focal_px == pytest.approx(60.1)
     assert calibrated.principal_point_px == pytest.approx([40.0, 29.25])
-    assert calibrated.radial == pytest.approx(dewarp.radial)
+    assert calibrated.radial == pytest.approx([*dewarp.radial, 0.0])
     assert calibrated.tangential == pytest.approx(dewarp.tangential)
-    assert calibrated.sigmas == pytest.approx([0.1202, 0.08, 0.08, 0.01, 0.01, 0.01, 0.001, 0.001], rel=5e-3)
+    assert calibrated.sigmas == pytest.approx([0.1202, 0.08, 0.08, 0.01, 0.01, 0.01, 0, 0.001, 0.001, 0, 0], rel=5e-3)
     assert project.camera_source[cameras[-1].name == "dji_fc300s_64x48"] == "DewarpData of 2020-01-02"
     assert {p.flight for p in project.photographs} == {"1", "2"}, "two bodies in the air"
 

@@ -27,7 +27,7 @@ from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.pair_selection import PairSettings
-from photogram.preflight import check_survey, disk_bytes, memory_bytes, project_faults, survey_findings
+from photogram.preflight import check_survey, disk_bytes, header_findings, memory_bytes, project_faults, survey_findings
 from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
 from photogram.surface_model import SurfaceSettings
 from photogram.transfer import TransferSettings
@@ -371,6 +371,13 @@ def test_what_is_wrong_is_found_and_nothing_else(kind: str) -> None:
         assert all(f.remedy or f.severity == "note" or "decoded" in f.text for f in match)
     order = [("fault", "warning", "note").index(f.severity) for f in findings]
     assert order == sorted(order)
+
+
+def test_a_fisheye_is_no_surprise_where_the_project_says_so() -> None:
+    project, tags = with_tags(a_survey(), kind="fisheye")
+    assert [f.severity for f in header_findings(headers((project, tags)))] == ["warning"]
+    fisheye = replace(project, cameras=tuple(replace(c, model="fisheye") for c in project.cameras))
+    assert not [f for f in found((fisheye, tags)) if "of the kind fisheye" in f.text]
 
 
 def test_tags_alone_show_what_nothing_can_be_placed_by() -> None:

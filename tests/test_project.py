@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.adjustment import AdjustmentSettings
-from photogram.camera import Camera
+from photogram.camera import PARAMETER_NAMES, Camera
 from photogram.errors import ImageError, ProjectError
 from photogram.features import FeatureSettings
 from photogram.files.control_files import read_marks, read_points
@@ -134,9 +134,9 @@ def test_every_value_of_a_good_file_arrives(survey: Path) -> None:
     phantom, small = project.cameras
     assert (phantom.name, phantom.width_px, phantom.height_px, phantom.focal_px) == ("phantom4", 5472, 3648, 3674.19518)
     np.testing.assert_allclose(phantom.principal_point_px, [2740.9, 1837.1], atol=1e-9)
-    assert phantom.radial.tolist() == [-0.261203, 0.107443, -0.0356483]
+    assert phantom.radial.tolist() == [-0.261203, 0.107443, -0.0356483, 0.0]
     assert phantom.tangential.tolist() == [-1.12104e-3, 8e-4]
-    assert phantom.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, 0.0, 0.0, 0.0, 0.0]
+    assert phantom.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 7]
     assert small.principal_point_px.tolist() == [499.5, 399.5]
     assert not small.radial.any()
     assert not small.sigmas.any()
@@ -220,7 +220,7 @@ def test_matlab_camera_comes_from_its_reader(survey: Path) -> None:
 
     camera = read_project(survey / "project.yaml", read_matlab_camera=reader).cameras[0]
     assert camera.focal_px == 3600.0
-    assert camera.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, 0.0, 0.0, 0.0, 0.0]
+    assert camera.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 7]
 
 
 def test_matlab_reader_fault_gets_its_line(survey: Path) -> None:
@@ -264,9 +264,51 @@ def test_round_trip_of_any_figures_and_names(
     (folder / "project.yaml").write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
     project = read_project(folder / "project.yaml", read_matlab_camera=no_matlab)
     assert project.cameras[0].name == project.control_points[0].name == name
-    assert project.cameras[0].radial.tolist() == [k, 0.0, k]
+    assert project.cameras[0].radial.tolist() == [k, 0.0, k, 0.0]
     assert project.control_points[0].position_map_m.tolist() == position
     assert project.control_points[0].mark_pixel.tolist() == [[u, 3.0]]
+
+
+# -- camera models ----------------------------------------------------------------------------------------------------
+
+
+def test_a_fisheye_with_all_its_terms(survey: Path) -> None:
+    text = GOOD.replace(
+        "    focal_px: 900\n", "    focal_px: 900\n    model: fisheye\n    radial: [0.01, -0.02, 0.003, -4e-4]\n"
+    )
+    text = text.replace("    focal_px: 900\n", "    focal_px: 900\n    affinity: [1.5, -0.5]\n")
+    text = text.replace("[499.5, 399.5]", "[499.5, 399.5]\n    sigmas: {k4: 1e-4, b1: 2, b2: free}")
+    brown, fisheye = read(survey, text).cameras
+    assert (brown.model, fisheye.model) == ("brown", "fisheye")
+    assert not brown.affinity.any()
+    assert fisheye.radial.tolist() == [0.01, -0.02, 0.003, -4e-4]
+    assert fisheye.affinity.tolist() == [1.5, -0.5]
+    sigmas = dict(zip(PARAMETER_NAMES, fisheye.sigmas.tolist(), strict=True))
+    assert {name: sigma for name, sigma in sigmas.items() if sigma} == {"k4": 1e-4, "b1": 2.0, "b2": np.inf}
+
+
+@pytest.mark.parametrize("radial", [[0.1, 0.2], [0.1, 0.2, 0.3], [0.1, 0.2, 0.3, 0.4]])
+def test_two_to_four_radial_terms(survey: Path, radial: list[float]) -> None:
+    text = GOOD.replace("[-0.261203, 0.107443, -0.0356483]", str(radial))
+    assert read(survey, text).cameras[0].radial.tolist() == [*radial, 0.0, 0.0][:4]
+
+
+def test_a_camera_per_flight(survey: Path) -> None:
+    text = GOOD.replace(
+        "    pixel_origin: matlab\n", "    pixel_origin: matlab\n    per_flight: true\n    source: tags\n"
+    )
+    project, plain = read(survey, text), read(survey, GOOD)
+    assert [c.name for c in project.cameras] == ["phantom4 (flight 7)", "phantom4 (flight 1)", "small"]
+    assert [p.camera for p in project.photographs] == [0, 1, 2]
+    assert project.camera_source == ("tags", "tags", "")
+    assert len(project.calibration) == 3
+    for copy in project.cameras[:2]:
+        np.testing.assert_array_equal(copy.parameters, plain.cameras[0].parameters)
+        np.testing.assert_array_equal(copy.sigmas, plain.cameras[0].sigmas)
+    text = GOOD.replace("    height_px: 800\n", "    height_px: 800\n    per_flight: true\n").replace(
+        "      camera: small\n", ""
+    )
+    assert [c.name for c in read(survey, text).cameras] == ["phantom4", "small"], "no photograph, no copy"
 
 
 # -- the example ------------------------------------------------------------------------------------------------------
@@ -285,7 +327,7 @@ def test_example_loads(tmp_path: Path) -> None:
         4,
         4,
     ]
-    assert project.cameras[0].sigmas.tolist() == [30.0, *[0.0] * 7]
+    assert project.cameras[0].sigmas.tolist() == [30.0, *[0.0] * 10]
 
 
 def test_example_agrees_with_the_data() -> None:
@@ -468,6 +510,21 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
         "3990.5",
         "cameras.small.principal_point_px: the principal point (499.5, 3990.5) lies outside the photograph of "
         "1000 × 800 px",
+    ),
+    "one radial term": (
+        ("[-0.261203, 0.107443, -0.0356483]", "[-0.261203]"),
+        "[-0.261203]",
+        "cameras.phantom4.radial: needs 2 to 4 numbers [k1, k2, k3, k4], found [-0.261203]",
+    ),
+    "model": (
+        ("    focal_px: 900\n", "    focal_px: 900\n    model: fish\n"),
+        "model: fish",
+        "cameras.small.model: must be brown or fisheye, found the text 'fish': did you mean 'fisheye'?",
+    ),
+    "affinity": (
+        ("    focal_px: 900\n", "    focal_px: 900\n    affinity: [-900, 0]\n"),
+        "affinity:",
+        "cameras.small.affinity: b1 is -900 px: focal_px + b1 must be above 0",
     ),
     "undefined camera": (
         ("camera: small", "camera: smal"),

@@ -100,7 +100,9 @@ def test_keys_of_cameras(report: Json) -> None:
     camera = report["cameras"]["simulated"]
     assert numbers(camera["focal_px"])
     assert numbers(camera["principal_point_px"], 2)
-    assert numbers(camera["radial"], 3)
+    assert numbers(camera["radial"], 4)
+    assert numbers(camera["affinity"], 2)
+    assert camera["model"] == "brown"
     assert numbers(camera["tangential"], 2)
     free = {name for name, sigma in camera["sigma"].items() if sigma is not None}
     assert free == {"focal_px", "cx_px", "cy_px", "k1"}
@@ -166,7 +168,7 @@ def test_rotation_is_orthonormal_and_that_of_the_angles(report: Json) -> None:
 def cv2_projection(report: Json, photograph: Json, differences_m: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Project differences (N, 3) to the projection centre along easting, northing and up, by OpenCV."""
     camera = report["cameras"][photograph["camera"]]
-    (cx, cy), f, (k1, k2, k3) = camera["principal_point_px"], camera["focal_px"], camera["radial"]
+    (cx, cy), f, (k1, k2, k3, _) = camera["principal_point_px"], camera["focal_px"], camera["radial"]
     K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
     lens = np.array([k1, k2, *camera["tangential"], k3])
     turn = cv2.Rodrigues(np.array(photograph["rotation_camera_from_map"]))[0]

@@ -130,9 +130,16 @@ def test_points_in_any_order_give_the_same_pose() -> None:
 def jacobian(points: np.ndarray) -> np.ndarray:
     rows = []
     for X in points:
-        J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 8)), np.empty((2, 3))
+        J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 11)), np.empty((2, 3))
         project_point_jacobians(
-            CAMERA.parameters, POSE.rotation_world_from_camera, POSE.position_world_m, X, J, J_camera, J_point
+            CAMERA.kind,
+            CAMERA.parameters,
+            POSE.rotation_world_from_camera,
+            POSE.position_world_m,
+            X,
+            J,
+            J_camera,
+            J_point,
         )
         rows.append(J)
     return np.vstack(rows)

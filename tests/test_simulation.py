@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.camera import project
+from photogram.camera import all_parameters, project
 from photogram.rendering import visible
 from photogram.simulation import (
     SimulatedBlock,
@@ -192,7 +192,7 @@ def test_offsets_and_cameras_scatter_as_stated() -> None:
     assert offset.shape == (40, 3, 3)
     assert consistent(offset / SMALL.gnss_offset_sigma_m)
     error = np.array([b.block.cameras[0].parameters - b.truth.camera.parameters for b in blocks])
-    sigmas = np.array(SMALL.calibration_sigmas)
+    sigmas = all_parameters(np.array(SMALL.calibration_sigmas))
     assert consistent(error[:, sigmas > 0] / sigmas[sigmas > 0])
     assert np.all(error[:, sigmas == 0] == 0)
     assert np.array_equal(blocks[0].block.cameras[0].sigmas, sigmas)

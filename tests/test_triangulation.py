@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, models_of, project
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import TiePoints
 from photogram.triangulation import (
@@ -36,7 +36,16 @@ def consensus(block: SimulatedBlock, ties: TiePoints, limit_px: float | np.ndarr
     ideal = ideal_observations([camera], camera_of, ties)
     limit = np.broadcast_to(limit_px, len(ties.point)).astype(np.float64)
     points, inlier = consensus_intersections(
-        ties.first_observation, ties.photograph, camera_of, ties.pixel, ideal, limit, camera.parameters[None], R, C
+        ties.first_observation,
+        ties.photograph,
+        camera_of,
+        ties.pixel,
+        ideal,
+        limit,
+        models_of([camera]),
+        camera.parameters[None],
+        R,
+        C,
     )
     return np.asarray(points), np.asarray(inlier)
 

@@ -104,7 +104,7 @@ def test_the_photographs_are_those_of_an_ordinary_survey(survey: SimulatedSurvey
     assert len(survey.photographs) == 24
     assert (len(control), len(survey.control_points)) == (6, 16)
     assert np.bincount(control.mark_photograph, minlength=24).max() < 4, "nothing can be resected from control"
-    assert survey.approximate_camera.radial.tolist() == [0, 0, 0]
+    assert survey.approximate_camera.radial.tolist() == [0, 0, 0, 0]
 
 
 @pytest.mark.survey

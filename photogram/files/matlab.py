@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
-from photogram.camera import Camera
+from photogram.camera import RADIAL_TERMS, Camera
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
 from photogram.survey import FloatArray, IntArray, TiePoints
@@ -21,6 +21,8 @@ PixelOrigin = Literal["photogram", "matlab"]
 """The coordinates of the centre of the top-left pixel: photogram (0, 0), matlab (1, 1)."""
 
 _ORIGIN_PX: Mapping[str, float] = {"photogram": 0.0, "matlab": 1.0}
+SQUARE = 1e-6
+"""Difference of focal lengths, and skew, in the focal length, below which pixels are square."""
 _HEADER = b"MATLAB 5.0 MAT-file, written by photogram".ljust(116)
 _RADIAL, _TANGENTIAL, _INTRINSIC = "RadialDistortion", "TangentialDistortion", "IntrinsicMatrix"
 
@@ -113,22 +115,18 @@ def _matrix(path: Path, fields: Mapping[str, object]) -> FloatArray:
         )
     if not K[0, 0] > 0:
         raise ProjectError(f"camera file {path}: the focal length is {K[0, 0]:g} px: save the calibration again")
-    if abs(K[0, 1]) > 1e-6 * K[0, 0]:
-        raise ProjectError(f"camera file {path}: skew {K[0, 1]:g} px: calibrate again without skew, photogram has none")
-    if abs(K[0, 0] - K[1, 1]) > 1e-6 * K[0, 0]:
-        raise ProjectError(
-            f"camera file {path}: focal lengths {K[0, 0]:.4f} and {K[1, 1]:.4f} px differ, photogram's camera has one: "
-            "calibrate again with square pixels"
-        )
+    if not K[1, 1] > 0:
+        raise ProjectError(f"camera file {path}: the focal length is {K[1, 1]:g} px: save the calibration again")
     return K
 
 
 def read_camera(path: Path, name: str, width_px: int, height_px: int, pixel_origin: PixelOrigin) -> Camera:
     """Return the camera ``name`` from K and a cameraParameters object, a struct of its fields, or the plain variables.
 
-    MATLAB's distortion is Brown–Conrady with k1 k2 [k3] and p1 p2 as photogram's. ``pixel_origin`` says in whose pixel
+    MATLAB's distortion is Brown–Conrady with k1 k2 [k3] and p1 p2 as photogram's; of K's focal lengths the second is f,
+    and b1 = fx − fy, b2 its skew. ``pixel_origin`` says in whose pixel
     frame the principal point is; from "matlab" 1 px is subtracted. Raises ProjectError where the file is missing or
-    damaged, something is missing or contradicts itself, or photogram has no such camera (skew, two focal lengths).
+    damaged, something is missing or contradicts itself.
     """
     fields = _calibration(path, _load(path))
     K = _matrix(path, fields)
@@ -141,14 +139,17 @@ def read_camera(path: Path, name: str, width_px: int, height_px: int, pixel_orig
             f"camera file {path}: calibrated on {columns:g} × {rows:g} px, but camera {name} has "
             f"{width_px} × {height_px} px: use the calibration of the full photographs"
         )
+    affinity = np.array([K[0, 0] - K[1, 1], K[0, 1]])
+    square = bool(np.all(np.abs(affinity) <= SQUARE * K[0, 0]))
     return Camera(
         name,
         width_px,
         height_px,
-        float((K[0, 0] + K[1, 1]) / 2),
+        float((K[0, 0] + K[1, 1]) / 2 if square else K[1, 1]),
         K[:2, 2] - _ORIGIN_PX[pixel_origin],
-        np.pad(radial, (0, 3 - len(radial))),
+        np.pad(radial, (0, RADIAL_TERMS - len(radial))),
         tangential,
+        affinity=np.zeros(2) if square else affinity,
     )
 
 

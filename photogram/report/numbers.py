@@ -162,10 +162,12 @@ def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Js
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         free = (camera.sigmas > 0) & (sigma > 0)  # one that runs away is held by the adjustment itself
         numbers[camera.name] = {
+            "model": camera.model,
             "focal_px": camera.focal_px,
             "principal_point_px": camera.principal_point_px.tolist(),
             "radial": camera.radial.tolist(),
             "tangential": camera.tangential.tolist(),
+            "affinity": camera.affinity.tolist(),
             "sigma": {n: float(s) if f else None for n, s, f in zip(PARAMETER_NAMES, sigma, free, strict=True)},
             "prior_sigma": {
                 n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)

@@ -13,7 +13,7 @@ from matplotlib.tri import LinearTriInterpolator, Triangulation
 from numba import njit
 from scipy.ndimage import median
 
-from photogram.camera import project_point
+from photogram.camera import models_of, project_point
 from photogram.survey import Adjustment, FloatArray, IntArray, Raster
 
 CELLS = 100
@@ -47,8 +47,8 @@ class Overlap:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _count(
-    camera: IntArray, Q: FloatArray, widest: FloatArray, size_px: FloatArray, R: FloatArray, C: FloatArray,
-    X: FloatArray,
+    camera: IntArray, model: IntArray, Q: FloatArray, widest: FloatArray, size_px: FloatArray, R: FloatArray,
+    C: FloatArray, X: FloatArray,
 ) -> FloatArray:  # fmt: skip
     seen = np.zeros(len(X))
     for i in range(len(R)):
@@ -58,7 +58,7 @@ def _count(
             depth = R[i, 0, 2] * dx + R[i, 1, 2] * dy + R[i, 2, 2] * dz
             if depth <= 0.0 or dx * dx + dy * dy + dz * dz > widest[c] * depth * depth:
                 continue
-            u, v, _ = project_point(Q[c], R[i], C[i], X[n])
+            u, v, _ = project_point(model[c], Q[c], R[i], C[i], X[n])
             if -0.5 <= u <= size_px[c, 0] - 0.5 and -0.5 <= v <= size_px[c, 1] - 0.5:
                 seen[n] += 1.0
     return seen
@@ -82,7 +82,7 @@ def _views(result: Adjustment, points_world_m: FloatArray) -> FloatArray:
     size = np.array([[c.width_px, c.height_px] for c in cameras], dtype=np.float64)
     parameters = np.array([c.parameters for c in cameras])
     points = np.ascontiguousarray(points_world_m)
-    counts: FloatArray = _count(camera, parameters, widest, size, rotation, centre, points)
+    counts: FloatArray = _count(camera, models_of(cameras), parameters, widest, size, rotation, centre, points)
     return counts
 
 
