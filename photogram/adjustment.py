@@ -135,6 +135,10 @@ class Solved:
     iterations: int
 
 
+def _with_cameras_held(block: Block) -> Block:
+    return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
+
+
 def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
     """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
     tie = whole.block.tie_points
@@ -148,6 +152,9 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
         check_determined(problem)
+        if number == 1 and np.any(limit > settings.first_outlier_threshold_px):
+            # Poses so far off would bend the calibration to fit them.
+            problem = replace(problem, block=_with_cameras_held(whole.block))
         progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations

@@ -410,12 +410,19 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
     return pixel
 
 
+def image_plane_or_nan(camera: Camera, pixel: FloatArray) -> FloatArray:
+    """Return the ideal image-plane coordinates (X/Z, Y/Z) (N, 2) of pixels (N, 2), NaN where the model cannot be
+    inverted, or a fisheye looks 90° or more off its axis."""
+    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters, _contiguous(pixel))
+    return ideal
+
+
 def image_plane(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Return the ideal image-plane coordinates (X/Z, Y/Z) (N, 2) of pixels (N, 2), whatever the model.
 
     Raises ImageError where the model cannot be inverted, or a fisheye looks 90° or more off its axis.
     """
-    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters, _contiguous(pixel))
+    ideal = image_plane_or_nan(camera, pixel)
     lost = np.isnan(ideal).any(axis=1) & ~np.isnan(pixel).any(axis=1)
     if lost.any():
         u, v = pixel[lost][0]

@@ -71,7 +71,7 @@ def agreeing_observations(
             rest.photograph,
             camera_of,
             rest.pixel,
-            ideal_observations(cameras, camera_of, rest),
+            ideal_observations(cameras, camera_of, rest, draft=True),
             TWO_RAY_ALLOWANCE * limit_px[~good[tie.point]],
             problem.tie.model,
             state.parameters,

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from photogram.camera import Camera, Pose, image_plane, project_point
+from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan, project_point
 from photogram.survey import FloatArray, IntArray, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
@@ -36,14 +36,22 @@ def intersect_linear(projection: FloatArray, ideal: FloatArray) -> FloatArray:
     return np.asarray(solution[:, :3] / solution[:, 3:])
 
 
-def ideal_observations(cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints) -> FloatArray:
+def ideal_observations(
+    cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints, *, draft: bool = False
+) -> FloatArray:
     """Return the ideal image-plane coordinates (N, 2) of all observations; ``camera_of`` (photographs,) names their
-    cameras."""
+    cameras.
+
+    Where the distortion of a ``draft`` of the cameras cannot be undone they are those of a pinhole: reprojection will
+    judge. Raises ImageError where that of other cameras cannot.
+    """
     ideal = np.empty_like(tie_points.pixel)
     camera = camera_of[tie_points.photograph]
     for index in np.unique(camera):
         mask = camera == index
-        ideal[mask] = image_plane(cameras[index], tie_points.pixel[mask])
+        ideal[mask] = (image_plane_or_nan if draft else image_plane)(cameras[index], tie_points.pixel[mask])
+        lost = mask & np.isnan(ideal).any(axis=1)
+        ideal[lost] = (tie_points.pixel[lost] - cameras[index].principal_point_px) / cameras[index].focal_px
     return ideal
 
 
