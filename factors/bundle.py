@@ -19,28 +19,28 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
-from photogram.factors.damping import Damping
 from photogram.factors.elimination import (
     CHUNKS,
-    LOSSES,
     MANY_OBSERVATIONS,
-    NO_LOSS,
     Cameras,
-    Loss,
     Points,
     Rays,
     eliminate,
     first_observations,
     lay_out,
+    observation_cost,
     substitute,
 )
-from photogram.factors.graph import RobustLoss, State
+from photogram.factors.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
+from photogram.factors.loss import NO_LOSS, Loss, RobustLoss, steering
 from photogram.factors.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
 from photogram.factors.reprojection import Observations, calibration_scale
+from photogram.factors.solvers import SOLVERS, Solver, SolverName
+from photogram.factors.state import State
 from photogram.survey import FloatArray
 
 
-class SingularPointError(ArithmeticError):
+class SingularPointError(Singular):
     """A point's own normal equations are singular; ``kind`` is "tie" or "control"."""
 
     def __init__(self, kind: str, point: int) -> None:
@@ -70,34 +70,26 @@ class Bundle:
 
     def eliminated(
         self, state: State, terms: Terms, damping: float, pool: ThreadPoolExecutor | None
-    ) -> tuple[NormalEquations, float]:
-        """Return the reduced normal equations and the cost of the observations, infinite behind a camera.
-
-        Raises SingularPointError where the rays of a point are parallel.
-        """
+    ) -> NormalEquations:
+        """Return the reduced normal equations. Raises SingularPointError where the rays of a point are parallel."""
         normal = NormalEquations.zero(self.layout)
         cameras = Cameras(state.parameters, state.rotation, state.position)
-        tie, lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
+        lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
         if lost >= 0:
             raise SingularPointError("tie", lost)
-        marks, lost = eliminate(
-            self.marks, cameras, Points(state.control, terms.control_prior), normal, NO_LOSS, damping
-        )
+        control = Points(state.control, terms.control_prior)
+        lost = eliminate(self.marks, cameras, control, normal, NO_LOSS, damping)
         if lost >= 0:
             raise SingularPointError("control", lost)
         terms.add_to(normal)
-        return normal, tie + marks
+        return normal
 
-
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Where Levenberg–Marquardt stopped; the cost is infinite when it could not start because points lie behind
-    photographs."""
-
-    state: State
-    cost: float
-    iterations: int
-    converged: bool
+    def cost(self, state: State, pool: ThreadPoolExecutor | None = None) -> float:
+        """Return half the sum of squared whitened residuals, those of tie points under the loss."""
+        cameras = Cameras(state.parameters, state.rotation, state.position)
+        tie = observation_cost(self.tie, cameras, state.tie_point, self.layout, self.loss, pool)
+        marks = observation_cost(self.marks, cameras, state.control, self.layout, NO_LOSS)
+        return tie + marks + self.ground.cost(state)
 
 
 @cache
@@ -112,11 +104,12 @@ def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
     Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it, and sum in an order that
     depends on the number of cores.
     """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with _blas().limit(limits=1, user_api="blas"):
-        if observations < MANY_OBSERVATIONS:
+        if observations < MANY_OBSERVATIONS or cores == 1:
             yield None
             return
-        with ThreadPoolExecutor(min(CHUNKS, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(CHUNKS, cores)) as pool:
             yield pool
 
 
@@ -138,37 +131,35 @@ def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) 
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
-    """The end of a damped step, and the decrease of the cost that the linear model predicts."""
+class _System:
+    """A bundle as Levenberg–Marquardt sees it, its work shared by the threads of ``pool``."""
 
-    state: State
-    cost: float
-    predicted: float
+    bundle: Bundle
+    solve: Solver
+    pool: ThreadPoolExecutor | None
 
+    def cost(self, state: State) -> float:
+        return self.bundle.cost(state, self.pool)
 
-def _try_step(
-    bundle: Bundle,
-    state: State,
-    terms: Terms,
-    normal: NormalEquations,
-    damping: float,
-    pool: ThreadPoolExecutor | None,
-) -> _Trial:
-    poses, border = normal.factor(damping).solve(normal.g, normal.h)
-    moved = _moved(bundle, state, poses, border)
-    old = Cameras(state.parameters, state.rotation, state.position)
-    new = Cameras(moved.parameters, moved.rotation, moved.position)
-    step, layout = (poses, border), bundle.layout
-    ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
-    moved_ties, saved, cost = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
-    moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
-    damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
-    known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
-    moved = replace(moved, tie_point=moved_ties, control=moved_control)
-    cost += marks
-    if np.isfinite(cost):
-        cost += bundle.ground.cost(moved)
-    return _Trial(moved, cost, saved + more + 0.5 * (damped + known))
+    def linearise(self, state: State) -> Callable[[float], Trial]:
+        terms = self.bundle.ground.linearise(state)
+        return lambda damping: self._step(state, terms, damping)
+
+    def _step(self, state: State, terms: Terms, damping: float) -> Trial:
+        bundle, pool = self.bundle, self.pool
+        normal = bundle.eliminated(state, terms, damping, pool)
+        poses, border = self.solve(normal, damping)
+        moved = _moved(bundle, state, poses, border)
+        old = Cameras(state.parameters, state.rotation, state.position)
+        new = Cameras(moved.parameters, moved.rotation, moved.position)
+        step, layout = (poses, border), bundle.layout
+        ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
+        moved_ties, saved, tie = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
+        moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
+        damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
+        known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
+        moved = replace(moved, tie_point=moved_ties, control=moved_control)
+        return Trial(moved, tie + marks + bundle.ground.cost(moved), saved + more + 0.5 * (damped + known))
 
 
 def minimise_bundle(
@@ -176,55 +167,17 @@ def minimise_bundle(
     state: State,
     maximum_iterations: int,
     relative_tolerance: float,
-    progress: Callable[[str], None] = lambda _: None,
+    watch: Watch = nobody,
+    solver: SolverName = "banded",
 ) -> Minimum:
-    """Minimise by Levenberg–Marquardt (Marquardt 1963) with the damping update of Nielsen (1999).
+    """Minimise by Levenberg–Marquardt, the reduced system solved by ``solver``.
 
     The same steps as those of the graph with every point a variable. Raises SingularError or SingularPointError when no
     damping makes the system solvable.
     """
     with limited_threads(len(bundle.tie)) as pool:
-        return _iterate(bundle, state, maximum_iterations, relative_tolerance, progress, pool)
-
-
-def _iterate(
-    bundle: Bundle,
-    state: State,
-    maximum_iterations: int,
-    relative_tolerance: float,
-    progress: Callable[[str], None],
-    pool: ThreadPoolExecutor | None,
-) -> Minimum:
-    damping, current = Damping(), np.inf
-    for iteration in range(1, maximum_iterations + 1):
-        terms = bundle.ground.linearise(state)
-        while True:
-            small, trial = False, None
-            try:
-                normal, cost = bundle.eliminated(state, terms, damping.value, pool)
-                current = cost + terms.cost
-                if not np.isfinite(current):
-                    return Minimum(state, current, 0, False)
-                trial = _try_step(bundle, state, terms, normal, damping.value, pool)
-            except (SingularError, SingularPointError):
-                if damping.exhausted:
-                    raise
-            if trial is not None:
-                gain = (current - trial.cost) / trial.predicted if trial.predicted > 0 else 0.0
-                small = trial.predicted <= relative_tolerance * max(current, 1e-12)
-                if gain > 0 and np.isfinite(trial.cost):
-                    break
-            if small:
-                return Minimum(state, current, iteration, True)
-            if not damping.refuse():
-                return Minimum(state, current, iteration, False)
-        saved = current - trial.cost
-        state, current = trial.state, trial.cost
-        damping.accept(gain)
-        progress(f"iteration {iteration}: cost {current:.6g}")
-        if small or saved <= relative_tolerance * max(current, 1e-12):
-            return Minimum(state, current, iteration, True)
-    return Minimum(state, current, maximum_iterations, False)
+        system = _System(bundle, SOLVERS[solver], pool)
+        return minimise(system, state, maximum_iterations, relative_tolerance, watch)
 
 
 # ---- blocks in a free gauge ------------------------------------------------------------------------------------------
@@ -282,6 +235,8 @@ def adjust_bundle(
     threshold: float = 3.0,
     maximum_iterations: int = 20,
     relative_tolerance: float = 1e-6,
+    watch: Watch = nobody,
+    solver: SolverName = "banded",
 ) -> BundleState:
     """Adjust poses, points and free calibration parameters of a block from image observations alone.
 
@@ -304,14 +259,14 @@ def adjust_bundle(
         lay_out(observations, index, layout),
         lay_out(none, np.zeros(0, np.int64), layout),
         _CalibrationPrior(layout, prior_parameters, prior_sigma),
-        Loss(LOSSES[loss], threshold),
+        steering(loss, threshold),
     )
     start = State(
         np.ascontiguousarray(state.rotation), np.ascontiguousarray(state.position), state.parameters, state.point,
         np.zeros((0, 3)), np.zeros((0, 3)),
     )  # fmt: skip
     try:
-        found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance)
+        found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance, watch, solver)
     except (SingularError, SingularPointError):
         return replace(state, converged=False)
     s = found.state

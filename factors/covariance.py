@@ -7,16 +7,18 @@ within the band of A is computed, where all photographs that share a point are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from photogram.factors.bundle import limited_threads
-from photogram.factors.elimination import NO_LOSS, Cameras, Points, point_covariances
-from photogram.factors.graph import IndeterminateError, Problem, State
+from photogram.factors.elimination import Cameras, Points, point_covariances
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import bundle_of, eliminated, variable_at
+from photogram.factors.loss import NO_LOSS, weighing
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
+from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
 
@@ -152,7 +154,8 @@ def covariances(problem: Problem, state: State) -> Covariances:
     Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
     photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
     """
-    bundle = bundle_of(problem, state)
+    loss = weighing(problem.robust_loss, problem.robust_threshold)
+    bundle = replace(bundle_of(problem, state), loss=loss)
     layout, m = bundle.layout, bundle.layout.columns
     with limited_threads(len(bundle.tie)) as pool:
         terms = bundle.ground.linearise(state)

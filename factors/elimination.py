@@ -18,14 +18,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from photogram.factors.kernels import accumulate, covariances_of_points, substitute_points
+from photogram.factors.kernels import accumulate, cost_of_points, covariances_of_points, substitute_points
+from photogram.factors.loss import Loss
 from photogram.factors.reduced import Layout, NormalEquations
 from photogram.factors.reprojection import Observations
 from photogram.survey import FloatArray, IntArray
 
 MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
 CHUNKS = 4
-LOSSES = {"none": 0, "huber": 1, "cauchy": 2}
 T = TypeVar("T")
 
 
@@ -37,17 +37,6 @@ class Cameras:
     parameters: FloatArray
     rotation: FloatArray
     position: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Loss:
-    """The loss of the observations: ``kind`` of LOSSES, ``threshold`` in sigmas."""
-
-    kind: int
-    threshold: float
-
-
-NO_LOSS = Loss(0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,32 +123,53 @@ def eliminate(
     loss: Loss,
     damping: float,
     pool: ThreadPoolExecutor | None = None,
-) -> tuple[float, int]:
+) -> int:
     """Add the reduced information of all points to the normal equations, in place.
 
-    The points' own diagonal is scaled by 1 + ``damping`` (Marquardt 1963). Returns their cost, infinite when a point
-    lies behind a camera, and the first point that cannot be intersected, −1 when all can.
+    The points' own diagonal is scaled by 1 + ``damping`` (Marquardt 1963). Returns the first point
+    that cannot be intersected, −1 when all can.
     """
     layout, whole = normal.layout, len(rays.chunks) == 1
     q, pose = _packed(cameras, layout)
 
-    def work(begin: int, end: int) -> tuple[float, int, int, NormalEquations]:
+    def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
         origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
         part = normal if whole else normal.part(origin, last)
-        cost, failed = accumulate(
+        failed = accumulate(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, damping, points.prior, origin, layout.stride,
-            part.A, part.Q.reshape(-1), part.H,
+            layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, origin,
+            layout.stride, part.A, part.Q.reshape(-1), part.H,
         )  # fmt: skip
-        return cost, failed, origin, part
+        return int(failed), origin, part
 
-    total, worst = 0.0, -1
-    for cost, failed, origin, part in in_chunks(work, rays, pool):
+    worst = -1
+    for failed, origin, part in in_chunks(work, rays, pool):
         if not whole:
             normal.add(part, origin)
-        total += cost
         worst = failed if worst < 0 else worst
-    return total, worst
+    return worst
+
+
+def observation_cost(
+    rays: Rays,
+    cameras: Cameras,
+    position: FloatArray,
+    layout: Layout,
+    loss: Loss,
+    pool: ThreadPoolExecutor | None = None,
+) -> float:
+    """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
+    q, pose = _packed(cameras, layout)
+
+    def work(begin: int, end: int) -> float:
+        return float(
+            cost_of_points(
+                begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, position, loss.kind,
+                loss.threshold,
+            )
+        )  # fmt: skip
+
+    return sum(in_chunks(work, rays, pool))
 
 
 def _span(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
@@ -193,7 +203,8 @@ def substitute(
     def work(begin: int, end: int) -> tuple[float, float]:
         found: tuple[float, float] = substitute_points(
             begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            layout.camera_column, loss.kind, loss.threshold, damping, points.prior, *step, moved_q, moved_pose, result,
+            layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, *step,
+            moved_q, moved_pose, result,
         )  # fmt: skip
         return found
 
@@ -227,7 +238,7 @@ def point_covariances(
         return int(
             covariances_of_points(
                 begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-                layout.camera_column, loss.kind, loss.threshold, points.prior, layout.stride,
+                layout.camera_column, loss.kind, loss.threshold, loss.least_curvature, points.prior, layout.stride,
                 inverse, own, turned, border, result,
             )
         )  # fmt: skip

@@ -9,7 +9,6 @@ observations are linearised together by one compiled kernel.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import gtsam
 import numpy as np
@@ -19,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.ground_control import surveyed_position
+from photogram.factors.kernels import BEHIND_PX
+from photogram.factors.loss import RobustLoss, robust_terms, steer
 from photogram.factors.reprojection import (
     Linearisation,
     Observations,
@@ -27,6 +28,7 @@ from photogram.factors.reprojection import (
     reprojection_factors,
     residuals,
 )
+from photogram.factors.state import State
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -39,8 +41,6 @@ from photogram.factors.variables import (
 )
 from photogram.survey import Block, FloatArray, IntArray
 
-RobustLoss = Literal["none", "huber", "cauchy"]
-
 
 class IndeterminateError(ArithmeticError):
     """The linear system has no unique solution; ``variable`` is the kind and index that GTSAM names, None when it
@@ -49,19 +49,6 @@ class IndeterminateError(ArithmeticError):
     def __init__(self, variable: tuple[str, int] | None) -> None:
         super().__init__("the linear system has no unique solution")
         self.variable = variable
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters``
-    (cameras, 8), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world frame, m."""
-
-    rotation: FloatArray
-    position: FloatArray
-    parameters: FloatArray
-    tie_point: FloatArray
-    control: FloatArray
-    offset: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,23 +81,6 @@ class Problem:
     def with_tie_observations(self, tie: Observations) -> Problem:
         """Return the same problem with other observations of tie points."""
         return replace(self, tie=tie)
-
-
-def robust_cost_and_weight(whitened: FloatArray, loss: RobustLoss, threshold: float) -> tuple[FloatArray, FloatArray]:
-    """Return cost ρ (N,) and weight (N,) of whitened residuals (N, 2), applied to their norm s.
-
-    Huber (1964): ρ = s² or 2ks − k², w = min(1, k/s). Cauchy: ρ = k² ln(1 + s²/k²), w = 1/(1 + s²/k²).
-    """
-    square = np.einsum("ij,ij->i", whitened, whitened)
-    if loss == "none":
-        return square, np.ones_like(square)
-    if loss == "cauchy":
-        ratio = square / threshold**2
-        return threshold**2 * np.log1p(ratio), 1.0 / (1.0 + ratio)
-    norm = np.sqrt(square)
-    outer = norm > threshold
-    cost = np.where(outer, 2.0 * threshold * norm - threshold**2, square)
-    return cost, np.where(outer, threshold / np.maximum(norm, threshold), 1.0)
 
 
 def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
@@ -157,9 +127,11 @@ def cost(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> f
     """Return half the sum of squared whitened residuals, those of tie points under the robust loss."""
     tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
     marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
-    if not (np.isfinite(tie).all() and np.isfinite(marks).all()):
-        return float("inf")
-    robust, _ = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
+    tie, marks = (
+        np.where(np.isfinite(whitened), whitened, [BEHIND_PX, 0.0] / o.sigma_px[:, None])
+        for whitened, o in ((tie, problem.tie), (marks, problem.marks))
+    )
+    robust, _, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
     return 0.5 * float(robust.sum() + np.sum(marks**2)) + float(graph.error(ground_values(problem, state)))
 
 
@@ -182,23 +154,13 @@ class LinearSystem:
     variables: tuple[int, ...]
 
 
-def _weighted(linear: Linearisation, weight: FloatArray) -> Linearisation:
-    root = np.sqrt(weight)[:, None]
-    return Linearisation(
-        linear.residual * root,
-        linear.pose * root[:, None],
-        linear.calibration * root[:, None],
-        linear.point * root[:, None],
-    )
-
-
 def linearise_tie_points(problem: Problem, state: State) -> Linearisation:
-    """Return the residuals and Jacobians of the tie points' observations, robust weights applied, calibration in its
+    """Return the residuals and Jacobians of the tie points' observations under the robust loss, calibration in its
     units."""
     linear = linearise(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
-    _, weight = robust_cost_and_weight(linear.residual, problem.robust_loss, problem.robust_threshold)
-    weighted = _weighted(linear, weight)
-    return replace(weighted, calibration=weighted.calibration * problem.scale[problem.tie.camera][:, None, :])
+    turn, residual = steer(linear.residual, problem.robust_loss, problem.robust_threshold)
+    calibration = turn @ linear.calibration * problem.scale[problem.tie.camera][:, None, :]
+    return Linearisation(residual, turn @ linear.pose, calibration, turn @ linear.point)
 
 
 def linearise_ground(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> gtsam.GaussianFactorGraph:

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.factors.bundle import Bundle, SingularPointError
-from photogram.factors.elimination import LOSSES, Loss, first_observations, lay_out
-from photogram.factors.graph import IndeterminateError, Problem, State, ground_graph, ground_values
+from photogram.factors.elimination import first_observations, lay_out
+from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
+from photogram.factors.loss import steering
 from photogram.factors.reduced import Layout, NormalEquations, Terms, make_layout
+from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, kind_and_index
 from photogram.survey import IntArray
 
@@ -116,7 +118,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         lay_out(problem.tie, index, layout),
         lay_out(problem.marks, control, layout),
         GroundTerms(problem, layout),
-        Loss(LOSSES[problem.robust_loss], problem.robust_threshold),
+        steering(problem.robust_loss, problem.robust_threshold),
     )
 
 
@@ -126,7 +128,7 @@ def eliminated(bundle: Bundle, state: State, terms: Terms, pool: ThreadPoolExecu
     Raises IndeterminateError naming the point that its rays cannot fix.
     """
     try:
-        return bundle.eliminated(state, terms, 0.0, pool)[0]
+        return bundle.eliminated(state, terms, 0.0, pool)
     except SingularPointError as fault:
         raise indeterminate_point(fault) from fault
 

@@ -9,6 +9,9 @@ elimination (36–41), the right-hand side (42–47), then six for every border 
 units of their parameters (cameras, 16), poses as rotation, row by row, and position (photographs, 12), measurements as
 u, v and 1 / sigma, rays as photograph and camera.
 
+A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing: points may start there, and
+a step that brings them in front is a gain, one that takes them back a loss.
+
 Small arrays are read into scalars before anything is written, so that nothing need be read again, and addresses into
 large ones are unsigned, so that none is tested for being negative.
 """
@@ -20,19 +23,20 @@ from numba import njit
 
 from photogram.survey import FloatArray, IntArray
 
+BEHIND_PX = 1e4  # no residual within a photograph is as large
 Six = tuple[float, float, float, float, float, float]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
-def robust(square: float, loss: int, threshold: float) -> tuple[float, float]:
-    """Cost ρ and weight of a squared whitened norm, as graph.robust_cost_and_weight."""
+def robust(square: float, loss: int, threshold: float) -> tuple[float, float, float]:
+    """Cost ρ, weight ρ' and radial curvature 1 + 2 s ρ''/ρ' of a squared whitened norm s, as loss.robust_terms."""
     if loss == 1 and square > threshold * threshold:
         norm = np.sqrt(square)
-        return 2.0 * threshold * norm - threshold * threshold, threshold / norm
+        return 2.0 * threshold * norm - threshold * threshold, threshold / norm, 0.0
     if loss == 2:
         ratio = square / (threshold * threshold)
-        return threshold * threshold * np.log1p(ratio), 1.0 / (1.0 + ratio)
-    return square, 1.0
+        return threshold * threshold * np.log1p(ratio), 1.0 / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio)
+    return square, 1.0, 1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -54,14 +58,14 @@ def calibration_rows(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def linearise_point(
     begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
-    number: int, loss: int, threshold: float, J: FloatArray, V: FloatArray,
-) -> float:  # fmt: skip
+    number: int, loss: int, threshold: float, least: float, J: FloatArray, V: FloatArray,
+) -> None:  # fmt: skip
     """Fill the work rows of a point's rays, and add to V: its normal matrix 0–8 and right-hand side 9–11.
 
-    Returns its cost, infinite behind a camera. The derivatives are those of camera.project_point_jacobians, written out
-    and multiplied by the root of the weight.
+    The derivatives are those of camera.project_point_jacobians, written out
+    and multiplied by √ρ' (I − (1 − √c) n nᵀ), with the direction n of the residual and its radial curvature c, which is
+    at least ``least`` (photogram.factors.loss).
     """
-    cost = 0.0
     v00, v10, v11, v20, v21, v22 = V[0], V[3], V[4], V[6], V[7], V[8]
     b0, b1, b2 = V[9], V[10], V[11]
     for i in range(begin, end):
@@ -71,7 +75,8 @@ def linearise_point(
         a20, a21, a22 = pose[p, 6], pose[p, 7], pose[p, 8]
         px, py, pz = a00 * dx + a10 * dy + a20 * dz, a01 * dx + a11 * dy + a21 * dz, a02 * dx + a12 * dy + a22 * dz
         if not pz > 0.0:
-            return np.inf
+            J[o], J[o + 1] = 0.0, 0.0
+            continue
         f, k1, k2, k3, p1, p2 = q[c, 0], q[c, 3], q[c, 4], q[c, 5], q[c, 6], q[c, 7]
         near = 1.0 / pz
         x, y = px * near, py * near
@@ -84,14 +89,17 @@ def linearise_point(
         yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
         s = measured[i, 2]
         r0, r1 = s * (f * xd + q[c, 1] - measured[i, 0]), s * (f * yd + q[c, 2] - measured[i, 1])
-        value, weight = robust(r0 * r0 + r1 * r1, loss, threshold)
-        cost += value
+        _, weight, bend = robust(r0 * r0 + r1 * r1, loss, threshold)
+        along, n0, n1 = 0.0, 0.0, 0.0
         if weight != 1.0:
-            root = np.sqrt(weight)
-            s, r0, r1 = s * root, r0 * root, r1 * root
+            root, norm, curvature = np.sqrt(weight), np.sqrt(r0 * r0 + r1 * r1), np.sqrt(max(bend, least))
+            along, n0, n1 = 1.0 - curvature, r0 / norm, r1 / norm
+            s, r0, r1 = s * root, r0 * root / curvature, r1 * root / curvature
         w = s * f * near
-        g0, g1, h1 = w * xx, w * xy, w * yy
-        h0 = g1
+        g0, g1, h0, h1 = w * xx, w * xy, w * xy, w * yy
+        if along != 0.0:
+            t0, t1 = along * (n0 * g0 + n1 * h0), along * (n0 * g1 + n1 * h1)
+            g0, g1, h0, h1 = g0 - n0 * t0, g1 - n0 * t1, h0 - n1 * t0, h1 - n1 * t1
         g2, h2 = -(g0 * x + g1 * y), -(h0 * x + h1 * y)
         J[o, 0], J[o, 1], J[o, 2] = g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px
         J[o, 3], J[o, 4], J[o, 5], J[o, 17] = -g0, -g1, -g2, r0
@@ -110,9 +118,13 @@ def linearise_point(
         b1 -= u1 * r0 + w1 * r1
         b2 -= u2 * r0 + w2 * r1
         calibration_rows(o, c, s, x, y, xd, yd, q, J)
+        if along != 0.0:
+            for k in range(6, 14):
+                t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
+                J[o, k] -= n0 * t0
+                J[o + 1, k] -= n1 * t0
     V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
     V[9], V[10], V[11] = b0, b1, b2
-    return 0.5 * cost
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -120,14 +132,15 @@ def point_cost(
     begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
     number: int, loss: int, threshold: float,
 ) -> float:  # fmt: skip
-    """Return the cost of a point's rays, infinite behind a camera."""
+    """Return the cost of a point's rays."""
     cost = 0.0
     for i in range(begin, end):
         p, c = seen[i, 0], seen[i, 1]
         dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
         pz = pose[p, 2] * dx + pose[p, 5] * dy + pose[p, 8] * dz
         if not pz > 0.0:
-            return np.inf
+            cost += robust((measured[i, 2] * BEHIND_PX) ** 2, loss, threshold)[0]
+            continue
         near = 1.0 / pz
         x = near * (pose[p, 0] * dx + pose[p, 3] * dy + pose[p, 6] * dz)
         y = near * (pose[p, 1] * dx + pose[p, 4] * dy + pose[p, 7] * dz)
@@ -301,11 +314,12 @@ def add_border(
 def accumulate(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
     pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
-    damping: float, prior: FloatArray, origin: int, stride: int, A: FloatArray, Q: FloatArray, H: FloatArray,
-) -> tuple[float, int]:  # fmt: skip
+    least: float, damping: float, prior: FloatArray, origin: int, stride: int, A: FloatArray, Q: FloatArray,
+    H: FloatArray,
+) -> int:  # fmt: skip
     """Add the points of a range to A, from photograph ``origin`` of the band on, Q and H.
 
-    Returns their cost and the first point that cannot be eliminated, −1 when all can.
+    Returns the first point that cannot be eliminated, −1 when all can.
     """
     longest = 1
     for p in range(begin, end):
@@ -313,17 +327,15 @@ def accumulate(
     J, V, M, y = np.zeros((2 * longest, 21)), np.zeros(12), np.zeros(6), np.zeros(3)
     place, own = np.zeros(longest, np.int64), np.zeros(longest, np.int64)
     start, Yc = np.zeros(len(q), np.int64), np.zeros((len(q), 24))
-    share, cost = 48 + 6 * H.shape[1], 0.0
+    share = 48 + 6 * H.shape[1]
     for p in range(begin, end):
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
-        cost += linearise_point(
-            first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, J, V
-        )  # fmt: skip
-        if cost == np.inf:
-            return cost, -1
+        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, least, J, V)
+        if V[0] + V[4] + V[8] == 0.0:  # behind all of its cameras
+            continue
         if not inverse_factor(V, damping, M):
-            return cost, index[p]
+            return int(index[p])
         y[0], y[1] = M[0] * V[9], M[1] * V[9] + M[2] * V[10]
         y[2] = M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
         count = first[p + 1] - first[p]
@@ -334,14 +346,26 @@ def accumulate(
             if place[o] >= 0:
                 add_pose(place[o] * share, 2 * o, own[o], slots, start, J, y, Yc, Q)
         subtract_pairs(count, place, J, A, stride, origin)
-    return cost, -1
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def cost_of_points(
+    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
+    pose: FloatArray, X: FloatArray, loss: int, threshold: float,
+) -> float:  # fmt: skip
+    """Return the cost of the points of a range."""
+    cost = 0.0
+    for p in range(begin, end):
+        cost += point_cost(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold)
+    return cost
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def substitute_points(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
     pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
-    damping: float, prior: FloatArray, step: FloatArray, border_step: FloatArray,
+    least: float, damping: float, prior: FloatArray, step: FloatArray, border_step: FloatArray,
     moved_q: FloatArray, moved_pose: FloatArray, moved_X: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
     """Fill the points moved by their part of the step; returns their share of the decrease that the linear model
@@ -355,8 +379,9 @@ def substitute_points(
         number = index[p]
         for k in range(12):
             V[k] = prior[number, k] if len(prior) else 0.0
-        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, number, loss, threshold, J, V)
-        inverse_factor(V, damping, M)
+        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, number, loss, threshold, least, J, V)
+        if not inverse_factor(V, damping, M):  # behind all of its cameras
+            M[:] = 0.0
         t0, t1, t2 = V[9], V[10], V[11]
         for i in range(first[p], first[p + 1]):
             c, at, column = 2 * (i - first[p]), 6 * place_of[seen[i, 0]], column_of[seen[i, 1]]
@@ -440,8 +465,8 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
     pose: FloatArray, X: FloatArray, place_of: IntArray, column_of: IntArray, loss: int, threshold: float,
-    prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray, border: FloatArray,
-    result: FloatArray,
+    least: float, prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray,
+    border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
     """Fill the covariances (P, 3, 3) of a range of points; returns the first that is singular, −1 when none is.
 
@@ -455,7 +480,7 @@ def covariances_of_points(
     for p in range(begin, end):
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
-        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, J, V)
+        linearise_point(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold, least, J, V)
         if not inverse_factor(V, 0.0, M):
             return int(index[p])
         # In the coordinates L⁻¹ of the point every Jacobian on it is Z.

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
-import numpy as np
+import gtsam
 
-from photogram.factors.bundle import Minimum, SingularPointError, minimise_bundle
-from photogram.factors.damping import Damping
+from photogram.factors.bundle import SingularPointError, minimise_bundle
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
-    State,
     cost,
     damped_step,
     ground_graph,
@@ -19,57 +18,58 @@ from photogram.factors.graph import (
     retract,
 )
 from photogram.factors.ground_terms import bundle_of, indeterminate_point, variable_at
+from photogram.factors.levenberg_marquardt import Minimum, Trial, Watch, minimise
 from photogram.factors.reduced import SingularError
+from photogram.factors.solvers import SolverName
+from photogram.factors.state import State
 
-Progress = Callable[[str], None]
+
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """A problem as Levenberg–Marquardt sees it, every step solved by GTSAM."""
+
+    problem: Problem
+    ground: gtsam.NonlinearFactorGraph
+
+    def cost(self, state: State) -> float:
+        return cost(self.problem, self.ground, state)
+
+    def linearise(self, state: State) -> Callable[[float], Trial]:
+        system = linearise_all(self.problem, self.ground, state)
+
+        def step(damping: float) -> Trial:
+            found = damped_step(system, damping)
+            moved = retract(self.problem, state, found)
+            return Trial(moved, self.cost(moved), found.predicted_decrease)
+
+        return step
 
 
 def minimise_graph(
-    problem: Problem, state: State, maximum_iterations: int, relative_tolerance: float, progress: Progress
+    problem: Problem, state: State, maximum_iterations: int, relative_tolerance: float, watch: Watch
 ) -> Minimum:
-    """Minimise by Levenberg–Marquardt (Marquardt 1963) with the damping update of Nielsen (1999), every step solved by
-    GTSAM.
+    """Minimise with every point a variable of GTSAM's graph.
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
-    graph = ground_graph(problem)
-    current = cost(problem, graph, state)
-    if not np.isfinite(current):
-        return Minimum(state, current, 0, False)
-    damping = Damping()
-    for iteration in range(1, maximum_iterations + 1):
-        system = linearise_all(problem, graph, state)
-        while True:
-            step = damped_step(system, damping.value)
-            candidate = retract(problem, state, step)
-            value = cost(problem, graph, candidate)
-            gain = (current - value) / step.predicted_decrease if step.predicted_decrease > 0 else 0.0
-            small = step.predicted_decrease <= relative_tolerance * max(current, 1e-12)
-            if gain > 0 and np.isfinite(value):
-                break
-            if small:
-                return Minimum(state, current, iteration, True)
-            if not damping.refuse():
-                return Minimum(state, current, iteration, False)
-        saved = current - value
-        state, current = candidate, value
-        damping.accept(gain)
-        progress(f"iteration {iteration}: cost {current:.6g}")
-        if small or saved <= relative_tolerance * max(current, 1e-12):
-            return Minimum(state, current, iteration, True)
-    return Minimum(state, current, maximum_iterations, False)
+    return minimise(_Graph(problem, ground_graph(problem)), state, maximum_iterations, relative_tolerance, watch)
 
 
 def minimise_problem(
-    problem: Problem, state: State, maximum_iterations: int, relative_tolerance: float, progress: Progress
+    problem: Problem,
+    state: State,
+    maximum_iterations: int,
+    relative_tolerance: float,
+    watch: Watch,
+    solver: SolverName = "banded",
 ) -> Minimum:
-    """Minimise with all points eliminated.
+    """Minimise with all points eliminated, the reduced system solved by ``solver``.
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
     bundle = bundle_of(problem, state)
     try:
-        return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, progress)
+        return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, watch, solver)
     except SingularError as fault:
         raise IndeterminateError(variable_at(bundle.layout, fault.column)) from fault
     except SingularPointError as fault:

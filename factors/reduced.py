@@ -22,13 +22,14 @@ from scipy.linalg import blas, lapack
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from photogram.factors.levenberg_marquardt import Singular
 from photogram.survey import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
 PANEL = 48  # columns of the inverse computed together
 
 
-class SingularError(ArithmeticError):
+class SingularError(Singular):
     """A matrix is not positive definite at ``column`` of the reduced system."""
 
     def __init__(self, column: int) -> None:
@@ -222,6 +223,21 @@ class NormalEquations:
         """Return the diagonal (6 free + border,) of the reduced system."""
         return np.concatenate([np.einsum("naa->na", self.U).ravel(), np.diag(self.E)])
 
+    def damped_poses(self, damping: float) -> FloatArray:
+        """Return the poses' matrix (flat) with its diagonal raised by ``damping`` times D."""
+        A = self.A.copy()
+        _fill_diagonal(A, self.U, self.layout.stride)
+        A[np.arange(self.layout.columns) * (self.layout.stride + 1)] += damping * self.D
+        return A
+
+    def damped_border(self, damping: float) -> FloatArray:
+        """Return the border's matrix, its diagonal raised by ``damping`` times F, 1 for parameters that are held."""
+        E = self.E
+        E[np.diag_indices(len(E))] += damping * self.F
+        fixed = np.flatnonzero(self.layout.fixed)
+        E[fixed, fixed] = 1.0
+        return E
+
     def factor(self, damping: float = 0.0, scale: FloatArray | None = None, shift: float = 0.0) -> Factor:
         """Factor the system: its diagonal raised by ``damping`` times D and F; or, with ``scale`` (6 free + border,),
         its rows and columns divided by it; then ``shift`` added to the diagonal.
@@ -229,19 +245,14 @@ class NormalEquations:
         Raises SingularError where it is not positive definite.
         """
         layout, m = self.layout, self.layout.columns
-        A, B, E = self.A.copy(), self.B, self.E
-        _fill_diagonal(A, self.U, layout.stride)
+        A, B, E = self.damped_poses(damping), self.B, self.damped_border(damping)
         at = np.arange(m) * (layout.stride + 1)
-        A[at] += damping * self.D
-        E[np.diag_indices(len(E))] += damping * self.F
         if scale is not None:
             scale_matrix(A, scale, layout)
             B /= np.outer(scale[:m], scale[m:])
             E /= np.outer(scale[m:], scale[m:])
         A[at] += shift
         E[np.diag_indices(len(E))] += shift
-        fixed = np.flatnonzero(layout.fixed)
-        E[fixed, fixed] = 1.0
         return _factor(layout, A, B, E)
 
 

@@ -79,7 +79,7 @@ def _linearise(
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
-            residual[i] = np.inf
+            residual[i] = 0.0
         J_pose[i] /= sigma[i]
         J_camera[i] /= sigma[i]
         J_point[i] /= sigma[i]
@@ -102,7 +102,10 @@ def residuals(
 def linearise(
     observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray
 ) -> Linearisation:
-    """Return whitened residuals and analytic Jacobians of all observations; arguments as in ``residuals``."""
+    """Return whitened residuals and analytic Jacobians of all observations; arguments as in ``residuals``.
+
+    Points at or behind the projection centre pull at nothing: theirs are zero.
+    """
     o = observations
     return Linearisation(*_linearise(o.photograph, o.point, o.camera, o.pixel, o.sigma_px, parameters, R, C, X))
 

@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.camera import Pose
-from photogram.determinacy import check_determined, not_in_front, undetermined
+from photogram.determinacy import check_determined, check_in_front, undetermined
 from photogram.errors import AdjustmentError
-from photogram.factors.bundle import Minimum
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import IndeterminateError, Problem, State, ground_graph, robust_cost_and_weight
+from photogram.factors.graph import IndeterminateError, Problem, ground_graph
+from photogram.factors.levenberg_marquardt import Minimum
+from photogram.factors.loss import robust_terms
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
+from photogram.factors.state import State
 from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, noise_scale, outlier_limit_px, settled
 from photogram.registration import registered_block, with_all_photographs
@@ -43,6 +45,7 @@ class AdjustmentSettings:
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
+    solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
 
     def __post_init__(self) -> None:
         for name in ("tie_point_sigma_px", "robust_threshold", "outlier_threshold", "first_outlier_threshold_px"):
@@ -58,15 +61,19 @@ def minimise(
 ) -> Minimum:
     """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
 
-    Raises IndeterminateError when the linear system has no unique solution, AdjustmentError when points lie behind
-    photographs at the start.
+    Raises IndeterminateError when the linear system has no unique solution, AdjustmentError when points end behind
+    photographs that see them.
     """
+
+    def watch(iteration: int, cost: float) -> None:
+        progress(f"iteration {iteration}: cost {cost:.6g}")
+
+    limits = settings.maximum_iterations, settings.relative_tolerance
     if settings.engine == "reference":
-        found = minimise_graph(problem, state, settings.maximum_iterations, settings.relative_tolerance, progress)
+        found = minimise_graph(problem, state, *limits, watch)
     else:
-        found = minimise_problem(problem, state, settings.maximum_iterations, settings.relative_tolerance, progress)
-    if not np.isfinite(found.cost):
-        raise not_in_front(problem, state)
+        found = minimise_problem(problem, state, *limits, watch, settings.solver)
+    check_in_front(problem, found.state)
     return found
 
 
@@ -161,7 +168,7 @@ def sigma0_and_redundancy(problem: Problem, minimum: Minimum) -> tuple[float, in
     unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
-    robust, weight = robust_cost_and_weight(tie, problem.robust_loss, problem.robust_threshold)
+    robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
     squares = 2.0 * (minimum.cost - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from photogram.errors import AdjustmentError
-from photogram.factors.graph import IndeterminateError, Problem, State
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reprojection import residuals
+from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, WORDS
 
 
@@ -67,12 +68,14 @@ def undetermined(problem: Problem, fault: IndeterminateError) -> AdjustmentError
     return AdjustmentError(f"the adjustment has no unique solution: {_name(problem, fault.variable)}: {lacks}")
 
 
-def not_in_front(problem: Problem, state: State) -> AdjustmentError:
-    """Return the fault that names the photographs which start with a point behind them, and the marked points."""
+def check_in_front(problem: Problem, state: State) -> None:
+    """Raise AdjustmentError naming the photographs that have a point of theirs behind them, and the marked points."""
     block = problem.block
     control = block.control_points.with_role("control")
     marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
     tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    if np.isfinite(marks).all() and np.isfinite(tie).all():
+        return
     lost = ~np.isfinite(marks).all(axis=1)
     marked = [
         f"control point {control.name[g]} is marked in {block.photographs[p].name} but lies behind it"
@@ -80,7 +83,7 @@ def not_in_front(problem: Problem, state: State) -> AdjustmentError:
     ]
     photographs = np.unique(problem.tie.photograph[~np.isfinite(tie).all(axis=1)])
     seen = [f"tie points lie behind {block.photographs[p].name}" for p in photographs]
-    return AdjustmentError(
-        f"the adjustment cannot start: {'; '.join(marked + seen)}: check the marks, and the GNSS position and attitude "
-        "of these photographs"
+    raise AdjustmentError(
+        f"the adjustment turned photographs over: {'; '.join(marked + seen)}: check the marks, and the GNSS position "
+        "and attitude of these photographs"
     )

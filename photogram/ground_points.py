@@ -10,8 +10,9 @@ from photogram.camera import Camera, image_plane
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination import first_observations
-from photogram.factors.graph import Problem, State
+from photogram.factors.graph import Problem
 from photogram.factors.reprojection import Linearisation, Observations, linearise, residuals
+from photogram.factors.state import State
 from photogram.survey import Block, FloatArray
 from photogram.triangulation import consensus_intersections
 

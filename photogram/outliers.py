@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from photogram.factors.graph import Problem, State
+from photogram.factors.graph import Problem
 from photogram.factors.reprojection import residuals
+from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 

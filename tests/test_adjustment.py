@@ -15,7 +15,8 @@ from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minim
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import State, robust_cost_and_weight
+from photogram.factors.loss import robust_terms
+from photogram.factors.state import State
 from photogram.outliers import noise_scale
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
@@ -388,9 +389,9 @@ def test_weight_is_the_derivative_of_the_cost(loss: str) -> None:
     step = 1e-6
 
     def cost(s: FloatArray) -> FloatArray:
-        return robust_cost_and_weight(np.column_stack([s, np.zeros_like(s)]), loss, 3.0)[0]  # type: ignore[arg-type]
+        return robust_terms(np.column_stack([s, np.zeros_like(s)]), loss, 3.0)[0]  # type: ignore[arg-type]
 
-    _, weight = robust_cost_and_weight(np.column_stack([norm, np.zeros_like(norm)]), loss, 3.0)  # type: ignore[arg-type]
+    _, weight, _ = robust_terms(np.column_stack([norm, np.zeros_like(norm)]), loss, 3.0)  # type: ignore[arg-type]
     slope = (cost(norm + step) - cost(norm - step)) / (2.0 * step)
     np.testing.assert_allclose(weight, slope / (2.0 * norm), rtol=1e-5)
 

@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.factors.bundle import BundleState, adjust_bundle, minimise_bundle
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import Problem, State, cost, ground_graph, ground_values
+from photogram.factors.graph import Problem, cost, ground_graph, ground_values
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
 from photogram.factors.reduced import NormalEquations
 from photogram.factors.reprojection import Observations
+from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import FloatArray
@@ -260,7 +261,7 @@ def test_large_blocks_are_minimised_alike_on_any_number_of_threads(monkeypatch: 
     monkeypatch.setattr("photogram.factors.bundle.MANY_OBSERVATIONS", 100)
     results = []
     for cores in (1, 3):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        monkeypatch.setattr("os.sched_getaffinity", lambda _, cores=cores: set(range(cores)))
         results.append(minimise_bundle(bundle_of(problem, start), start, 20, 1e-9))
     assert results[0].cost == results[1].cost
     np.testing.assert_array_equal(results[0].state.tie_point, results[1].state.tie_point)

@@ -12,7 +12,6 @@ from photogram.factors.elimination import first_observations
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
-    State,
     cost,
     damped_step,
     ground_graph,
@@ -20,6 +19,7 @@ from photogram.factors.graph import (
     linearise_all,
     variable_size,
 )
+from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key, kind_and_index
 from photogram.simulation import SurveyPlan, simulate_block
 

@@ -11,25 +11,25 @@ import pytest
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors import elimination
 from photogram.factors.elimination import (
-    LOSSES,
     Cameras,
-    Loss,
     Points,
     Rays,
     eliminate,
     first_observations,
     lay_out,
+    observation_cost,
     point_covariances,
     substitute,
 )
-from photogram.factors.graph import robust_cost_and_weight
+from photogram.factors.kernels import BEHIND_PX
+from photogram.factors.loss import KINDS, Loss, robust_terms, steer, steering
 from photogram.factors.reduced import Layout, NormalEquations, SingularError, make_layout, scale_matrix
 from photogram.factors.reprojection import Observations, linearise, residuals
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=4, check_points=0)
-HUBER = Loss(LOSSES["huber"], 2.0)
+HUBER = Loss(KINDS["huber"], 2.0)
 
 
 class Case:
@@ -60,12 +60,13 @@ class Case:
         first = first_observations(self.tie.point, len(self.points.position))
         return make_layout([(first, self.tie.photograph)], self.held, self.cameras.position, unit, offsets=1)
 
-    def jacobian(self) -> tuple[FloatArray, FloatArray]:
+    def jacobian(self, loss: Loss = HUBER) -> tuple[FloatArray, FloatArray]:
         """The dense weighted Jacobian on poses, border and points, and the weighted residuals."""
         tie, layout, X = self.tie, self.layout, self.points.position
         c = self.cameras
         linear = linearise(tie, c.parameters, c.rotation, c.position, X)
-        _, weight = robust_cost_and_weight(linear.residual, "huber", HUBER.threshold)
+        kind = {number: name for name, number in KINDS.items()}[loss.kind]
+        turn, residual = steer(linear.residual, kind, loss.threshold, loss.least_curvature)
         edge = layout.columns + layout.border
         J = np.zeros((len(tie), 2, edge + 3 * len(X)))
         for i, (p, k, n) in enumerate(zip(tie.photograph, tie.camera, tie.point, strict=True)):
@@ -76,8 +77,7 @@ class Case:
             if layout.camera_column[k] >= 0:
                 J[i, :, column : column + 8] = linear.calibration[i] * layout.unit[k]
             J[i, :, edge + 3 * n : edge + 3 * n + 3] = linear.point[i]
-        root = np.sqrt(weight)[:, None]
-        return (J * root[..., None]).reshape(2 * len(tie), -1), (linear.residual * root).ravel()
+        return (turn @ J).reshape(2 * len(tie), -1), residual.ravel()
 
 
 def dense(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
@@ -105,11 +105,12 @@ def schur(H: FloatArray, g: FloatArray, edge: int) -> tuple[FloatArray, FloatArr
 
 @pytest.mark.parametrize("twice", [False, True])
 @pytest.mark.parametrize("damping", [0.0, 1e-2])
-def test_elimination_is_the_schur_complement(damping: float, twice: bool) -> None:
+@pytest.mark.parametrize("loss", [HUBER, steering("huber", 2.0), steering("cauchy", 2.0), steering("none", 1.0)])
+def test_elimination_is_the_schur_complement(loss: Loss, damping: float, twice: bool) -> None:
     case = Case(twice=twice)
     normal = NormalEquations.zero(case.layout)
-    cost, failed = eliminate(case.rays, case.cameras, case.points, normal, HUBER, damping)
-    J, r = case.jacobian()
+    failed = eliminate(case.rays, case.cameras, case.points, normal, loss, damping)
+    J, r = case.jacobian(loss)
     H, g, edge = J.T @ J, -J.T @ r, case.layout.columns + case.layout.border
     diagonal = np.diag(H).copy()
     H[np.arange(edge, len(H)), np.arange(edge, len(H))] *= 1.0 + damping
@@ -119,10 +120,35 @@ def test_elimination_is_the_schur_complement(damping: float, twice: bool) -> Non
     np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), rtol=0, atol=1e-9)
     np.testing.assert_allclose(found_right / size, right / size, rtol=0, atol=1e-7)
     np.testing.assert_allclose(np.concatenate([normal.D, normal.F]), diagonal[:edge], rtol=1e-9)
+    assert failed == -1
+
+
+def test_the_cost_is_the_sum_of_the_losses() -> None:
+    case = Case()
     c = case.cameras
     whitened = residuals(case.tie, c.parameters, c.rotation, c.position, case.points.position)
-    assert failed == -1
-    assert cost == pytest.approx(0.5 * robust_cost_and_weight(whitened, "huber", HUBER.threshold)[0].sum(), rel=1e-12)
+    cost = observation_cost(case.rays, c, case.points.position, case.layout, HUBER)
+    assert cost == pytest.approx(0.5 * robust_terms(whitened, "huber", HUBER.threshold)[0].sum(), rel=1e-12)
+
+
+def test_rays_from_behind_cost_much_and_pull_at_nothing() -> None:
+    case = Case()
+    at = case.points.position.copy()
+    at[7, 2] += 500.0  # above all photographs
+    before, after = (NormalEquations.zero(case.layout) for _ in range(2))
+    rest = case.tie.select(case.tie.point != 7)
+    others = lay_out(rest, np.delete(np.arange(60), 7), case.layout)
+    assert eliminate(case.rays, case.cameras, Points.unknown(at), before, HUBER, 1e-3) == -1
+    assert eliminate(others, case.cameras, Points.unknown(at), after, HUBER, 1e-3) == -1
+    for found, expected in ((before.A, after.A), (before.Q, after.Q), (before.H, after.H)):
+        np.testing.assert_array_equal(found, expected)
+    costs = [observation_cost(r, case.cameras, at, case.layout, HUBER) for r in (case.rays, others)]
+    rays = case.tie.point == 7
+    penalty = robust_terms(np.column_stack([BEHIND_PX / case.tie.sigma_px[rays], np.zeros(rays.sum())]), "huber", 2.0)
+    assert costs[0] - costs[1] == pytest.approx(0.5 * penalty[0].sum(), rel=1e-12)
+    step = np.zeros(case.layout.columns), np.zeros(case.layout.border)
+    moved, _, _ = substitute(case.rays, case.cameras, Points.unknown(at), case.layout, HUBER, 1e-3, step, case.cameras)
+    np.testing.assert_array_equal(moved[7], at[7])
 
 
 def test_a_step_solves_marquardts_equations_of_everything() -> None:
@@ -150,7 +176,7 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     cameras = 0.5 * damping * np.sum(np.diag(H)[:edge] * expected[:edge] ** 2)
     assert predicted + cameras == pytest.approx(saved, rel=1e-6)
     whitened = residuals(case.tie, moved.parameters, moved.rotation, moved.position, X)
-    assert cost == pytest.approx(0.5 * robust_cost_and_weight(whitened, "huber", HUBER.threshold)[0].sum(), rel=1e-12)
+    assert cost == pytest.approx(0.5 * robust_terms(whitened, "huber", HUBER.threshold)[0].sum(), rel=1e-12)
 
 
 @pytest.mark.parametrize("twice", [False, True])

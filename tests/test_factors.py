@@ -15,7 +15,6 @@ from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.graph import (
     Problem,
-    State,
     Step,
     cost,
     damped_step,
@@ -23,10 +22,10 @@ from photogram.factors.graph import (
     ground_values,
     linearise_all,
     retract,
-    robust_cost_and_weight,
     variable_size,
 )
 from photogram.factors.ground_control import surveyed_position
+from photogram.factors.loss import robust_terms, steer
 from photogram.factors.reprojection import (
     Observations,
     calibration_scale,
@@ -34,6 +33,7 @@ from photogram.factors.reprojection import (
     reprojection_factors,
     residuals,
 )
+from photogram.factors.state import State
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -45,6 +45,7 @@ from photogram.factors.variables import (
     kind_and_index,
 )
 from photogram.simulation import SurveyPlan, simulate_block
+from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 SETTINGS = AdjustmentSettings(robust_loss="none")
@@ -325,7 +326,7 @@ def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
 def test_the_weight_is_the_slope_of_the_cost(s: float, angle: float, k: float, loss: str) -> None:
     def of(square: float) -> tuple[float, float]:
         whitened = np.sqrt(square) * np.array([[np.cos(angle), np.sin(angle)]])
-        found, weight = robust_cost_and_weight(whitened, loss, k)  # type: ignore[arg-type]
+        found, weight, _ = robust_terms(whitened, loss, k)  # type: ignore[arg-type]
         return float(found[0]), float(weight[0])
 
     square, h = s * s, 1e-5 * max(1.0, s * s)
@@ -337,14 +338,43 @@ def test_the_weight_is_the_slope_of_the_cost(s: float, angle: float, k: float, l
         assert weight == pytest.approx(slope, rel=1e-5, abs=1e-9)
 
 
+@settings(max_examples=200, deadline=None)
+@given(
+    x=st.floats(-20.0, 20.0), y=st.floats(-20.0, 20.0), k=st.floats(0.5, 8.0),
+    loss=st.sampled_from(["none", "huber", "cauchy"]),
+)  # fmt: skip
+def test_steering_has_the_gradient_and_the_curvature_of_the_cost(x: float, y: float, k: float, loss: str) -> None:
+    r = np.array([x, y])
+    if np.linalg.norm(r) < 1e-3 or abs(np.linalg.norm(r) - k) < 1e-2:
+        return
+
+    def half_cost(at: FloatArray) -> float:
+        return 0.5 * float(robust_terms(at[None], loss, k)[0][0])  # type: ignore[arg-type]
+
+    turn, steered = (found[0] for found in steer(r[None], loss, k, 1e-9))  # type: ignore[arg-type]
+    h = 1e-4
+    axes = h * np.eye(2)
+    gradient = np.array([half_cost(r + e) - half_cost(r - e) for e in axes]) / (2 * h)
+    np.testing.assert_allclose(turn.T @ steered, gradient, rtol=1e-5, atol=1e-7)
+    hessian = np.array(
+        [[half_cost(r + a + b) - half_cost(r + a - b) - half_cost(r - a + b) + half_cost(r - a - b) for b in axes]
+         for a in axes]
+    ) / (4 * h * h)  # fmt: skip
+    if robust_terms(r[None], loss, k)[2][0] >= 0:  # type: ignore[arg-type]
+        np.testing.assert_allclose(turn.T @ turn, hessian, rtol=1e-4, atol=1e-5)
+    else:  # bent downwards along the residual, held flat there
+        across = np.array([-y, x]) / np.hypot(x, y)
+        np.testing.assert_allclose(across @ turn.T @ turn @ across, across @ hessian @ across, rtol=1e-4, atol=1e-5)
+
+
 def test_losses_have_the_values_of_their_formulas() -> None:
     whitened = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 2.0]])
-    squared, one = robust_cost_and_weight(whitened, "none", 1.0)
+    squared, one, _ = robust_terms(whitened, "none", 1.0)
     assert (squared.tolist(), one.tolist()) == ([0.0, 25.0, 4.0], [1.0, 1.0, 1.0])
-    huber, weight = robust_cost_and_weight(whitened, "huber", 3.0)
+    huber, weight, _ = robust_terms(whitened, "huber", 3.0)
     np.testing.assert_allclose(huber, [0.0, 2 * 3 * 5 - 9, 4.0])
     np.testing.assert_allclose(weight, [1.0, 0.6, 1.0])
-    cauchy, weight = robust_cost_and_weight(whitened, "cauchy", 2.0)
+    cauchy, weight, _ = robust_terms(whitened, "cauchy", 2.0)
     np.testing.assert_allclose(cauchy, 4 * np.log([1.0, 1 + 25 / 4, 2.0]))
     np.testing.assert_allclose(weight, [1.0, 4 / 29, 0.5])
 

@@ -1,0 +1,330 @@
+"""photogram's adjustment beside Ceres (pycolmap's bundle adjuster) on the same simulated blocks: seconds and memory.
+
+    python -m pip install "photogram[bench]"
+    python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5]                 default: 20 100 500
+
+Observations are simulated (0.5 px noise, 2 % mismatches) on 20 photographs with 10 000 tie points, 100 with 50 000 and
+500 with 200 000, about five photographs a point. Both engines minimise the same cost, image residuals under Huber's
+loss from 1.5 px on, over poses and points, once with the calibration held and once with f, k1 and k2 free, from the
+same start: projection centres off by 0.5 m, attitudes by 0.5°, points by 1 m, the focal length by 0.5 %. Every run has
+a process of its own that may use one processor or two. Ceres chooses its linear solver as pycolmap does by default.
+
+`seconds` are those, from the call on, to the first cost within 1e-5 of the least that any engine reached, the median of
+the repetitions; `iteration` is that time over the steps taken; `memory` the peak of the process above what it held
+before, block included in neither. `photogram` solves the reduced system by a banded factor, `photogram (gtsam)` by
+GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a similarity, to a
+hundredth of the GSD. What compilation costs a first run is measured apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import pickle
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from photogram.factors.bundle import BundleState, adjust_bundle
+from photogram.factors.reprojection import Observations
+from photogram.factors.solvers import SolverName
+from photogram.similarity import fit_similarity
+from photogram.simulation import simulate_block, whole_survey_plan
+
+BLOCKS = {20: (4, 5, 10_000), 100: (5, 20, 50_000), 500: (10, 50, 200_000)}
+SIGMA_PX, THRESHOLD = 0.5, 3.0
+WITHIN, AGREEMENT = 1e-5, 1e-4
+FREE = ("f", "k1", "k2")
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A block to adjust: observations, where to start, and whether f, k1 and k2 are free."""
+
+    observations: Observations
+    start: BundleState
+    size_px: tuple[int, int]
+    gsd_m: float
+    free: bool
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one engine did: seconds and cost (as photogram counts it) of every step, and the result's centres."""
+
+    seconds: list[float]
+    costs: list[float]
+    memory_gb: float
+    centres: list[list[float]]
+    focal_px: float
+
+
+def make_task(photographs: int, seed: int, *, free: bool) -> Task:
+    """Simulate a block, and where to start."""
+    strips, length, points = BLOCKS[photographs]
+    plan = replace(
+        whole_survey_plan(), strips=strips, photographs_per_strip=length, control_points=0, check_points=0
+    )  # fmt: skip
+    made = simulate_block(
+        plan, seed, tie_points=points, detection=0.6, mismatches=0.02, sigma_px=SIGMA_PX, start_position_sigma_m=0.5,
+        start_attitude_sigma_deg=0.5,
+    )  # fmt: skip
+    tie, block = made.block.tie_points, made.block
+    rng = np.random.default_rng(seed)
+    camera = made.truth.camera
+    q = camera.parameters * np.array([1.005 if free else 1.0, 1, 1, *np.ones(len(camera.parameters) - 3)])
+    q[5:] = 0.0  # Ceres' model, COLMAP's RADIAL, has f, cx, cy, k1 and k2
+    poses = [pose for pose in block.poses if pose is not None]
+    start = BundleState(
+        np.array([pose.rotation_world_from_camera for pose in poses]),
+        np.array([pose.position_world_m for pose in poses]),
+        q[None],
+        made.tie_point_position_world_m + rng.standard_normal((len(tie), 3)),
+    )
+    observations = Observations(
+        tie.photograph, tie.point, tie.pixel, tie.sigma_px, np.zeros(len(tie.photograph), np.int64)
+    )
+    return Task(observations, start, (camera.width_px, camera.height_px), plan.gsd_m, free)
+
+
+def _peak_gb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+
+
+class Clock:
+    """Seconds since the start and the cost of every step."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+        self.costs: list[float] = []
+        self._began = time.perf_counter()
+
+    def watch(self, _iteration: int, cost: float) -> None:
+        """Note a step."""
+        self.seconds.append(time.perf_counter() - self._began)
+        self.costs.append(cost)
+
+
+def photogram(task: Task, solver: SolverName) -> Run:
+    """Adjust with photogram."""
+    q = task.start.parameters
+    free = np.zeros(q.shape, dtype=bool)
+    free[:, [0, 3, 4]] = task.free
+
+    def solve(start: BundleState, observations: Observations, clock: Clock) -> BundleState:
+        return adjust_bundle(
+            observations, start, held_poses=np.zeros(len(start.position), dtype=bool), free=free,
+            prior_sigma=np.full(q.shape, np.inf), prior_parameters=q, loss="huber", threshold=THRESHOLD,
+            maximum_iterations=200, relative_tolerance=1e-7, watch=clock.watch, solver=solver,
+        )  # fmt: skip
+
+    few = task.observations.select(task.observations.point < 50)
+    solve(task.start, few, Clock())  # loads what is compiled
+    before, clock = _peak_gb(), Clock()
+    found = solve(task.start, task.observations, clock)
+    return Run(clock.seconds, clock.costs, _peak_gb() - before, found.position.tolist(), float(found.parameters[0, 0]))
+
+
+def ceres(task: Task) -> Run:
+    """Adjust with pycolmap's bundle adjuster, solved by Ceres."""
+    import pyceres
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    reconstruction = _reconstruction(task)
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in reconstruction.images:
+        config.add_image(image)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    if not task.free:
+        config.set_constant_cam_intrinsics(1)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.HUBER
+    options.ceres.loss_function_scale = THRESHOLD * SIGMA_PX
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
+    solving = options.ceres.create_solver_options(config, adjuster.problem)
+    solving.max_num_iterations, solving.function_tolerance, solving.num_threads = 200, 1e-7, _processors()
+    solving.gradient_tolerance = 0.0
+
+    class Watch(pyceres.IterationCallback):  # type: ignore[misc, name-defined]
+        def __init__(self, clock: Clock) -> None:
+            super().__init__()
+            self.clock = clock
+
+        def __call__(self, summary: pyceres.IterationSummary) -> pyceres.CallbackReturnType:  # type: ignore[name-defined]
+            if summary.iteration > 0 and summary.step_is_successful:
+                self.clock.watch(summary.iteration, summary.cost / SIGMA_PX**2)
+            return pyceres.CallbackReturnType.SolverContinue
+
+    summary, before, clock = pyceres.SolverSummary(), _peak_gb(), Clock()
+    watch = Watch(clock)
+    solving.callbacks = [watch]
+    pyceres.solve(solving, adjuster.problem, summary)
+    images = [reconstruction.images[i] for i in sorted(reconstruction.images)]
+    centres = [image.projection_center().tolist() for image in images]
+    return Run(clock.seconds, clock.costs, _peak_gb() - before, centres, float(reconstruction.cameras[1].params[0]))
+
+
+def _reconstruction(task: Task):  # type: ignore[no-untyped-def]  # noqa: ANN202 - pycolmap has no types
+    import pycolmap
+
+    o, s = task.observations, task.start
+    q, reconstruction = s.parameters[0], pycolmap.Reconstruction()
+    camera = pycolmap.Camera(
+        model="RADIAL", width=task.size_px[0], height=task.size_px[1],
+        params=[q[0], q[1] + 0.5, q[2] + 0.5, q[3], q[4]], camera_id=1,
+    )  # fmt: skip
+    reconstruction.add_camera_with_trivial_rig(camera)
+    order = np.argsort(o.photograph, kind="stable")
+    edges = np.searchsorted(o.photograph[order], np.arange(len(s.position) + 1))
+    place = np.empty(len(o), np.int64)
+    for i in range(len(s.position)):
+        rays = order[edges[i] : edges[i + 1]]
+        place[rays] = np.arange(len(rays))
+        rotation = s.rotation[i].T
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ s.position[i])
+        image = pycolmap.Image(f"{i}", o.pixel[rays] + 0.5, 1, i + 1)
+        reconstruction.add_image_with_trivial_frame(image, pose)
+    first = np.searchsorted(o.point, np.arange(len(s.point) + 1))
+    for p, position in enumerate(s.point):
+        track = pycolmap.Track()
+        for k in range(first[p], first[p + 1]):
+            track.add_element(int(o.photograph[k]) + 1, int(place[k]))
+        reconstruction.add_point3D(position, track)
+    return reconstruction
+
+
+ENGINES: dict[str, Callable[[Task], Run]] = {
+    "photogram": lambda task: photogram(task, "banded"),
+    "photogram (gtsam)": lambda task: photogram(task, "gtsam"),
+    "Ceres": ceres,
+}
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+def _work(path: str, engine: str, task_path: str, processors: int) -> None:
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
+    run = ENGINES[engine](pickle.loads(Path(task_path).read_bytes()))
+    Path(path).write_text(json.dumps(run.__dict__), encoding="utf-8")
+
+
+def _in_a_process_of_its_own(target: Callable[..., None], *arguments: object) -> None:
+    process = multiprocessing.get_context("spawn").Process(target=target, args=arguments)
+    process.start()
+    process.join()
+    if process.exitcode != 0:
+        raise SystemExit(f"{target.__name__}{arguments} ended with exit code {process.exitcode}")
+
+
+def run_engine(folder: Path, engine: str, task: Path, processors: int) -> Run:
+    """Run one engine on one task."""
+    result = folder / "run.json"
+    _in_a_process_of_its_own(_work, str(result), engine, str(task), processors)
+    return Run(**json.loads(result.read_text(encoding="utf-8")))
+
+
+def _compile(path: str, cache: str) -> None:
+    os.environ["NUMBA_CACHE_DIR"] = cache
+    _first_run(path)
+
+
+def _first_run(path: str) -> None:
+    from photogram.factors import bundle  # noqa: F401 - what the clock must not count
+
+    task = make_task(20, 1, free=True)
+    few, q = task.observations.select(task.observations.point < 50), task.start.parameters
+    began = time.perf_counter()
+    adjust_bundle(
+        few, task.start, held_poses=np.zeros(20, dtype=bool), free=np.zeros(q.shape, dtype=bool),
+        prior_sigma=np.full(q.shape, np.inf), prior_parameters=q, maximum_iterations=2,
+    )  # fmt: skip
+    Path(path).write_text(str(time.perf_counter() - began), encoding="utf-8")
+
+
+def compilation(folder: Path) -> tuple[float, float]:
+    """Return the seconds of the first adjustment of a process, without and with compiled kernels on disk."""
+    result, cache = folder / "seconds", str(folder / "cache")
+    _in_a_process_of_its_own(_compile, str(result), cache)
+    first = float(result.read_text(encoding="utf-8"))
+    _in_a_process_of_its_own(_compile, str(result), cache)
+    return first, float(result.read_text(encoding="utf-8"))
+
+
+def reached(run: Run, least: float) -> tuple[float, int]:
+    """Return the seconds and the steps to the first cost within WITHIN of ``least``."""
+    for step, (seconds, cost) in enumerate(zip(run.seconds, run.costs, strict=True), start=1):
+        if cost <= least * (1.0 + WITHIN):
+            return seconds, step
+    return float("nan"), len(run.costs)
+
+
+def check_same_answer(task: Task, runs: dict[str, Run]) -> None:
+    """End the benchmark unless all engines reached one minimum."""
+    costs = {engine: run.costs[-1] for engine, run in runs.items()}
+    if max(costs.values()) > min(costs.values()) * (1.0 + AGREEMENT):
+        raise SystemExit(f"the engines do not agree on the cost: {costs}")
+    reference = np.array(next(iter(runs.values())).centres)
+    for engine, run in runs.items():
+        found = np.array(run.centres)
+        rms = float(np.sqrt(np.mean(np.sum((fit_similarity(found, reference).points(found) - reference) ** 2, axis=1))))
+        if rms > 0.01 * task.gsd_m:
+            raise SystemExit(f"{engine}: projection centres differ by {rms:.4f} m")
+
+
+def compare(folder: Path, photographs: int, *, free: bool, repeat: int, engines: list[str]) -> None:
+    """Run all engines on one block with one processor and two, and print their rows."""
+    path = folder / "task.pickle"
+    path.write_bytes(pickle.dumps(make_task(photographs, 1, free=free)))
+    task: Task = pickle.loads(path.read_bytes())
+    for processors in (1, 2):
+        runs = {engine: [run_engine(folder, engine, path, processors) for _ in range(repeat)] for engine in engines}
+        check_same_answer(task, {engine: found[0] for engine, found in runs.items()})
+        least = min(run.costs[-1] for found in runs.values() for run in found)
+        seconds = {e: float(np.median([reached(run, least)[0] for run in found])) for e, found in runs.items()}
+        for engine, found in runs.items():
+            steps = reached(found[0], least)[1]
+            ratio = seconds["Ceres"] / seconds[engine] if "Ceres" in seconds else float("nan")
+            memory = float(np.median([run.memory_gb for run in found]))
+            print(
+                f"{photographs:11d}{len(task.observations):14d}  {'free' if free else 'held':<12}{processors:7d}  "
+                f"{engine:<18}{seconds[engine]:8.2f}{ratio:7.1f}{1e3 * seconds[engine] / steps:14.0f}{steps:7d}"
+                f"{memory:13.2f}{found[0].costs[-1]:14.2f}",
+                flush=True,
+            )
+
+
+def main() -> None:
+    """Compare all blocks and print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("photographs", nargs="*", type=int, default=list(BLOCKS), choices=list(BLOCKS))
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        first, cached = compilation(folder)
+        print(
+            f"first adjustment of a machine, compiling: {first:.1f} s; of a process, from the cache: {cached:.2f} s\n"
+        )
+        print(
+            f"{'photographs':>11}{'observations':>14}  {'calibration':<12}{'threads':>7}  {'engine':<18}{'seconds':>8}"
+            f"{'ratio':>7}{'iteration, ms':>14}{'steps':>7}{'memory, GB':>13}{'final cost':>14}"
+        )
+        for photographs in arguments.photographs:
+            for free in (False, True):
+                compare(folder, photographs, free=free, repeat=arguments.repeat, engines=arguments.engines)
+
+
+if __name__ == "__main__":
+    main()
