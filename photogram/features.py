@@ -46,6 +46,9 @@ class FeatureSettings:
 LARGE_PX = 5_000_000
 """Number of pixels from which a photograph is not doubled, unless wanted."""
 
+SMALLEST_PX = 1.8
+"""Size of the smallest key points in the picture that SIFT is given: of its first octave's, in the doubled picture."""
+
 LASTING_PX = 3.0
 """Size, in the picture that SIFT is given, up to which larger key points are found again more often."""
 
@@ -149,6 +152,18 @@ def _reduced(grey: ByteArray, factor: int) -> ByteArray:
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
+def picture_scale(pixels: int, settings: FeatureSettings, reduction: int = 1) -> int:
+    """Return by what a photograph of so many ``pixels`` is divided to make the picture that SIFT is given (and
+    doubles): ``reduction``, and twice that where the doubled picture would hold too much."""
+    large = settings.doubled == "auto" and pixels >= LARGE_PX * reduction**2
+    return 2 * reduction if large or settings.doubled == "no" else reduction
+
+
+def coarseness(pixels: int, settings: FeatureSettings, reduction: int) -> float:
+    """Return how many times coarser than without ``reduction`` the picture is in which key points are found."""
+    return picture_scale(pixels, settings, reduction) / picture_scale(pixels, settings)
+
+
 def find_features(name: str, pixels: ByteArray, settings: FeatureSettings, reduction: int = 1) -> Features:
     """Find key points in the photograph ``name`` with RGB ``pixels`` (H, W, 3), sorted by row, then column.
 
@@ -156,10 +171,8 @@ def find_features(name: str, pixels: ByteArray, settings: FeatureSettings, reduc
     the whole photograph. Raises ImageError when it shows too little texture to be matched.
     """
     grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    large = settings.doubled == "auto" and grey.size >= LARGE_PX * reduction**2
-    halved = large or settings.doubled == "no"
-    factor = 2 * reduction if halved else reduction
-    table, descriptor = _found(name, _reduced(grey, factor), settings, halved)
+    factor = picture_scale(grey.size, settings, reduction)
+    table, descriptor = _found(name, _reduced(grey, factor), settings, factor > reduction)
     place = factor * (table[:, :2] + 0.5) - 0.5
     height, width = grey.shape
     column = np.clip(np.round(place[:, 0]).astype(np.int64), 0, width - 1)

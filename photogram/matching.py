@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, undistort
-from photogram.survey import Features, IntArray, Matches, check_range
+from photogram.survey import Features, FloatArray, IntArray, Matches, check_range
 
 
 @dataclass(frozen=True)
@@ -81,22 +81,39 @@ def verified_matches(
     features: tuple[Features, Features],
     candidates: IntArray,
     settings: MatchingSettings,
+    coarseness: float = 1.0,
 ) -> NDArray[np.bool_]:
     """Return which candidates (M, 2) obey one fundamental matrix, estimated on undistorted pixels.
 
     MAGSAC++ (Barath et al. 2020) as OpenCV implements it, with its fixed seed; all False when no matrix is supported by
-    ``minimum_inliers``.
+    ``minimum_inliers``. ``coarseness`` (features.coarseness) multiplies the threshold.
     """
     rejected = np.zeros(len(candidates), dtype=bool)
     if len(candidates) < max(8, settings.minimum_inliers):
         return rejected
     first = undistort(cameras[0], features[0].pixel[candidates[:, 0]])
     second = undistort(cameras[1], features[1].pixel[candidates[:, 1]])
-    matrix, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, settings.threshold_px, 0.9999, 10000)
-    if matrix is None or mask is None:
-        return rejected
-    inlier = mask.ravel().astype(bool)
+    inlier = _on_epipolar_lines(first, second, coarseness * settings.threshold_px)
     return inlier if int(inlier.sum()) >= settings.minimum_inliers else rejected
+
+
+def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: float) -> NDArray[np.bool_]:
+    """Return which undistorted pixels (N, 2) of two photographs obey one fundamental matrix, within ``threshold_px``.
+
+    OpenCV's MAGSAC++ gives up with a failed assertion on some small sets of points that lie nearly in one plane; its
+    plain RANSAC (Fischler & Bolles 1981) takes those.
+    """
+    for method in (cv2.USAC_MAGSAC, cv2.FM_RANSAC):
+        try:
+            matrix, mask = cv2.findFundamentalMat(first, second, method, threshold_px, 0.9999, 10000)
+        except cv2.error as fault:
+            if "model.empty()" not in str(fault):
+                raise
+            continue
+        if matrix is not None and mask is not None:
+            return np.asarray(mask.ravel().astype(bool))
+        break
+    return np.zeros(len(first), dtype=bool)
 
 
 def match_pair(
@@ -104,7 +121,9 @@ def match_pair(
     cameras: tuple[Camera, Camera],
     features: tuple[Features, Features],
     settings: MatchingSettings,
+    coarseness: float = 1.0,
 ) -> tuple[Matches, NDArray[np.bool_]]:
-    """Match one pair of photographs: returns the candidates and which of them are verified."""
+    """Match one pair of photographs: returns the candidates and which of them are verified, as ``verified_matches``."""
     candidates = candidate_matches(*features, settings)
-    return Matches(pair[0], pair[1], candidates), verified_matches(cameras, features, candidates, settings)
+    verified = verified_matches(cameras, features, candidates, settings, coarseness)
+    return Matches(pair[0], pair[1], candidates), verified

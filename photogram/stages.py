@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
-from photogram.features import find_features, photographs_at_once
+from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.files.images import PhotographTags, check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
@@ -32,12 +32,13 @@ from photogram.structure import Structure
 from photogram.surface_model import surface_from_points
 from photogram.survey import (
     Features,
+    FloatArray,
     Matches,
     PointCloud,
     Raster,
     TiePoints,
 )
-from photogram.tracks import join_matches
+from photogram.tracks import join_matches, key_point_sigmas_px
 from photogram.transfer import Found, cut_patches, transfer_to, with_found
 from photogram.triangulation import ideal_observations, intersect_tie_points
 from photogram.workspace import (
@@ -117,6 +118,13 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
 REDUCTIONS = {"high": 1, "medium": 2, "low": 4}
 
 
+def _coarseness(project: Project, photograph: int) -> float:
+    """Return how much coarser than with ``quality: high`` the picture is in which key points of a photograph are
+    found."""
+    camera = project.cameras[project.photographs[photograph].camera]
+    return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+
+
 def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Find key points, one file per photograph; photographs that an interrupted run has finished are kept.
 
@@ -163,7 +171,8 @@ def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str
         path = folder / f"{i:05d}-{j:05d}.npz"
         if not path.is_file():
             cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
-            matches, good = match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching)
+            coarser = max(_coarseness(project, i), _coarseness(project, j))
+            matches, good = match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
             write_arrays(path, {"index": matches.index, "verified": good})
         return bool(read_arrays(path)["verified"].any())
 
@@ -179,11 +188,20 @@ def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str
     return {"pairs": len(selected), "verified_pairs": verified, "selected_by": reasons}
 
 
+def _key_point_sigmas_px(project: Project, photograph: int, features: Features) -> FloatArray:
+    """Return the standard deviations (N,) of the key points of a photograph."""
+    camera = project.cameras[project.photographs[photograph].camera]
+    scale = picture_scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+    best_px = project.adjustment.tie_point_sigma_px * _coarseness(project, photograph)
+    return key_point_sigmas_px(features.size_px, SMALLEST_PX * scale, best_px)
+
+
 def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Join verified matches to tie points over all photographs."""
     features = [run.features(i) for i in range(len(run.names))]
     matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]
-    joined = join_matches(features, matches, run.project.adjustment.tie_point_sigma_px)
+    sigmas_px = [_key_point_sigmas_px(run.project, i, f) for i, f in enumerate(features)]
+    joined = join_matches(features, matches, sigmas_px)
     if not len(joined.tie_points):
         raise ImageError(
             f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "

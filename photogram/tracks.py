@@ -9,7 +9,16 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from photogram.survey import Features, Matches, TiePoints
+from photogram.survey import Features, FloatArray, Matches, TiePoints
+
+SIZE_EXPONENT = 1 / 3
+"""Power of a key point's size with which the standard deviation of its place grows, as measured (see the page
+Mathematics)."""
+
+
+def key_point_sigmas_px(size_px: FloatArray, smallest_px: float, sigma_px: float) -> FloatArray:
+    """Return the standard deviations (N,) of key points of a size (N,): ``sigma_px`` for those of ``smallest_px``."""
+    return np.asarray(sigma_px * (np.maximum(size_px, smallest_px) / smallest_px) ** SIZE_EXPONENT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +30,10 @@ class Joined:
     conflicts: int
 
 
-def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma_px: float) -> Joined:
+def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma_px: Sequence[FloatArray]) -> Joined:
     """Join verified matches to tie points: connected components of the graph of matched key points (union–find).
 
+    ``sigma_px`` holds the standard deviations (N,) of the key points of each photograph.
     A component with two key points in one photograph contradicts itself and is dropped. Observations are sorted by
     point, then photograph; points by their first key point. Positions are NaN: nothing is known of them yet.
     """
@@ -50,6 +60,7 @@ def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma
     order = np.lexsort((photograph, point))
     node, photograph, point = node[order], photograph[order], point[order]
     pixel = np.concatenate([f.pixel for f in features]) if total else np.zeros((0, 2))
+    sigma = np.concatenate(sigma_px) if total else np.zeros(0)
     colour = np.concatenate([f.colour for f in features]) if total else np.zeros((0, 3), dtype=np.uint8)
     leaders = np.searchsorted(point, np.arange(len(start)))
     tie_points = TiePoints(
@@ -57,7 +68,7 @@ def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma
         point.astype(np.int64),
         (node - offset[photograph]).astype(np.int64),
         pixel[node],
-        np.full(len(node), sigma_px),
+        sigma[node],
         np.full((len(start), 3), np.nan),
         colour[node[leaders]],
     )

@@ -250,7 +250,10 @@ def _candidates(tie: TiePoints, seen: IntArray, camera: Camera, pose: Pose) -> I
 
 
 def with_found(tie: TiePoints, found: Sequence[Found], sigma_px: float) -> TiePoints:
-    """Return the tie points with what was found in each photograph (N), sorted by point, then photograph."""
+    """Return the tie points with what was found in each photograph (N), sorted by point, then photograph.
+
+    What was found has the standard deviation ``sigma_px``.
+    """
     photograph = np.concatenate(
         [tie.photograph, *(np.full(len(f.point), i, dtype=np.int64) for i, f in enumerate(found))]
     )

@@ -144,6 +144,30 @@ def test_pairs_with_too_little_support_are_not_connected() -> None:
     assert not verified_matches((camera, camera), both, chance, replace(SETTINGS, minimum_inliers=30)).any()
 
 
+def test_points_in_one_plane_on_which_magsac_gives_up_are_verified() -> None:
+    """Matches of two photographs, rounded, the fewest on which OpenCV's MAGSAC++ was seen to end in an assertion."""
+    match = np.array([
+        [798, 121, 80, 643], [738, 781, 831, 833], [887, 783, 683, 843], [508, 786, 1055, 806], [1011, 789, 560, 845],
+        [972, 791, 598, 839], [786, 791, 783, 826], [570, 804, 995, 795], [1133, 807, 1177, 532], [504, 811, 1059, 781],
+        [920, 814, 648, 812], [991, 820, 578, 811], [391, 827, 1168, 754], [940, 830, 627, 797], [940, 830, 627, 797],
+        [454, 835, 1106, 753], [512, 841, 1050, 751], [1074, 843, 493, 793], [1046, 851, 520, 783],
+        [400, 869, 1158, 715],
+    ], dtype=np.float64)  # fmt: skip
+    camera = Camera("ideal", 1200, 900, 1800.0, np.array([600.0, 450.0]))
+    both = (features(np.zeros((20, 128)), match[:, :2]), features(np.zeros((20, 128)), match[:, 2:]))
+    same = np.column_stack([np.arange(20)] * 2)
+    kept = verified_matches((camera, camera), both, same, replace(SETTINGS, minimum_inliers=15))
+    assert kept.sum() >= 18
+
+
+def test_coarseness_widens_the_threshold() -> None:
+    camera, both, candidates, right = true_pair(1.6, 0.3, 2)
+    kept = verified_matches((camera, camera), both, candidates, SETTINGS, 4.0)
+    wide = replace(SETTINGS, threshold_px=4.0 * SETTINGS.threshold_px)
+    np.testing.assert_array_equal(kept, verified_matches((camera, camera), both, candidates, wide))
+    assert kept[right].mean() > verified_matches((camera, camera), both, candidates, SETTINGS)[right].mean() + 0.05
+
+
 def test_a_pair_is_matched_and_verified() -> None:
     camera, both, candidates, _ = true_pair(0.4, 0.0, 6)
     n = len(candidates)
