@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from photogram.camera import FISHEYE, PARAMETERS, equidistant
+from photogram.camera import FISHEYE, PARAMETERS, PROJECTIVE, equidistant
 from photogram.survey import FloatArray, IntArray
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large
@@ -103,7 +103,7 @@ def linearise_point(
         a00, a01, a02, a10, a11, a12 = pose[p, 0], pose[p, 1], pose[p, 2], pose[p, 3], pose[p, 4], pose[p, 5]
         a20, a21, a22 = pose[p, 6], pose[p, 7], pose[p, 8]
         px, py, pz = a00 * dx + a10 * dy + a20 * dz, a01 * dx + a11 * dy + a21 * dz, a02 * dx + a12 * dy + a22 * dz
-        if not pz > 0.0:
+        if not pz > 0.0 and (q[c, MODEL] != PROJECTIVE or pz == 0.0):
             J[o], J[o + 1] = 0.0, 0.0
             behind += 1
             continue
@@ -176,7 +176,7 @@ def point_cost(
         p, c = seen[i, 0], seen[i, 1]
         dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
         pz = pose[p, 2] * dx + pose[p, 5] * dy + pose[p, 8] * dz
-        if not pz > 0.0:
+        if not pz > 0.0 and (q[c, MODEL] != PROJECTIVE or pz == 0.0):
             cost += robust((measured[i, 2] * BEHIND_PX) ** 2, loss, threshold)[0]
             bad += 1
             continue

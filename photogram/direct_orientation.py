@@ -133,7 +133,7 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         if number >= ROUNDS_TO_COME_NEAR and not near:
             return None
         # a calibration would take up what are faults of the measured poses
-        structure.adjust(iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near)
+        structure.adjust(iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near, loss="cauchy")
         last = limit <= settings.threshold_px
         middle = float(np.median(structure.residual_px(structure.good)))
         limit = max(settings.threshold_px, 5.0 * middle)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera, Pose, image_plane, models_of, project
 from photogram.factors.bundle import BundleState, adjust_bundle
+from photogram.factors.loss import RobustLoss
 from photogram.factors.reprojection import Observations, residuals
 from photogram.survey import FloatArray, IntArray, TiePoints, check_range
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
@@ -202,6 +203,7 @@ class Structure:
         tolerance: float = 1e-3,
         huber_px: float = HUBER,
         calibrate: bool = True,
+        loss: RobustLoss = "huber",
     ) -> None:
         """Adjust the photographs ``active`` (N,), or all, with their tie points; the others stay where they are.
 
@@ -235,13 +237,13 @@ class Structure:
             free=free,
             prior_sigma=np.where(sigma > 0, sigma, np.inf),
             prior_parameters=np.array([camera.parameters for camera in self.cameras]),
-            loss="huber",
+            loss=loss,
             threshold=HUBER,
             maximum_iterations=iterations,
             relative_tolerance=tolerance,
         )  # fmt: skip
         if free.any() and not all(_believable(c, q) for c, q in zip(self.cameras, result.parameters, strict=True)):
-            self.adjust(iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False)
+            self.adjust(iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False, loss=loss)
             return
         self.rotation[photographs], self.position[photographs] = result.rotation, result.position
         self.point[points] = result.point

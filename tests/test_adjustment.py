@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
-from photogram.camera import Camera
+from photogram.camera import PARAMETERS, Camera
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.loss import robust_terms
@@ -411,7 +411,7 @@ def test_long_tracks_with_many_mismatches_are_intersected_from_a_bounded_number_
     X = np.array([1.0, -2.0, 3.0])
     C = np.column_stack([rng.uniform(-30, 30, (rays, 2)), np.full(rays, 80.0)])
     R = np.tile(np.diag([1.0, -1.0, -1.0]), (rays, 1, 1))
-    q = np.array([[1000.0, 500.0, 400.0, 0, 0, 0, 0, 0]])
+    q = np.array([[1000.0, 500.0, 400.0, *np.zeros(PARAMETERS - 3)]])
     ideal = (X - C)[:, :2] / (X - C)[:, 2:] * np.array([-1.0, 1.0])
     pixel = ideal * 1000.0 + np.array([500.0, 400.0])
     wrong = rng.permutation(rays) < 24

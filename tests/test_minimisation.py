@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from photogram.factors.levenberg_marquardt import remaining
 from photogram.factors.state import State
 from photogram.simulation import SurveyPlan, simulate_block, whole_survey_plan
 
+ROOT = Path(__file__).resolve().parents[1]
+LADYBUG = ROOT.parent / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
 EVERYTHING = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0002, np.inf),
@@ -114,3 +118,16 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         sigma = np.sqrt(np.einsum("naa->na", found.position_covariance_m2))
         position = np.array([pose.position_world_m for pose in found.block.poses if pose is not None])
         assert np.all(np.abs(position - minimum.state.position) <= 1e-2 * sigma), seed
+
+
+def test_ladybug_of_bundle_adjustment_in_the_large() -> None:
+    """The published problem, plain least squares, f k1 k2 of every photograph: ½ Σ r² by its own formula."""
+    if not LADYBUG.is_file():
+        pytest.skip("shared/data/bal is not beside the project")
+    bal = runpy.run_path(str(ROOT / "benchmarks" / "bal.py"))
+    observations, start = bal["read_bal"](LADYBUG)
+    assert bal["half_squares"](observations, start) == pytest.approx(850_912.46, abs=0.01)
+    found = bal["solve"](observations, start)
+    assert found.converged
+    assert bal["half_squares"](observations, found) == pytest.approx(13_344.24, abs=0.5)
+    assert found.cost == pytest.approx(bal["half_squares"](observations, found), rel=1e-9)
