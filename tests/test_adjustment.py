@@ -284,6 +284,31 @@ def test_gnss_in_one_line_leaves_the_strip_free_to_turn_and_names_a_photograph(s
         adjust(strip, SETTINGS)
 
 
+def test_two_blocks_that_share_nothing_are_held_by_their_positions_or_named() -> None:
+    block = simulated(0).block
+    tie, points = block.tie_points, block.control_points
+    second = tie.photograph >= 3
+    firsts = np.bincount(tie.point[~second], minlength=len(tie))[tie.point] >= 2
+    apart = np.where(firsts, ~second, second)
+    rays = np.bincount(tie.point[apart], minlength=len(tie)) >= 2
+    marks = points.mark_photograph < 3
+    control = replace(
+        points, mark_photograph=points.mark_photograph[marks], mark_point=points.mark_point[marks],
+        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+    )  # fmt: skip
+    split = replace(block, tie_points=tie.select(rays, apart), control_points=control)
+    assert adjust(split, SETTINGS).converged
+    bare = tuple(
+        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        if i >= 3
+        else p
+        for i, p in enumerate(block.photographs)
+    )
+    names = "|".join(p.name for p in block.photographs[3:])
+    with pytest.raises(AdjustmentError, match=f"({names}): its position or attitude is not held"):
+        adjust(replace(split, photographs=bare), SETTINGS)
+
+
 def test_a_photograph_without_image_points_is_named() -> None:
     block = simulated(0).block
     photographs = (
