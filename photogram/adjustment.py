@@ -24,7 +24,7 @@ from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.factors.state import State
 from photogram.ground_points import ground_points, mark_residuals_px
-from photogram.outliers import agreeing_observations, first_limit_px, noise_scale, outlier_limit_px, settled
+from photogram.outliers import agreeing_observations, first_agreement, noise_scale, outlier_limit_px, settled
 from photogram.registration import registered_block, with_all_photographs
 from photogram.survey import Adjustment, Block, FloatArray, check_range
 
@@ -61,8 +61,7 @@ def minimise(
 ) -> Minimum:
     """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
 
-    Raises IndeterminateError when the linear system has no unique solution, AdjustmentError when points end behind
-    photographs that see them.
+    Raises IndeterminateError when the linear system has no unique solution.
     """
 
     def watch(iteration: int, cost: float) -> None:
@@ -70,11 +69,8 @@ def minimise(
 
     limits = settings.maximum_iterations, settings.relative_tolerance
     if settings.engine == "reference":
-        found = minimise_graph(problem, state, *limits, watch)
-    else:
-        found = minimise_problem(problem, state, *limits, watch, settings.solver)
-    check_in_front(problem, found.state)
-    return found
+        return minimise_graph(problem, state, *limits, watch)
+    return minimise_problem(problem, state, *limits, watch, settings.solver)
 
 
 def start_state(block: Block, flights: tuple[str, ...]) -> State:
@@ -143,16 +139,15 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
     """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
     tie = whole.block.tie_points
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
-    limit = first_limit_px(whole, state, settings.first_outlier_threshold_px, angle)
+    first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
     for number in range(1, settings.maximum_rounds + 1):
-        chosen, points = agreeing_observations(whole, state, limit, angle)
         last = number == settings.maximum_rounds or (number > 2 and settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
         check_determined(problem)
-        if number == 1 and np.any(limit > settings.first_outlier_threshold_px):
+        if number == 1 and not last and first > settings.first_outlier_threshold_px:
             # Poses so far off would bend the calibration to fit them.
             problem = replace(problem, block=_with_cameras_held(whole.block))
         progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
@@ -164,6 +159,8 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
         scale = noise_scale(whitened, problem.tie.point, len(tie))
         limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
+        chosen, points = agreeing_observations(whole, state, limit, angle)
+    check_in_front(problem, minimum.state)
     return Solved(problem, minimum, used, number, iterations)
 
 

@@ -84,16 +84,18 @@ def agreeing_observations(
     return used, points
 
 
-def first_limit_px(problem: Problem, state: State, limit_px: float, minimum_ray_angle_rad: float) -> FloatArray:
-    """Return the limit (N,) for the observations before anything is adjusted: ``limit_px``, or more where poses are so
-    far off that most of what is right would be beyond it."""
+def first_agreement(
+    problem: Problem, state: State, limit_px: float, minimum_ray_angle_rad: float
+) -> tuple[float, NDArray[np.bool_], FloatArray]:
+    """Return the limit in px before anything is adjusted, the observations that agree within it, and where to start
+    their points; the limit is ``limit_px``, or more where poses are so far off that most of what is right would be
+    beyond it."""
     count, largest = len(problem.tie), max(max(c.width_px, c.height_px) for c in problem.block.cameras)
-    while limit_px < largest:
-        used, _ = agreeing_observations(problem, state, np.full(count, limit_px), minimum_ray_angle_rad)
-        if np.count_nonzero(used) >= ENOUGH * count:
-            break
+    while True:
+        used, points = agreeing_observations(problem, state, np.full(count, limit_px), minimum_ray_angle_rad)
+        if np.count_nonzero(used) >= ENOUGH * count or limit_px >= largest:
+            return limit_px, used, points
         limit_px *= 4.0
-    return np.full(count, limit_px)
 
 
 def settled(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> bool:
