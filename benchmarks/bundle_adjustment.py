@@ -1,18 +1,18 @@
 """photogram's adjustment beside Ceres (pycolmap's bundle adjuster) on the same simulated blocks: seconds and memory.
 
     python -m pip install "photogram[bench]"
-    python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5]                 default: 20 100 500
+    python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5] [--mismatches 0]    default: 20 100 500
 
-Observations are simulated (0.5 px noise, 2 % mismatches) on 20 photographs with 10 000 tie points, 100 with 50 000 and
-500 with 200 000, about five photographs a point. Both engines minimise the same cost, image residuals under Huber's
+Observations are simulated, with 0.5 px noise and a fraction of mismatches of 10 to 300 px if any, on 20 photographs
+with 10 000 tie points, 100 with 50 000 and 500 with 200 000, five to seven photographs a point. Both engines minimise the same cost, image residuals under Huber's
 loss from 1.5 px on, over poses and points, once with the calibration held and once with f, k1 and k2 free, from the
-same start: projection centres off by 0.5 m, attitudes by 0.5°, points by 1 m, the focal length by 0.5 %. Every run has
-a process of its own that may use one processor or two. Ceres chooses its linear solver as pycolmap does by default.
+same start: projection centres off by 0.5 m, attitudes by 0.5°, points by 1 m, the focal length by 0.5 %. Every engine
+has a process of its own that may use one processor or two. Ceres chooses its linear solver as pycolmap does by default.
 
 `seconds` are those, from the call on, to the first cost within 1e-5 of the least that any engine reached, the median of
-the repetitions; `iteration` is that time over the steps taken; `memory` the peak above what the process held with
-the block's arrays loaded. `photogram` solves the reduced system by a banded factor, `photogram (gtsam)` by
-GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a similarity, to a
+the repetitions; `iteration` is that time over the steps taken; `memory` the peak of the first run above what the
+process held with the block's arrays loaded. `photogram` solves the reduced system by a banded factor, `photogram
+(gtsam)` by GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a similarity, to a
 hundredth of the GSD. What compilation costs a first run is measured apart.
 """
 
@@ -125,8 +125,8 @@ class Clock:
         self.costs.append(cost)
 
 
-def photogram(task: Task, solver: SolverName) -> Run:
-    """Adjust with photogram."""
+def photogram(task: Task, repeat: int, solver: SolverName) -> list[Run]:
+    """Adjust with photogram, ``repeat`` times."""
     q = task.start.parameters
     free = np.zeros(q.shape, dtype=bool)
     free[:, [0, 3, 4]] = task.free
@@ -140,20 +140,24 @@ def photogram(task: Task, solver: SolverName) -> Run:
 
     few = task.observations.select(task.observations.point < 50)
     solve(task.start, few, Clock())  # loads what is compiled
-    before, clock = _forget_peak(), Clock()
-    found = solve(task.start, task.observations, clock)
+    before, runs = _forget_peak(), []
+    for _ in range(repeat):
+        clock = Clock()
+        found = solve(task.start, task.observations, clock)
+        memory, focal_px = _memory_gb("VmHWM") - before, float(found.parameters[0, 0])
+        runs.append(Run(clock.seconds, clock.costs, memory, found.position.tolist(), focal_px))
+    return runs
     return Run(
         clock.seconds, clock.costs, _memory_gb("VmHWM") - before, found.position.tolist(), float(found.parameters[0, 0])
     )
 
 
-def _adjuster(task: Task) -> tuple[Any, Any, Any]:
-    """Return pycolmap's reconstruction, its bundle adjuster, and options for Ceres."""
+def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN401 - pycolmap has no types
+    """Return pycolmap's bundle adjuster of a reconstruction, and options for Ceres."""
     import pyceres
     import pycolmap
 
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    reconstruction = _reconstruction(task)
     config = pycolmap.BundleAdjustmentConfig()
     for image in reconstruction.images:
         config.add_image(image)
@@ -173,16 +177,13 @@ def _adjuster(task: Task) -> tuple[Any, Any, Any]:
     solving.max_num_iterations, solving.function_tolerance, solving.num_threads = 200, 1e-7, _processors()
     solving.gradient_tolerance, solving.parameter_tolerance = 0.0, 0.0
     solving.logging_type = pyceres.LoggingType.SILENT
-    return reconstruction, adjuster, solving
+    return adjuster, solving
 
 
-def ceres(task: Task) -> Run:
-    """Adjust with pycolmap's bundle adjuster, solved by Ceres."""
+def ceres(task: Task, repeat: int) -> list[Run]:
+    """Adjust with pycolmap's bundle adjuster, solved by Ceres, ``repeat`` times."""
     import pyceres
-    import pycolmap  # noqa: F401 - its memory is no part of the task's
-
-    before = _forget_peak()
-    reconstruction, adjuster, solving = _adjuster(task)
+    import pycolmap
 
     class Watch(pyceres.IterationCallback):  # type: ignore[misc, name-defined]
         def __init__(self, clock: Clock) -> None:
@@ -194,15 +195,19 @@ def ceres(task: Task) -> Run:
                 self.clock.watch(summary.iteration, summary.cost / SIGMA_PX**2)
             return pyceres.CallbackReturnType.SOLVER_CONTINUE
 
-    summary, clock = pyceres.SolverSummary(), Clock()
-    watch = Watch(clock)
-    solving.callbacks = [watch]
-    pyceres.solve(solving, adjuster.problem, summary)
-    images = [reconstruction.images[i] for i in sorted(reconstruction.images)]
-    centres = [image.projection_center().tolist() for image in images]
-    return Run(
-        clock.seconds, clock.costs, _memory_gb("VmHWM") - before, centres, float(reconstruction.cameras[1].params[0])
-    )
+    before, start, runs = _forget_peak(), _reconstruction(task), []
+    for _ in range(repeat):
+        reconstruction = pycolmap.Reconstruction(start) if repeat > 1 else start
+        adjuster, solving = _adjuster(task, reconstruction)
+        summary, clock = pyceres.SolverSummary(), Clock()
+        watch = Watch(clock)
+        solving.callbacks = [watch]
+        pyceres.solve(solving, adjuster.problem, summary)
+        images = [reconstruction.images[i] for i in sorted(reconstruction.images)]
+        centres = [image.projection_center().tolist() for image in images]
+        focal_px = float(reconstruction.cameras[1].params[0])
+        runs.append(Run(clock.seconds, clock.costs, _memory_gb("VmHWM") - before, centres, focal_px))
+    return runs
 
 
 def photogram_covariances(task: Task) -> dict[str, float]:
@@ -222,7 +227,8 @@ def ceres_covariances(task: Task) -> dict[str, float]:
     """Return the seconds of pycolmap's covariances of all poses and all points."""
     import pycolmap
 
-    reconstruction, adjuster, _ = _adjuster(task)
+    reconstruction = _reconstruction(task)
+    adjuster, _ = _adjuster(task, reconstruction)
     options = pycolmap.BACovarianceOptions()
     options.params = pycolmap.BACovarianceOptionsParams.POSES_AND_POINTS
     began = time.perf_counter()
@@ -260,9 +266,9 @@ def _reconstruction(task: Task) -> Any:  # noqa: ANN401 - pycolmap has no types
     return reconstruction
 
 
-ENGINES: dict[str, Callable[[Task], Run]] = {
-    "photogram": lambda task: photogram(task, "banded"),
-    "photogram (gtsam)": lambda task: photogram(task, "gtsam"),
+ENGINES: dict[str, Callable[[Task, int], list[Run]]] = {
+    "photogram": lambda task, repeat: photogram(task, repeat, "banded"),
+    "photogram (gtsam)": lambda task, repeat: photogram(task, repeat, "gtsam"),
     "Ceres": ceres,
 }
 
@@ -271,10 +277,10 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _work(path: str, engine: str, task_path: str, processors: int) -> None:
+def _work(path: str, engine: str, task_path: str, processors: int, repeat: int) -> None:
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
-    run = ENGINES[engine](pickle.loads(Path(task_path).read_bytes()))
-    Path(path).write_text(json.dumps(run.__dict__), encoding="utf-8")
+    runs = ENGINES[engine](pickle.loads(Path(task_path).read_bytes()), repeat)
+    Path(path).write_text(json.dumps([run.__dict__ for run in runs]), encoding="utf-8")
 
 
 def _in_a_process_of_its_own(target: Callable[..., None], *arguments: object) -> None:
@@ -301,16 +307,11 @@ def compare_covariances(folder: Path, photographs: int) -> None:
         print(f"{engine:<18}" + ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items()), flush=True)
 
 
-def run_engine(folder: Path, engine: str, task: Path, processors: int) -> Run:
+def run_engine(folder: Path, engine: str, task: Path, processors: int, repeat: int) -> list[Run]:
     """Run one engine on one task."""
-    result = folder / "run.json"
-    _in_a_process_of_its_own(_work, str(result), engine, str(task), processors)
-    return Run(**json.loads(result.read_text(encoding="utf-8")))
-
-
-def _compile(path: str, cache: str) -> None:
-    os.environ["NUMBA_CACHE_DIR"] = cache
-    _first_run(path)
+    result = folder / "runs.json"
+    _in_a_process_of_its_own(_work, str(result), engine, str(task), processors, repeat)
+    return [Run(**run) for run in json.loads(result.read_text(encoding="utf-8"))]
 
 
 def _first_run(path: str) -> None:
@@ -328,11 +329,13 @@ def _first_run(path: str) -> None:
 
 def compilation(folder: Path) -> tuple[float, float]:
     """Return the seconds of the first adjustment of a process, without and with compiled kernels on disk."""
-    result, cache = folder / "seconds", str(folder / "cache")
-    _in_a_process_of_its_own(_compile, str(result), cache)
-    first = float(result.read_text(encoding="utf-8"))
-    _in_a_process_of_its_own(_compile, str(result), cache)
-    return first, float(result.read_text(encoding="utf-8"))
+    result, seconds = folder / "seconds", []
+    os.environ["NUMBA_CACHE_DIR"] = str(folder / "cache")
+    for _ in range(2):
+        _in_a_process_of_its_own(_first_run, str(result))
+        seconds.append(float(result.read_text(encoding="utf-8")))
+    del os.environ["NUMBA_CACHE_DIR"]
+    return seconds[0], seconds[1]
 
 
 def reached(run: Run, least: float) -> tuple[float, int]:
@@ -362,18 +365,17 @@ def compare(folder: Path, photographs: int, *, free: bool, mismatches: float, re
     path.write_bytes(pickle.dumps(make_task(photographs, 1, free=free, mismatches=mismatches)))
     task: Task = pickle.loads(path.read_bytes())
     for processors in (1, 2):
-        runs = {engine: [run_engine(folder, engine, path, processors) for _ in range(repeat)] for engine in engines}
+        runs = {engine: run_engine(folder, engine, path, processors, repeat) for engine in engines}
         check_same_answer(task, {engine: found[0] for engine, found in runs.items()})
         least = min(run.costs[-1] for found in runs.values() for run in found)
         seconds = {e: float(np.median([reached(run, least)[0] for run in found])) for e, found in runs.items()}
         for engine, found in runs.items():
             steps = reached(found[0], least)[1]
             ratio = seconds["Ceres"] / seconds[engine] if "Ceres" in seconds else float("nan")
-            memory = float(np.median([run.memory_gb for run in found]))
             print(
                 f"{photographs:11d}{len(task.observations):14d}  {'free' if free else 'held':<12}{processors:7d}  "
                 f"{engine:<18}{seconds[engine]:8.2f}{ratio:7.1f}{1e3 * seconds[engine] / steps:14.0f}{steps:7d}"
-                f"{memory:13.2f}{found[0].costs[-1]:14.2f}",
+                f"{found[0].memory_gb:13.2f}{found[0].costs[-1]:14.2f}",
                 flush=True,
             )
 

@@ -44,6 +44,7 @@ CLASSIC = np.array([name not in ("k4", "b1", "b2") for name in PARAMETER_NAMES])
 """The eight parameters that most sources give; the others are zero, and held, where a vector leaves them out."""
 
 BROWN, FISHEYE = 0, 1
+SIDEWAYS = 4.0  # ideal radius, 76° off the axis, from which a fisheye is no pinhole even when its bend is undone
 PROJECTIVE = 2  # as BROWN, but what lies behind is seen too, through the centre: no photograph, for published problems
 MODELS: dict[Model, int] = {"brown": BROWN, "fisheye": FISHEYE}
 """The numbers by which compiled code knows the models."""

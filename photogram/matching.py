@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from photogram.camera import Camera, undistort
+from photogram.camera import SIDEWAYS, Camera, image_plane_or_nan, undistort
 from photogram.survey import Features, FloatArray, IntArray, Matches, check_range
 
 
@@ -91,10 +91,24 @@ def verified_matches(
     rejected = np.zeros(len(candidates), dtype=bool)
     if len(candidates) < max(8, settings.minimum_inliers):
         return rejected
-    first = undistort(cameras[0], features[0].pixel[candidates[:, 0]])
-    second = undistort(cameras[1], features[1].pixel[candidates[:, 1]])
-    inlier = _on_epipolar_lines(first, second, coarseness * settings.threshold_px)
+    first = _undistorted(cameras[0], features[0].pixel[candidates[:, 0]])
+    second = _undistorted(cameras[1], features[1].pixel[candidates[:, 1]])
+    seen = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    if np.count_nonzero(seen) < max(8, settings.minimum_inliers):
+        return rejected
+    inlier = rejected.copy()
+    inlier[seen] = _on_epipolar_lines(first[seen], second[seen], coarseness * settings.threshold_px)
     return inlier if int(inlier.sum()) >= settings.minimum_inliers else rejected
+
+
+def _undistorted(camera: Camera, pixel: FloatArray) -> FloatArray:
+    """Return pixels (N, 2) as a pinhole would see them, NaN where a fisheye looks sideways: at the edge of its circle,
+    or into the black around it."""
+    if camera.model != "fisheye":
+        return undistort(camera, pixel)
+    ideal = image_plane_or_nan(camera, pixel)
+    ideal[~(np.linalg.norm(ideal, axis=1) < SIDEWAYS)] = np.nan
+    return ideal * camera.focal_px + camera.principal_point_px
 
 
 def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: float) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from photogram.camera import Camera, image_plane
+from photogram.camera import SIDEWAYS, Camera, image_plane, image_plane_or_nan
 from photogram.errors import OrientationError
 from photogram.survey import FloatArray, IntArray, Photograph, check_range, check_shape
 
@@ -111,7 +111,10 @@ def _rays(camera: Camera) -> tuple[FloatArray, FloatArray]:
     size = np.array([camera.width_px, camera.height_px], dtype=np.float64)
     grid = np.stack(np.meshgrid(part, part), axis=-1).reshape(-1, 2) * size - 0.5
     edges = np.array([[0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0]]) * size - 0.5
-    ideal = image_plane(camera, np.vstack([grid, edges]))
+    pixel = np.vstack([grid, edges])
+    ideal = image_plane_or_nan(camera, pixel) if camera.model == "fisheye" else image_plane(camera, pixel)
+    away = np.sign(pixel - camera.principal_point_px)
+    ideal[grid.shape[0] :] = np.where(np.isfinite(ideal), ideal, SIDEWAYS * away)[grid.shape[0] :]
     left, right, top, bottom = ideal[-4:]
     frame = np.array([left[0], right[0], top[1], bottom[1]])
     return np.column_stack([ideal[:-4], np.ones(len(grid))]), frame

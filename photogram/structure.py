@@ -288,7 +288,8 @@ def _believable(given: Camera, parameters: FloatArray) -> bool:
     width, height = given.width_px - 0.5, given.height_px - 0.5
     corners = np.array([[-0.5, -0.5], [width, -0.5], [-0.5, height], [width, height]])
     reach = float(np.linalg.norm((corners - camera.principal_point_px) / camera.focal_px, axis=1).max())
-    return camera.largest_image_radius > reach
+    # the corners of a fisheye may lie beyond what it sees
+    return camera.largest_image_radius > min(reach, 0.9 * given.largest_image_radius)
 
 
 def resected(points: FloatArray, ideal: FloatArray, threshold: float) -> Pose | None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.camera import Camera, distort, undistort
+from photogram.camera import Camera, Pose, distort, project, undistort
 from photogram.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import Features
@@ -188,3 +188,18 @@ def test_a_pair_is_matched_and_verified() -> None:
 def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
         replace(SETTINGS, **{name: value})
+
+
+def test_what_a_fisheye_sees_sideways_is_no_match() -> None:
+    """A round picture: its corners are black, and show nothing that could be undone."""
+    camera = Camera("round", 1000, 1000, 300.0, np.array([499.5, 499.5]), model="fisheye")
+    rng = np.random.default_rng(0)
+    ground = np.column_stack([rng.uniform(-40, 40, (300, 2)), rng.uniform(-3, 3, 300)])
+    down = np.diag([1.0, -1.0, -1.0])
+    pixel = [project(camera, Pose(down, np.array([x, 0.0, 25.0])), ground) for x in (-4.0, 4.0)]
+    corners = np.array([[2.0, 3.0], [995.0, 4.0], [3.0, 990.0], [998.0, 997.0]])
+    first, second = (features(np.zeros((304, 128)), np.vstack([p, corners])) for p in pixel)
+    candidates = np.column_stack([np.arange(304)] * 2)
+    verified = verified_matches((camera, camera), (first, second), candidates, SETTINGS)
+    assert not verified[300:].any()
+    assert verified[:300].mean() > 0.9
