@@ -4,16 +4,17 @@
     python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5] [--mismatches 0]    default: 20 100 500
 
 Observations are simulated, with 0.5 px noise and a fraction of mismatches of 10 to 300 px if any, on 20 photographs
-with 10 000 tie points, 100 with 50 000 and 500 with 200 000, five to seven photographs a point. Both engines minimise the same cost, image residuals under Huber's
-loss from 1.5 px on, over poses and points, once with the calibration held and once with f, k1 and k2 free, from the
-same start: projection centres off by 0.5 m, attitudes by 0.5°, points by 1 m, the focal length by 0.5 %. Every engine
-has a process of its own that may use one processor or two. Ceres chooses its linear solver as pycolmap does by default.
+with 10 000 tie points, 100 with 50 000 and 500 with 200 000, five to seven photographs a point. Both engines minimise
+the same cost, image residuals under Huber's loss from 1.5 px on, over poses and points, once with the calibration held
+and once with f, k1 and k2 free, from the same start: projection centres off by 0.5 m, attitudes by 0.5°, points by 1 m,
+the focal length by 0.5 %. Every engine has a process of its own that may use one processor or two. Ceres chooses its
+linear solver as pycolmap does by default.
 
 `seconds` are those, from the call on, to the first cost within 1e-5 of the least that any engine reached, the median of
 the repetitions; `iteration` is that time over the steps taken; `memory` the peak of the first run above what the
 process held with the block's arrays loaded. `photogram` solves the reduced system by a banded factor, `photogram
-(gtsam)` by GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a similarity, to a
-hundredth of the GSD. What compilation costs a first run is measured apart.
+(gtsam)` by GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a
+similarity, to a hundredth of the GSD. What compilation costs a first run is measured apart.
 """
 
 from __future__ import annotations
