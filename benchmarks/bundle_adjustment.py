@@ -1,7 +1,7 @@
 """photogram's adjustment beside Ceres (pycolmap's bundle adjuster) on the same simulated blocks: seconds and memory.
 
     python -m pip install "photogram[bench]"
-    python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5] [--mismatches 0]    default: 20 100 500
+    python benchmarks/bundle_adjustment.py [PHOTOGRAPHS …] [--repeat 5] [--threads 1 2] [--mismatches 0]
 
 Observations are simulated, with 0.5 px noise and a fraction of mismatches of 10 to 300 px if any, on 20 photographs
 with 10 000 tie points, 100 with 50 000 and 500 with 200 000, five to seven photographs a point. Both engines minimise
@@ -365,7 +365,7 @@ def compare(folder: Path, photographs: int, *, free: bool, mismatches: float, re
     path = folder / "task.pickle"
     path.write_bytes(pickle.dumps(make_task(photographs, 1, free=free, mismatches=mismatches)))
     task: Task = pickle.loads(path.read_bytes())
-    for processors in (1, 2):
+    for processors in threads:
         runs = {engine: run_engine(folder, engine, path, processors, repeat) for engine in engines}
         check_same_answer(task, {engine: found[0] for engine, found in runs.items()})
         least = min(run.costs[-1] for found in runs.values() for run in found)
@@ -386,6 +386,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("photographs", nargs="*", type=int, default=list(BLOCKS), choices=list(BLOCKS))
     parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--mismatches", type=float, default=0.0, help="fraction of the observations")
     parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
     arguments = parser.parse_args()
@@ -403,7 +404,7 @@ def main() -> None:
             for free in (False, True):
                 compare(
                     folder, photographs, free=free, mismatches=arguments.mismatches, repeat=arguments.repeat,
-                    engines=arguments.engines,
+                    threads=arguments.threads, engines=arguments.engines,
                 )  # fmt: skip
         compare_covariances(folder, max(arguments.photographs))
 
