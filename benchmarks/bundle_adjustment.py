@@ -360,7 +360,16 @@ def check_same_answer(task: Task, runs: dict[str, Run]) -> None:
             raise SystemExit(f"{engine}: projection centres differ by {rms:.4f} m")
 
 
-def compare(folder: Path, photographs: int, *, free: bool, mismatches: float, repeat: int, engines: list[str]) -> None:
+def compare(
+    folder: Path,
+    photographs: int,
+    *,
+    free: bool,
+    mismatches: float,
+    repeat: int,
+    threads: list[int],
+    engines: list[str],
+) -> None:
     """Run all engines on one block with one processor and two, and print their rows."""
     path = folder / "task.pickle"
     path.write_bytes(pickle.dumps(make_task(photographs, 1, free=free, mismatches=mismatches)))
