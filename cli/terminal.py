@@ -17,6 +17,7 @@ from photogram.stages import Stage
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
+MAXIMUM_SUSPECTS = 5
 MAXIMUM_LEFT_OUT = 10
 _CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 
@@ -166,6 +167,9 @@ def show_report(report: Mapping[str, Any]) -> None:
     if unused:
         table.add_row("check points with fewer than two marks", ", ".join(unused))
     console.print(table)
+    for n, suspect in enumerate(report["suspects"][:MAXIMUM_SUSPECTS]):
+        also = "" if n == 0 else " (may be an effect of the first)"
+        console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
         table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
         for name, cloud in report["clouds"].items():

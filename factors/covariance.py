@@ -16,10 +16,10 @@ from photogram.camera import PARAMETERS
 from photogram.factors.bundle import limited_threads
 from photogram.factors.elimination import Cameras, Points, point_covariances
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.factors.ground_terms import bundle_of, eliminated, variable_at
+from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
 from photogram.factors.loss import NO_LOSS, weighing
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
-from photogram.factors.reprojection import linearise
+from photogram.factors.reprojection import Linearisation, linearise
 from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
@@ -101,13 +101,38 @@ class Covariances:
 
     def between(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Return firstᵀ S⁻¹ second of columns (6 free + border, k) in the order of the reduced system S."""
+        return np.asarray(first.T @ self.solve(second))
+
+    def solve(self, columns: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
         m, scale = self.layout.columns, self.scale[:, None]
-        solved = np.concatenate(self.factor.solve(second[:m] / scale[:m], second[m:] / scale[m:])) / scale
-        return np.asarray(first.T @ solved)
+        return np.concatenate(self.factor.solve(columns[:m] / scale[:m], columns[m:] / scale[m:])) / scale
 
     def _inverse(self, row: IntArray, column: IntArray) -> FloatArray:
         low, high = np.minimum(row, column), np.maximum(row, column)
         return np.asarray(self.inverse[low * self.layout.stride + high])
+
+
+def _control_columns(
+    problem: Problem, state: State, found: Covariances
+) -> tuple[Linearisation, FloatArray, FloatArray, FloatArray]:
+    """Return the linearised marks, their rows on poses and border (M, 2, 6 free + border), the inverse normal matrices
+    V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3)."""
+    layout, marks, count = found.layout, problem.marks, len(state.control)
+    owner, parameter = layout.free_parameters
+    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+    V = GroundTerms(problem, layout).linearise(state).control
+    np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    rows = np.zeros((len(marks), 2, layout.columns + layout.border))
+    for i, (p, c) in enumerate(zip(marks.photograph, marks.camera, strict=True)):
+        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
+        rows[i, :, at : at + 6] = linear.pose[i]
+        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
+        rows[i][:, layout.columns + columns] = free
+    W = np.zeros((count, rows.shape[2], 3))
+    np.add.at(W, marks.point, np.einsum("nrc,nri->nci", rows, linear.point))
+    inverse = np.asarray(np.linalg.inv(V), dtype=np.float64)
+    return linear, rows, inverse, np.einsum("gci,gij->cgj", W, inverse)
 
 
 def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
@@ -116,24 +141,26 @@ def joint_control_points(problem: Problem, state: State, found: Covariances) -> 
     With a point's own normal matrix V, from its marks and its survey, and W towards cameras, two points a and b have
     the covariance δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4).
     """
-    layout, marks, count = found.layout, problem.marks, len(state.control)
-    owner, parameter = layout.free_parameters
-    ground = bundle_of(problem, state).ground
-    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
-    V = ground.linearise(state).control.copy()
-    np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    W = np.zeros((layout.columns + layout.border, count, 3))
-    for i, (p, c, g) in enumerate(zip(marks.photograph, marks.camera, marks.point, strict=True)):
-        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
-        W[at : at + 6, g] += linear.pose[i].T @ linear.point[i]
-        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
-        W[layout.columns + columns, g] += free.T @ linear.point[i]
-    inverse = np.linalg.inv(V)
-    columns = np.einsum("rgi,gij->rgj", W, inverse).reshape(len(W), 3 * count)
+    _, _, inverse, turned = _control_columns(problem, state, found)
+    columns = turned.reshape(len(turned), -1)
     joint = found.between(columns, columns)
-    own = np.arange(3 * count).reshape(count, 3)
+    own = np.arange(columns.shape[1]).reshape(-1, 3)
     joint[own[:, :, None], own[:, None, :]] += inverse
     return joint
+
+
+def mark_covariances(problem: Problem, state: State, found: Covariances) -> FloatArray:
+    """Return the covariances (M, 2, 2) of the adjusted marks of control points, in units of their stated variances.
+
+    A mark with the Jacobians A on the cameras and B on its point has B V⁻¹ Bᵀ + U S⁻¹ Uᵀ, U = A − B V⁻¹ Wᵀ.
+    """
+    linear, rows, inverse, turned = _control_columns(problem, state, found)
+    point = problem.marks.point
+    U = rows - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
+    columns = U.reshape(-1, U.shape[2]).T
+    solved = found.solve(columns).T.reshape(U.shape)
+    own = linear.point @ inverse[point] @ linear.point.transpose(0, 2, 1)
+    return np.asarray(own + np.einsum("nrc,nsc->nrs", U, solved))
 
 
 def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:

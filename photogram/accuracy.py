@@ -1,12 +1,15 @@
-"""How good a result is, from points that took no part in it."""
+"""How good a result is, from points that took no part in it, and which measurement does not fit the rest."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from scipy.stats import norm
 
-from photogram.survey import FloatArray
+from photogram.reliability import CRITICAL
+from photogram.survey import Adjustment, FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,3 +38,64 @@ def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
     e, n, h = np.sqrt(np.mean(known**2, axis=0)).tolist()
     mean = known.mean(axis=0).tolist()
     return CheckAccuracy(len(known), (e, n, h), (mean[0], mean[1], mean[2]), float(np.hypot(e, n)), h)
+
+
+FALSE_ALARMS = 0.01  # of a survey without a blunder, in which something is suspected all the same
+AXES = ("easting", "northing", "height")
+Kind = Literal["control point", "mark", "GNSS position"]
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A measurement that everything else contradicts.
+
+    ``axis`` of the map, or of the photograph for a mark; ``w`` its test, standard normal without blunders; ``off`` by
+    how much everything else disagrees with it, predicted minus measured, in m, for a mark in px.
+    """
+
+    kind: Kind
+    name: str
+    axis: str
+    w: float
+    off: float
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        unit = "px" if self.kind == "mark" else "m"
+        sigma = abs(self.w)
+        return (
+            f"{self.kind} {self.name}, {self.axis}: everything else predicts {self.off:+.3f} {unit} from what was "
+            f"measured, {sigma:.1f} sigma"
+        )
+
+
+def suspects(result: Adjustment) -> list[Suspect]:
+    """Return the measurements that everything else contradicts, the worst first (data snooping; Baarda 1968).
+
+    The limit of |w| is that which keeps false alarms among all tests together at FALSE_ALARMS. One blunder spreads to
+    its neighbours: only the first is named with confidence, the others may be its effect.
+    """
+    r, points, photographs = result.reliability, result.block.control_points, result.block.photographs
+    tests = [r.ground_w, r.mark_w, r.gnss_w]
+    count = sum(int(np.isfinite(w).sum()) for w in tests)
+    if not count:
+        return []
+    limit = max(CRITICAL, float(norm.isf(FALSE_ALARMS / (2.0 * count))))
+    found: list[Suspect] = []
+
+    def add(kind: Kind, name: str, axis: str, sigma: float, redundancy: float, w: float) -> None:
+        found.append(Suspect(kind, name, axis, float(w), float(w * sigma / np.sqrt(redundancy))))
+
+    for g, axis in np.argwhere(np.abs(r.ground_w) > limit).tolist():
+        sigma = points.sigma_m[g, axis]
+        add("control point", points.name[g], AXES[axis], sigma, r.ground_redundancy[g, axis], r.ground_w[g, axis])
+    for m, axis in np.argwhere(np.abs(r.mark_w) > limit).tolist():
+        name = f"of {points.name[points.mark_point[m]]} in {photographs[points.mark_photograph[m]].name}"
+        add("mark", name, "uv"[axis], points.mark_sigma_px[m], r.mark_redundancy[m, axis], r.mark_w[m, axis])
+    for i, axis in np.argwhere(np.abs(r.gnss_w) > limit).tolist():
+        sigma_m = photographs[i].gnss_sigma_m
+        if sigma_m is not None:
+            name = photographs[i].name
+            add("GNSS position", name, AXES[axis], sigma_m[axis], r.gnss_redundancy[i, axis], r.gnss_w[i, axis])
+    return sorted(found, key=lambda s: -abs(s.w))

@@ -26,6 +26,7 @@ from photogram.factors.state import State
 from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, first_agreement, noise_scale, outlier_limit_px, settled
 from photogram.registration import registered_block, with_all_photographs
+from photogram.reliability import reliability
 from photogram.survey import Adjustment, Block, FloatArray, check_range
 
 Progress = Callable[[str], None]
@@ -254,4 +255,5 @@ def _adjust_oriented(
         cost=solved.minimum.cost,
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~kept)),
+        reliability=reliability(final, final_state, found),
     )

@@ -32,6 +32,7 @@ from photogram.survey import (
     Photograph,
     PointCloud,
     Raster,
+    Reliability,
     TiePoints,
 )
 from photogram.workspace import (
@@ -252,8 +253,8 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for its tie points, which have a file of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None))  # type: ignore[arg-type]
+    """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
+    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
@@ -276,7 +277,7 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
-    return Adjustment(block=adjusted, **values)
+    return Adjustment(block=adjusted, reliability=read_record(folder / "reliability.npz", Reliability), **values)
 
 
 def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:

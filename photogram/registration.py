@@ -57,7 +57,8 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
     poses: list[Pose | None] = [None] * count
     for i, pose in zip(kept.tolist(), adjustment.block.poses, strict=True):
         poses[i] = pose
-    tie = adjustment.block.tie_points
+    tie, known = adjustment.block.tie_points, adjustment.reliability
+    seen = np.isin(block.control_points.mark_photograph, kept)
     return replace(
         adjustment,
         block=replace(
@@ -68,9 +69,12 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
         ),
         position_covariance_m2=_spread(adjustment.position_covariance_m2, kept, count),
         rotation_covariance_rad2=_spread(adjustment.rotation_covariance_rad2, kept, count),
-        mark_residual_px=_spread(
-            adjustment.mark_residual_px,
-            np.isin(block.control_points.mark_photograph, kept),
-            len(block.control_points.mark_photograph),
+        mark_residual_px=_spread(adjustment.mark_residual_px, seen, len(seen)),
+        reliability=replace(
+            known,
+            mark_redundancy=_spread(known.mark_redundancy, seen, len(seen)),
+            mark_w=_spread(known.mark_w, seen, len(seen)),
+            gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
+            gnss_w=_spread(known.gnss_w, kept, count),
         ),
     )

@@ -275,6 +275,35 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
+class Reliability:
+    """How well blunders would show in what was surveyed, along the map's axes, and what the rest says of it.
+
+    Redundancy numbers and w-tests (Baarda 1968): ``ground_redundancy``, ``ground_w`` (G, 3) of the surveyed coordinates
+    of control points, ``mark_redundancy``, ``mark_w`` (marks, 2) of their marks, ``gnss_redundancy``, ``gnss_w`` (N, 3)
+    of GNSS positions. ``ground_left_out_m`` (G, 3) is predicted minus surveyed for a control point whose survey took no
+    part, ``ground_left_out_covariance_m2`` (G, 3, 3) what it would scatter by. NaN for check points, for what is not
+    there, and where nothing else determines an observation.
+    """
+
+    ground_redundancy: FloatArray
+    ground_w: FloatArray
+    ground_left_out_m: FloatArray
+    ground_left_out_covariance_m2: FloatArray
+    mark_redundancy: FloatArray
+    mark_w: FloatArray
+    gnss_redundancy: FloatArray
+    gnss_w: FloatArray
+
+    @staticmethod
+    def unknown(ground: int, marks: int, photographs: int) -> Reliability:
+        """Return what is known of so many ground points, marks and photographs when nothing is."""
+        points, pixels, positions = (np.full((n, d), np.nan) for n, d in ((ground, 3), (marks, 2), (photographs, 3)))
+        return Reliability(
+            points, points, points, np.full((ground, 3, 3), np.nan), pixels, pixels, positions, positions
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result of the joint adjustment.
 
@@ -284,7 +313,7 @@ class Adjustment:
     ``tie_point_covariance_m2`` (P, 3, 3). Ground points, control and check, in the order of ``block.control_points``:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
-    ``offset_world_m`` (flights, 3) with its covariance.
+    ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions.
     """
 
     block: Block
@@ -307,3 +336,4 @@ class Adjustment:
     cost: float
     discarded_observations: int
     discarded_points: int
+    reliability: Reliability

@@ -113,6 +113,22 @@ def test_keys_of_cameras(report: Json) -> None:
     assert camera["source"] is None
 
 
+def test_keys_of_reliability(report: Json) -> None:
+    assert report["suspects"] == []
+    for point in report["control_points"]:
+        control = point["role"] == "control"
+        for key in ("redundancy", "w", "mdb_m", "effect_m", "left_out_m", "left_out_sigma_m"):
+            assert numbers(point[key], 3) if control else point[key] is None, key
+        assert point["suspect"] is (False if control else None)
+        for mark in point["marks"]:
+            for key in ("redundancy", "w", "mdb_px"):
+                assert numbers(mark[key], 2) if control else mark[key] is None, key
+    for photograph in report["photographs"].values():
+        for key in ("gnss_redundancy", "gnss_w", "gnss_mdb_m"):
+            assert numbers(photograph[key], 3), key
+        assert photograph["gnss_suspect"] is False
+
+
 def test_keys_of_adjustment(report: Json) -> None:
     adjustment = report["adjustment"]
     for key in ("sigma0", "reprojection_rms_px", "seconds"):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from photogram.accuracy import check_accuracy
+from photogram.accuracy import check_accuracy, suspects
 from photogram.camera import PARAMETER_NAMES, Pose, omega_phi_kappa_deg
 from photogram.comparison import Comparison
 from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
+from photogram.reliability import CRITICAL, minimal_detectable_blunder
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
 from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
@@ -104,6 +106,9 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
         entry.update(reason=None, **_exterior(result, i, pose), tie_points=int(rays[i]))
         entry["gsd_m"] = float(gsd_m[i])
         entry["gnss_residual_m"] = residual_m[i].tolist() if np.isfinite(residual_m[i]).all() else None
+        sigma_m = np.full(3, np.nan) if photograph.gnss_sigma_m is None else photograph.gnss_sigma_m
+        gnss = _tested("m", result.reliability.gnss_redundancy[i], result.reliability.gnss_w[i], sigma_m)
+        entry.update({f"gnss_{name}": value for name, value in gnss.items()})
         resection = orientation.resections[i]
         if resection is not None:
             names = [control.name[g] for g in control.mark_point[control.mark_photograph == i]]
@@ -180,10 +185,46 @@ def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Js
     return numbers
 
 
+def _tested(unit: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> Json:
+    """Return redundancy numbers, w-tests and minimal detectable blunders along the axes of a measurement, null where
+    it is not tested."""
+    if not np.isfinite(redundancy).all():
+        return {"redundancy": None, "w": None, f"mdb_{unit}": None, "suspect": None}
+    mdb = minimal_detectable_blunder(sigma, redundancy)
+    return {
+        "redundancy": redundancy.tolist(),
+        "w": [_finite(value) for value in w],
+        f"mdb_{unit}": [_finite(value) for value in mdb],
+        "suspect": bool(np.any(np.abs(w) > CRITICAL)),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _ground_reliability(result: Adjustment, g: int) -> Json:
+    """Return the tests of a control point's surveyed coordinates, the effect of a blunder that just escapes them on
+    the adjusted ones, and what everything else would predict; null for check points."""
+    r, sigma_m = result.reliability, result.block.control_points.sigma_m[g]
+    numbers = _tested("m", r.ground_redundancy[g], r.ground_w[g], sigma_m)
+    if numbers["redundancy"] is None:
+        return {**numbers, "effect_m": None, "left_out_m": None, "left_out_sigma_m": None}
+    effect = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
+    spread = np.sqrt(np.diag(r.ground_left_out_covariance_m2[g]))
+    predicted = bool(np.isfinite(spread).all())
+    return {
+        **numbers,
+        "effect_m": [_finite(value) for value in effect],
+        "left_out_m": r.ground_left_out_m[g].tolist() if predicted else None,
+        "left_out_sigma_m": spread.tolist() if predicted else None,
+    }
+
+
 def ground_numbers(result: Adjustment) -> list[Json]:
     """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment."""
     block, frame, points = result.block, result.block.frame, result.block.control_points
-    numbers: list[Json] = []
+    r, numbers = result.reliability, list[Json]()
     for g, name in enumerate(points.name):
         surveyed = _map(frame, points.position_world_m[g])
         known = bool(np.isfinite(result.ground_world_m[g]).all())
@@ -199,6 +240,7 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                 "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])
                 if known
                 else None,
+                **_ground_reliability(result, g),
                 "marks": [
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,
@@ -206,6 +248,7 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                         "residual_px": result.mark_residual_px[m].tolist()
                         if np.isfinite(result.mark_residual_px[m]).all()
                         else None,
+                        **_tested("px", r.mark_redundancy[m], r.mark_w[m], np.full(2, points.mark_sigma_px[m])),
                     }
                     for m in marks
                 ],
@@ -304,6 +347,7 @@ def report_numbers(
         "adjustment": adjustment_numbers(result, seconds["adjustment"]),
         "control_points": points,
         "check_points": check_numbers(points),
+        "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),
     }
