@@ -3,10 +3,9 @@
     python benchmarks/blunders.py [SURVEYS]                 default: 300
 
 Observations are simulated on blocks of different shape, with 5 to 10 control points and an RTK receiver. Each survey is
-adjusted as it is (a suspect is a false alarm), and with one blunder: in a surveyed height or plan coordinate, in one
-mark, or by two points exchanged. Its size is drawn between 0.5 and 6 times its minimal detectable blunder, that of two
-exchanged points is their distance. Found: something is suspected. Named: the worst suspect is the point, or the mark's
-point, that the blunder is in.
+adjusted as it is (a suspect is a false alarm), and with one blunder: in a surveyed height or plan coordinate, or in one
+mark. Its size is drawn between 0.5 and 6 times its minimal detectable blunder. Found: something is suspected. Named:
+the worst suspect is the point, or a mark of the point, that the blunder is in.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from photogram.reliability import minimal_detectable_blunder
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
-KINDS = ("height", "plan", "mark", "exchanged")
+KINDS = ("height", "plan", "mark")
 CERTAIN = 1.5  # minimal detectable blunders, from which all should be found
 
 
@@ -59,16 +58,6 @@ def with_blunder(block: Block, clean: Adjustment, kind: str, rng: np.random.Gene
     controls = np.flatnonzero(np.array(points.role) == "control")
     times, sign = float(rng.uniform(0.5, 6.0)), float(rng.choice([-1.0, 1.0]))
     position, pixel = points.position_world_m.copy(), points.mark_pixel.copy()
-    if kind == "exchanged":
-        a, b = rng.choice(controls, 2, replace=False).tolist()
-        position[[a, b]] = position[[b, a]]
-        mdb = minimal_detectable_blunder(points.sigma_m[a], r.ground_redundancy[a])
-        size = float(np.linalg.norm(position[a] - position[b]) / mdb.max())
-        return (
-            replace(block, control_points=replace(points, position_world_m=position)),
-            {points.name[a], points.name[b]},
-            size,
-        )
     if kind == "mark":
         m = int(rng.choice(np.flatnonzero(np.isin(points.mark_point, controls))))
         axis = int(rng.integers(2))

@@ -30,6 +30,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         },
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
+        "suspects": [],
     }  # fmt: skip
 
 
@@ -74,3 +75,13 @@ def test_what_is_not_known_is_not_shown(shown: Console) -> None:
     assert "18 of 18" in text
     for words in ("ground sampling", "overlap", "track length", "GNSS", "None", "nan"):
         assert words not in text, words
+
+
+def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console) -> None:
+    sentences = [f"control point [{n}], height: everything else predicts +0.620 m, 14.0 sigma" for n in range(7)]
+    terminal.show_report({**report(), "suspects": [{"sentence": sentence} for sentence in sentences]})
+    text = shown.export_text()
+    for sentence in sentences[: terminal.MAXIMUM_SUSPECTS]:
+        assert f"Suspect: {sentence}" in text
+    assert sentences[terminal.MAXIMUM_SUSPECTS] not in text
+    assert text.count("may be an effect of the first") == terminal.MAXIMUM_SUSPECTS - 1
