@@ -190,8 +190,8 @@ class BundleState:
     """A block in its own frame: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras,
     11), ``point`` (P, 3).
 
-    ``cost`` is half the sum of squared whitened residuals under the loss, infinite when points lie behind photographs;
-    ``converged`` is False when no step makes it smaller, or iterations ran out.
+    ``cost`` is half the sum of squared whitened residuals under the loss, infinite before an adjustment; ``converged``
+    is False when no step makes it smaller, or iterations ran out.
     """
 
     rotation: FloatArray
@@ -244,8 +244,7 @@ def adjust_bundle(
     Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 11) are the parameters that move, with
     priors ``prior_parameters`` of ``prior_sigma`` (cameras, 11), infinite for none. Observations sorted by point, of
     points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
-    the damping does. A result that could not move has ``converged`` False, and an infinite ``cost`` when points lie
-    behind photographs.
+    the damping does. A result that could not move has ``converged`` False.
     """
     index = np.flatnonzero(np.bincount(observations.point, minlength=len(state.point)))
     first = first_observations(np.searchsorted(index, observations.point), len(index))

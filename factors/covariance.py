@@ -17,7 +17,7 @@ from photogram.factors.bundle import limited_threads
 from photogram.factors.elimination import Cameras, Points, point_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
-from photogram.factors.loss import NO_LOSS, weighing
+from photogram.factors.loss import NO_LOSS
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
 from photogram.factors.reprojection import Linearisation, linearise
 from photogram.factors.state import State
@@ -214,8 +214,8 @@ def covariances(problem: Problem, state: State) -> Covariances:
     Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
     photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
     """
-    loss = weighing(problem.robust_loss, problem.robust_threshold)
-    bundle = replace(bundle_of(problem, state), loss=loss)
+    bundle = bundle_of(problem, state)
+    bundle = replace(bundle, loss=bundle.loss.weights_alone())
     layout, m = bundle.layout, bundle.layout.columns
     with limited_threads(len(bundle.tie)) as pool:
         terms = bundle.ground.linearise(state)

@@ -18,7 +18,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from photogram.factors.kernels import accumulate, cost_of_points, covariances_of_points, substitute_points
+from photogram.factors.covariance_kernels import covariances_of_points
+from photogram.factors.kernels import accumulate, cost_of_points, substitute_points
 from photogram.factors.loss import Loss
 from photogram.factors.reduced import Layout, NormalEquations
 from photogram.factors.reprojection import Observations

@@ -46,11 +46,6 @@ def steering(loss: RobustLoss, threshold: float) -> Loss:
     return Loss(KINDS[loss], threshold, LEAST_CURVATURE)
 
 
-def weighing(loss: RobustLoss, threshold: float) -> Loss:
-    """Return the loss as covariances want it, with weights alone."""
-    return Loss(KINDS[loss], threshold)
-
-
 def robust_terms(whitened: FloatArray, loss: RobustLoss, threshold: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return cost ρ (N,), weight ρ' (N,) and radial curvature c (N,) of whitened residuals (N, 2).
 
