@@ -176,7 +176,7 @@ def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN4
     for name in ("linear_solver_type", "sparse_linear_algebra_library_type", "dense_linear_algebra_library_type"):
         value = getattr(chosen, name)  # pycolmap's own types, of the same names
         setattr(solving, name, getattr(pyceres, type(value).__name__).__members__[value.name])
-    solving.max_num_iterations, solving.function_tolerance, solving.num_threads = 200, 1e-7, _processors()
+    solving.max_num_iterations, solving.function_tolerance, solving.num_threads = 1000, 1e-7, _processors()
     solving.gradient_tolerance, solving.parameter_tolerance = 0.0, 0.0
     solving.logging_type = pyceres.LoggingType.SILENT
     return adjuster, solving
