@@ -45,7 +45,7 @@ def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
     )  # fmt: skip
 
 
-FALSE_ALARMS = 0.01  # of a survey without a blunder, in which something is suspected all the same
+FALSE_ALARMS = 0.002  # of surveys without a blunder, in which something is suspected all the same
 AXES = ("easting", "northing", "height")
 Kind = Literal["control point", "mark", "GNSS position"]
 
