@@ -77,7 +77,7 @@ def _clouds(outcome: _Outcome) -> list[str]:
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 
@@ -91,7 +91,7 @@ def _tables(outcome: _Outcome) -> list[str]:
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
-    write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
+    write_geotiff(results / "dsm.tif", run.surface(), run.project.product_crs)
     return products
 
 

@@ -74,7 +74,11 @@ class Run:
 
     def block(self) -> Block:
         """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
+        return measured_block(self.project, self.tags())
+
+    def tags(self) -> list[dict[str, Any]]:
+        """Return what is noted of every photograph's position and attitude. Needs the stage `photographs`."""
+        return list(read_json(self.workspace.stage("photographs") / "tags.json"))
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
@@ -141,7 +145,7 @@ def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
             f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
             "give control_points, or photographs with GNSS tags"
         )
-    return LocalFrame.near(project.crs, np.array(positions), project.world_kind)
+    return LocalFrame.near(project.crs, np.array(positions), project.world_kind, project.heights.map_geoid)
 
 
 def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
@@ -318,3 +322,10 @@ def measured_photographs(project: Project) -> list[ProjectPhotograph]:
     """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
     changes nothing."""
     return [replace(p, path=Path(p.name)) for p in project.photographs]
+
+
+def height_marks(project: Project) -> list[object]:
+    """Return the height systems as declared, for fingerprints: the grid of a geoid counts by what is in it."""
+    heights, geoid = project.heights, project.heights.geoid
+    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
+    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]
