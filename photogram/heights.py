@@ -257,3 +257,16 @@ def first_wkt(crs: CRS) -> str:
             'VERT_CS["Ellipsoid (metre)",VERT_DATUM["Ellipsoid",2002],UNIT["metre",1],AXIS["Ellipsoidal height",UP]]]'
         )
     return str(crs.to_wkt("WKT1_GDAL"))
+
+
+def flat_crs(crs: CRS) -> CRS:
+    """Return a CRS as a GeoTIFF can hold it, whose keys know no map grid with a third axis: ellipsoidal heights become
+    a vertical CRS of that name, on the ellipsoid as its datum."""
+    if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None:
+        return crs
+    plan, ellipsoid = crs.to_2d(), crs.ellipsoid.name.replace('"', "")
+    vertical = CRS.from_wkt(
+        f'VERTCRS["ellipsoidal height ({ellipsoid})",VDATUM["{ellipsoid} ellipsoid"],CS[vertical,1],'
+        'AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
+    )
+    return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical])

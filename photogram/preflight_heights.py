@@ -168,7 +168,7 @@ def _of_role(
     shift = _shift(project, evidence)
     if shift is None or abs(shift.shift_m) <= _limit_m(shift):
         return shift, []
-    systems = _gnss_systems(project, tags)
+    systems = project.gnss_systems(tags)
     proved = all(p.gnss_map_m is None for p in project.photographs) and all(t is True for t in tags if t is not None)
     gnss = systems[0] if len(set(systems)) == 1 else None
     proved = proved and gnss == "ellipsoidal" and any(t is True for t in tags)
@@ -176,15 +176,6 @@ def _of_role(
     middle = frame.map_from_world(np.median(evidence.gnss_world_m[known], axis=0)[None])[0]
     geoid_m = site_geoid_height_m(project, middle)
     return shift, [_contradiction(project, shift, role, gnss, proved, geoid_m)]
-
-
-def _gnss_systems(project: Project, tags: Sequence[bool | None]) -> list[HeightSystem | None]:
-    """Return the system of every photograph's GNSS height; ``tags`` say whether theirs are ellipsoidal."""
-    heights = project.heights
-    return [
-        heights.gnss_given if p.gnss_map_m is not None else heights.of_tags(t)
-        for p, t in zip(project.photographs, tags, strict=True)
-    ]
 
 
 def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mapping[str, Any]]) -> None:
@@ -205,7 +196,7 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mappin
 def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Sequence[bool]) -> list[str]:
     """Return in words whose heights nobody has declared."""
     missing = []
-    systems = [s for s, known in zip(_gnss_systems(project, tags), positioned, strict=True) if known]
+    systems = [s for s, known in zip(project.gnss_systems(tags), positioned, strict=True) if known]
     if None in systems:
         number = f"{systems.count(None)} of {len(systems)} GNSS positions"
         missing.append("the GNSS positions" if set(systems) == {None} else number)

@@ -139,6 +139,14 @@ class Project:
         """The CRS of every product, with what heights are counted from where that is declared."""
         return product_crs(self.crs, self.heights)
 
+    def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
+        """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
+        is ``height_is_ellipsoidal``, for each photograph."""
+        return [
+            self.heights.gnss_given if photograph.gnss_map_m is not None else self.heights.of_tags(said)
+            for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
+        ]
+
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
         """Return the control and check points with their marks, positions in the world of ``frame``.
 

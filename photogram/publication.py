@@ -23,6 +23,7 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.records import Run
+from photogram.report.height_numbers import height_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
 from photogram.report.pictures import (
@@ -172,6 +173,12 @@ def _numbers(outcome: _Outcome) -> list[str]:
         seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
         held=run.held(),
         sources=run.project.camera_source,
+    )
+    value["heights"] = height_numbers(
+        run.project.heights,
+        outcome.result.block.frame,
+        run.gnss_systems(),
+        [point.heights for point in run.project.control_points],
     )
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

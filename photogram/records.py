@@ -20,6 +20,7 @@ from photogram.comparison import CloudStatistics, Comparison
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
+from photogram.heights import HeightSystem
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
@@ -79,6 +80,12 @@ class Run:
     def tags(self) -> list[dict[str, Any]]:
         """Return what is noted of every photograph's position and attitude. Needs the stage `photographs`."""
         return list(read_json(self.workspace.stage("photographs") / "tags.json"))
+
+    def gnss_systems(self) -> list[HeightSystem | None]:
+        """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
+        tags = self.tags()
+        systems = self.project.gnss_systems([t["height_is_ellipsoidal"] for t in tags])
+        return [system for system, t in zip(systems, tags, strict=True) if t["gnss_map_m"] is not None]
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""

@@ -14,6 +14,7 @@ from rasterio.transform import Affine
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.frames import projected_crs, written_crs
+from photogram.heights import flat_crs
 from photogram.survey import Raster
 
 NODATA = -9999.0
@@ -41,7 +42,7 @@ def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) 
     The same raster gives the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
     the file cannot be written, ValueError where a cell holds NODATA as its value.
     """
-    grid = written_crs(crs)
+    grid = flat_crs(written_crs(crs))
     if np.any(raster.values == NODATA):
         raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
     rows, columns = raster.values.shape
