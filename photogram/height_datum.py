@@ -90,13 +90,13 @@ class _Rays:
 
 def _rays(evidence: HeightEvidence) -> _Rays | None:
     points = evidence.points
-    known = np.isfinite(evidence.gnss_world_m).all(axis=1) & np.isfinite(evidence.gnss_sigma_m).all(axis=1)
-    levelled = np.isfinite(evidence.rotation_world_from_camera).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(np.hstack([evidence.gnss_world_m, evidence.gnss_sigma_m])).all(axis=1))
+    levelled = np.asarray(np.isfinite(evidence.rotation_world_from_camera).all(axis=(1, 2)))
     count = np.bincount(points.mark_photograph, minlength=len(known))
     # without an attitude a single ray says nothing
     used = np.flatnonzero(known & (count >= np.where(levelled, 1, 2)))
-    if len(used) > _MOST_PHOTOGRAPHS:
-        used = used[np.linspace(0, len(used) - 1, _MOST_PHOTOGRAPHS).astype(np.int64)]
+    if used.size > _MOST_PHOTOGRAPHS:
+        used = used[np.linspace(0, used.size - 1, _MOST_PHOTOGRAPHS).astype(np.int64)]
     marks = np.flatnonzero(np.isin(points.mark_photograph, used))
     marks = marks[np.argsort(points.mark_photograph[marks], kind="stable")]
     if len(marks) < _FEWEST_MARKS or len(np.unique(points.mark_point[marks])) < _FEWEST_POINTS:

@@ -297,7 +297,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
         camera = project.photographs[photograph[worst]].name
         text = f"{points.name[point[worst]]} is {-drop_m[worst]:.1f} m above {camera}, which shows it, by their heights"
         remedy = (
-            "bring both to one height system; heights without RTK err by tens of metres: then give "
+            "declare the height systems under heights; heights without RTK err by tens of metres: then give "
             "gnss.offset_sigma_m a height such as 50"
         )
         where = f"{'points' if len(names) > 1 else 'point'} {some(names)}"
@@ -310,7 +310,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
             f"GNSS positions are {np.median(drop_m):.0f} m above the control points, but the photographs were taken "
             f"{np.nanmedian(survey.flying_height_m[photograph]):.0f} m above ground or take-off"
         )
-        remedy = "bring both to one height system, or give gnss.offset_sigma_m a height such as 50"
+        remedy = "declare the height systems under heights; without RTK give gnss.offset_sigma_m a height such as 50"
         return [Finding("warning", "heights", text, remedy)]
     return []
 
