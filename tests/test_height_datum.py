@@ -20,7 +20,7 @@ PLANS: dict[str, SurveyPlan] = {
     "RTK, EXIF": replace(whole_survey_plan(), gnss_sigma_m=(0.02, 0.02, 0.04), gnss_offset_sigma_m=(0.1, 0.1, 0.15)),
     "RTK, tilted gimbal": replace(rtk_plan(oblique=True), control_points=6, attitude_sigma_deg=3.0),
 }
-SEEDS = 8
+SEEDS = 6
 
 
 @lru_cache(maxsize=64)
