@@ -168,10 +168,10 @@ def _of_role(
     shift = _shift(project, evidence)
     if shift is None or abs(shift.shift_m) <= _limit_m(shift):
         return shift, []
-    systems = project.gnss_systems(tags)
-    proved = all(p.gnss_map_m is None for p in project.photographs) and all(t is True for t in tags if t is not None)
-    gnss = systems[0] if len(set(systems)) == 1 else None
-    proved = proved and gnss == "ellipsoidal" and any(t is True for t in tags)
+    systems = set(project.gnss_systems(tags))
+    gnss = next(iter(systems)) if len(systems) == 1 else None
+    # what the tags themselves call ellipsoidal is not suspected, as long as it is taken as that
+    proved = gnss == "ellipsoidal" and set(tags) == {True} and all(p.gnss_map_m is None for p in project.photographs)
     known = np.isfinite(evidence.gnss_world_m).all(axis=1)
     middle = frame.map_from_world(np.median(evidence.gnss_world_m[known], axis=0)[None])[0]
     geoid_m = site_geoid_height_m(project, middle)
