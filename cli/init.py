@@ -19,6 +19,7 @@ from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.control_files import read_points
 from photogram.files.images import inspect_photograph
+from photogram.heights import HeightSystem
 from photogram.pipeline import load_project
 from photogram.project_draft import (
     ControlFile,
@@ -108,6 +109,10 @@ def _control_file(
     )
 
 
+def _geoid(geoid: str | None, project: Path) -> str | None:
+    return geoid if geoid is None or not Path(geoid).is_file() else _relative(Path(geoid), project)
+
+
 def _show(draft: ProjectDraft, project: Path) -> None:
     table = Table(title=escape(str(project)), show_header=False)
     flights = f" in {count(draft.flights, 'flight')}"
@@ -124,6 +129,8 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     attitudes = sum(p.has_attitude for p in draft.photographs)
     table.add_row("attitude", f"in the tags of {count(attitudes)}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
+    if not draft.height_systems.known:
+        table.add_row("heights", escape(f"say in {project} whether they are above the ellipsoid or a geoid"))
     for file in draft.control:
         table.add_row(file.role, f"{count(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
@@ -162,6 +169,13 @@ def init(
     control_sigma: Annotated[
         float | None, typer.Option("--control-sigma", min=1e-4, help="Accuracy of the ground points in m.")
     ] = None,
+    heights: Annotated[
+        HeightSystem | None, typer.Option("--heights", help="What the heights of the ground points are above.")
+    ] = None,
+    geoid: Annotated[
+        str | None,
+        typer.Option("--geoid", help="Geoid of orthometric heights: EGM96, EPSG:5799 or a grid (.gtx, .tif)."),
+    ] = None,
     focal_px: Annotated[
         float | None, typer.Option("--focal-px", min=1.0, help="Focal length in px, where the tags do not give it.")
     ] = None,
@@ -170,6 +184,8 @@ def init(
 ) -> None:
     """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags."""
     size = _picture_size(picture_size)
+    if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
+        raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
     if project.exists() and not force:
         raise ProjectError(
             f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
@@ -178,7 +194,7 @@ def init(
     roles: list[tuple[Path, Role]] = [*((p, "control") for p in control or ()), *((p, "check") for p in check or ())]
     files = tuple(_control_file(path, role, marks, project, size, control_sigma) for path, role in roles)
     tagged, unreadable = _inspect(photographs, names)
-    draft = draft_project(tagged, unreadable, Wishes(crs, focal_px, files))
+    draft = draft_project(tagged, unreadable, Wishes(crs, focal_px, files, heights, _geoid(geoid, project)))
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     _show(draft, project)

@@ -80,6 +80,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
         f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
         "photogram: 1",
         f"crs: {survey.frame.crs}",
+        "heights: ellipsoidal # of the control points, the GNSS positions and all results",
         "cameras:",
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",

@@ -18,6 +18,7 @@ from photogram.files.photograph_headers import PhotographHeader
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, Severity, some, things
 from photogram.preflight_geometry import geometry_findings
+from photogram.preflight_heights import height_system_findings
 from photogram.project import Project
 from photogram.project_schema import Quality
 
@@ -234,6 +235,7 @@ def survey_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         *_same_moment(project, tags),
         *gnss_findings(project, tags),
         *geometry_findings(project, tags),
+        *height_system_findings(project, tags),
     ]
 
 

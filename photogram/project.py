@@ -20,12 +20,14 @@ from photogram.adjustment import AdjustmentSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
-from photogram.frames import LocalFrame, WorldKind
+from photogram.frames import LocalFrame, WorldKind, product_crs
+from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.pair_selection import PairSettings
 from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
+from photogram.project_heights import listed_in_map, read_heights
 from photogram.project_points import GroundPoint, read_point_files
 from photogram.project_schema import (
     PIXEL_ORIGIN_PX,
@@ -79,6 +81,7 @@ class ProjectControlPoint:
     """One surveyed point: its role in plan and in height, ``position_map_m`` (3,) with ``sigma_m`` (3,), its marks.
 
     ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
+    ``heights`` is the system that its height was given in, None where nobody says.
     """
 
     name: str
@@ -88,6 +91,7 @@ class ProjectControlPoint:
     mark_photograph: NDArray[np.int64]
     mark_pixel: FloatArray
     mark_sigma_px: FloatArray
+    heights: HeightSystem | None = None
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -144,6 +148,20 @@ class Project:
     reference: Path | None
     results: Path
     work: Path
+    heights: DeclaredHeights = UNDECLARED
+
+    @property
+    def product_crs(self) -> str:
+        """The CRS of every product, with what heights are counted from where that is declared."""
+        return product_crs(self.crs, self.heights)
+
+    def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
+        """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
+        is ``height_is_ellipsoidal``, for each photograph."""
+        return [
+            self.heights.gnss_given if photograph.gnss_map_m is not None else self.heights.of_tags(said)
+            for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
+        ]
 
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
         """Return the control and check points with their marks, positions in the world of ``frame``.
@@ -188,8 +206,10 @@ def read_project(
     if folder is None and file.photographs.folder is not None:
         folder = base / file.photographs.folder
     photographs = photographs_of(document, file, folder)
-    surveyed, places = read_point_files(document, file, photographs, base)
+    heights = read_heights(document, file, base) or UNDECLARED
+    surveyed, places = read_point_files(document, file, photographs, base, heights)
     check_project(document, file, photographs, folder, base, places)
+    control_map_m, gnss_map_m = listed_in_map(document, file, heights, places)
     cameras = [
         _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
     ]
@@ -199,7 +219,8 @@ def read_project(
     numbers = {key: number for number, key in enumerate(copies)}
     named = dict(zip(file.cameras, cameras, strict=True))
     listed = tuple(
-        _photograph(file, p, _given(folder), numbers[_copy_of(file, _given(camera_of(file, p)), p)]) for p in entries
+        _photograph(file, p, _given(folder), numbers[_copy_of(file, _given(camera_of(file, p)), p)], gnss)
+        for p, gnss in zip(entries, gnss_map_m if file.photographs.list else [None] * len(entries), strict=True)
     )
     return Project(
         path,
@@ -210,7 +231,7 @@ def read_project(
         tuple(file.cameras[name].calibration for name, _ in copies),
         tuple(file.cameras[name].source or "" for name, _ in copies),
         listed,
-        _control_points(file, surveyed, [p.name for p in listed]),
+        _control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
         np.array(file.gnss.offset_sigma_m),
         _given(features),
         _given(pairs),
@@ -222,6 +243,7 @@ def read_project(
         None if file.comparison.reference is None else base / file.comparison.reference,
         base / file.results,
         base / file.work,
+        heights,
     )
 
 
@@ -314,14 +336,16 @@ def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_
     return copies
 
 
-def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, camera: int) -> ProjectPhotograph:
+def _photograph(
+    file: ProjectFile, entry: PhotographEntry, folder: Path, camera: int, gnss_map_m: FloatArray | None
+) -> ProjectPhotograph:
     name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
     return ProjectPhotograph(
         name,
         folder / name,
         camera,
         entry.flight,
-        None if entry.gnss_m is None else np.array(entry.gnss_m),
+        None if entry.gnss_m is None else gnss_map_m,
         None if sigma is None else np.array(sigma),
         None if entry.attitude_deg is None else _angles(entry.attitude_deg),
         entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
@@ -334,24 +358,29 @@ def _angles(attitude: Attitude) -> tuple[float, float, float]:
 
 
 def _control_points(
-    file: ProjectFile, surveyed: Sequence[GroundPoint], photographs: list[str]
+    file: ProjectFile,
+    listed_map_m: FloatArray,
+    heights: HeightSystem | None,
+    surveyed: Sequence[GroundPoint],
+    photographs: list[str],
 ) -> tuple[ProjectControlPoint, ...]:
     block = file.control_points
     origin = PIXEL_ORIGIN_PX[block.pixel_origin]
     index = {name: i for i, name in enumerate(photographs)}
     points = []
-    for entry in block.list:
+    for entry, position_map_m in zip(block.list, listed_map_m, strict=True):
         marks = len(entry.marks)
         sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
         points.append(
             ProjectControlPoint(
                 _given(entry.name),
                 entry.role,
-                np.array(_given(entry.position_m)),
+                position_map_m,
                 np.array(entry.sigma_m or _given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 np.full(marks, sigma_px),
+                heights,
             )
         )
     for point in surveyed:
@@ -365,6 +394,7 @@ def _control_points(
                 marked,
                 point.mark_pixel,
                 point.mark_sigma_px,
+                point.heights,
             )
         )
     return tuple(points)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tags import PhotographTags
-from photogram.frames import map_from_geodetic, projected_crs
+from photogram.frames import height_system_of, map_from_geodetic, projected_crs, vertical_of
+from photogram.heights import HeightSystem, is_gnss_ellipsoid
 from photogram.sites import (
     Exposure,
     gap_between_sites_m,
@@ -95,16 +96,30 @@ class ControlFile:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user asks for beside the photographs."""
+    """What the user asks for beside the photographs; ``heights`` is the system of the ground points."""
 
     crs: str | None = None
     focal_px: float | None = None
     control: tuple[ControlFile, ...] = ()
+    heights: HeightSystem | None = None
+    geoid: str | None = None
+
+
+@dataclass(frozen=True)
+class DraftHeights:
+    """What heights are counted from: those of all results, of GNSS and of the ground points, None where nobody says;
+    ``known`` where nothing is left to be said."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: str | None = None
+    known: bool = False
 
 
 @dataclass(frozen=True)
 class ProjectDraft:
-    """A project to be written; ``heights`` says from what the heights of the positions are counted."""
+    """A project to be written; ``heights`` says in words from what the heights of the positions are counted."""
 
     crs: str
     crs_name: str
@@ -114,6 +129,7 @@ class ProjectDraft:
     offset_sigma_m: Sigma3
     offset_reason: str
     heights: str
+    height_systems: DraftHeights
     control: tuple[ControlFile, ...] = ()
     other_sites: tuple[OtherSite, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
@@ -190,6 +206,23 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
     for file in wishes.control:
         _check_control(file, crs, middle)
     return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+
+
+def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) -> DraftHeights:
+    """Return what tags, files and wishes say of the heights."""
+    said = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
+    gnss: HeightSystem | None = "ellipsoidal" if said == {True} else None
+    if vertical_of(crs) is not None:
+        return DraftHeights("orthometric", None, wishes.heights, wishes.geoid, known=True)
+    named = {
+        wishes.heights if file.crs is None else height_system_of(file.crs)[0] or wishes.heights
+        for file in wishes.control
+    }
+    control = named.pop() if len(named) == 1 else None
+    output = wishes.heights or control or (gnss if not wishes.control else None)
+    own = output != "ellipsoidal" or is_gnss_ellipsoid(projected_crs(crs))
+    known = output is not None and own and (output == "ellipsoidal" or wishes.geoid is not None)
+    return DraftHeights(output if known else None, gnss, wishes.heights, wishes.geoid, known)
 
 
 # ---- photographs ---------------------------------------------------------------------------------------------------
@@ -337,6 +370,7 @@ def draft_project(
         offset,
         offset_reason,
         height_reference([p.tags for p in kept]),
+        _height_systems(wishes, crs, [p.tags for p in kept]),
         wishes.control,
         tuple(others),
         (*left_out, *rare),

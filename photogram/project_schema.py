@@ -10,9 +10,10 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator
+from pydantic import BeforeValidator, Field, PlainValidator
 
 from photogram.camera import Model
+from photogram.heights import HeightSystem
 from photogram.project_file import Entry, Needed, found, suggestion
 from photogram.survey import Role, Roles
 
@@ -188,6 +189,30 @@ class GnssEntry(Entry):
     offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
 
 
+class HeightsEntry(Entry):
+    """What heights are counted from: those of all results, and of what comes in."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: Text | None = None
+    grid: Text | None = None
+
+
+def _heights(value: object) -> object:
+    """Read the short form: one word for all heights."""
+    if value == "ellipsoidal":
+        return {"output": value, "gnss": value, "control_points": value}
+    if value is not None and not isinstance(value, dict):
+        text = (
+            "a block of keys, output: orthometric and geoid: EGM96 for example"
+            if value == "orthometric"
+            else ("ellipsoidal, or a block of keys: output, gnss, control_points, geoid, grid")
+        )
+        raise ValueError(f"needs {text}, found {found(value)}")
+    return value
+
+
 class ControlPointEntry(Entry):
     """One ground point."""
 
@@ -206,6 +231,7 @@ class ControlFileEntry(Entry):
     role: RolesOf = ("control", "control")
     marks: Text | None = None
     crs: Text | None = None
+    heights: HeightSystem | None = None
     picture_size_px: PictureSize | None = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: Positive | None = None
@@ -232,6 +258,7 @@ class ProjectFile(Entry):
 
     photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
     crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
+    heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
     world: Literal["tangent", "grid"] = "tangent"
     quality: Quality = "high"
     cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(

@@ -169,6 +169,33 @@ def _control(draft: ProjectDraft) -> list[str]:
     return ["control_points:", "  files:", *(line for file in draft.control for line in _control_file(file, draft.crs))]
 
 
+def _heights(draft: ProjectDraft) -> list[str]:
+    """Return the block of height systems; as a comment where somebody must fill it in."""
+    said = draft.height_systems
+    if said.known and said.output is not None:
+        lines = ["heights:", f"  output: {said.output} # of all results"]
+        lines += [f"  gnss: {said.gnss} # as the tags say"] if said.gnss is not None else []
+        lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
+        lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
+        return [*lines, ""] if len(lines) > 2 else []
+    if not draft.control and all(p.gnss is None for p in draft.photographs):
+        return []
+    whose = "of the ground points" if draft.control else "in the tags"
+    text = (
+        f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a geoid. Say "
+        "it here and remove the # signs; photogram check asks for it."
+    )
+    return [
+        *_comment(text),
+        "# heights:",
+        "#   output: ellipsoidal # or orthometric: of all results",
+        f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if said.gnss else ''}",
+        *(["#   control_points: orthometric # or ellipsoidal"] if draft.control else []),
+        "#   geoid: EGM96 # needed with orthometric: or EPSG:5799, or the path of a grid (.gtx, .tif)",
+        "",
+    ]
+
+
 def project_text(draft: ProjectDraft, folder: str) -> str:
     """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
     members = Counter(p.camera for p in draft.photographs)
@@ -181,6 +208,7 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
         *_comment(f"{draft.crs_name}: {draft.crs_reason}."),
         f"crs: {_scalar(draft.crs)}",
         "",
+        *_heights(draft),
         "cameras:",
     ]
     for camera in draft.cameras:

@@ -23,6 +23,7 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.records import Run
+from photogram.report.height_numbers import height_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
 from photogram.report.pictures import (
@@ -77,7 +78,7 @@ def _clouds(outcome: _Outcome) -> list[str]:
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 
@@ -91,7 +92,7 @@ def _tables(outcome: _Outcome) -> list[str]:
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
-    write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
+    write_geotiff(results / "dsm.tif", run.surface(), run.project.product_crs)
     return products
 
 
@@ -173,6 +174,12 @@ def _numbers(outcome: _Outcome) -> list[str]:
         held=run.held(),
         verdict=run.verdict(),
         sources=run.project.camera_source,
+    )
+    value["heights"] = height_numbers(
+        run.project.heights,
+        outcome.result.block.frame,
+        run.gnss_systems(),
+        [point.heights for point in run.project.control_points],
     )
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

@@ -20,6 +20,7 @@ from photogram.comparison import CloudStatistics, Comparison
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
+from photogram.heights import HeightSystem
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
@@ -74,7 +75,17 @@ class Run:
 
     def block(self) -> Block:
         """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
+        return measured_block(self.project, self.tags())
+
+    def tags(self) -> list[dict[str, Any]]:
+        """Return what is noted of every photograph's position and attitude. Needs the stage `photographs`."""
+        return list(read_json(self.workspace.stage("photographs") / "tags.json"))
+
+    def gnss_systems(self) -> list[HeightSystem | None]:
+        """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
+        tags = self.tags()
+        systems = self.project.gnss_systems([t["height_is_ellipsoidal"] for t in tags])
+        return [system for system, t in zip(systems, tags, strict=True) if t["gnss_map_m"] is not None]
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
@@ -148,7 +159,9 @@ def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
             "give control_points, or photographs with GNSS tags"
         )
     middle = np.nanmean(positions, axis=0)
-    return LocalFrame.near(project.crs, np.where(known, positions, middle), project.world_kind)
+    return LocalFrame.near(
+        project.crs, np.where(known, positions, middle), project.world_kind, project.heights.map_geoid
+    )
 
 
 def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
@@ -325,3 +338,10 @@ def measured_photographs(project: Project) -> list[ProjectPhotograph]:
     """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
     changes nothing."""
     return [replace(p, path=Path(p.name)) for p in project.photographs]
+
+
+def height_marks(project: Project) -> list[object]:
+    """Return the height systems as declared, for fingerprints: the grid of a geoid counts by what is in it."""
+    heights, geoid = project.heights, project.heights.geoid
+    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
+    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]

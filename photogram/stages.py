@@ -20,7 +20,7 @@ from photogram.features import SMALLEST_PX, coarseness, find_features, photograp
 from photogram.files.images import PhotographTags, check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
-from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.frames import LocalFrame, map_from_geodetic, map_heights
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
 from photogram.orientation import Orientation, believed_attitudes, orient
@@ -34,6 +34,7 @@ from photogram.surface_model import surface_from_points
 from photogram.survey import (
     Adjustment,
     Block,
+    ByteArray,
     Features,
     FloatArray,
     Matches,
@@ -69,7 +70,9 @@ def _gnss_from_tags(project: Project, photograph: ProjectPhotograph, tags: Photo
     if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
         return None
     geodetic = np.array([[tags.longitude_deg, tags.latitude_deg, tags.height_m]])
-    return [float(x) for x in map_from_geodetic(project.crs, geodetic)[0]]
+    system = project.heights.of_tags(tags.height_is_ellipsoidal)
+    place = map_heights(project.crs, project.heights, system, map_from_geodetic(project.crs, geodetic))
+    return [float(x) for x in place[0]]
 
 
 def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, object]:
@@ -92,6 +95,7 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
         "name": photograph.name,
         "gnss_map_m": gnss,
         "gnss_sigma_m": None if gnss is None or sigma is None else [float(s) for s in sigma],
+        "height_is_ellipsoidal": tags.height_is_ellipsoidal,
         "attitude_deg": None if angles is None else list(angles),
         "time": tags.time.isoformat() if tags.time else None,
         "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
@@ -292,11 +296,20 @@ def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     for rays in (2, 3):
         world = intersect_tie_points(tie_points, ideal, orientation.poses, rays)
         known = np.isfinite(world).all(axis=1)
-        cloud = PointCloud(block.frame.map_from_world(world[known]), tie_points.colour[known])
+        cloud = _cloud(block.frame, world[known], tie_points.colour[known])
         write_record(folder / f"linear_{rays}view.npz", cloud)
         counts[f"linear_{rays}view"] = len(cloud)
         progress(rays - 1, 2, f"{len(cloud)} points from {rays} views")
     return counts
+
+
+def _cloud(
+    frame: LocalFrame, position_world_m: FloatArray, colour: ByteArray, sigma_m: FloatArray | None = None
+) -> PointCloud:
+    """Return points (N, 3) of the world as a cloud in the map, without those where the geoid has no height."""
+    position = frame.map_from_world(position_world_m)
+    known = np.isfinite(position).all(axis=1)
+    return PointCloud(position[known], colour[known], None if sigma_m is None else sigma_m[known])
 
 
 def _sigma_map_m(
@@ -329,7 +342,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     held = next(held for found, held in calibrated if found is result)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
-    cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
+    cloud = _cloud(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
@@ -359,7 +372,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Make the DSM from the adjusted cloud."""
     raster = surface_from_points(run.cloud("adjusted"), run.project.surface)
-    write_geotiff(folder / "dsm.tif", raster, run.project.crs)
+    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs)
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

@@ -67,8 +67,8 @@ def offset_prior(gnss: Sequence[Gnss | None], has_control: bool) -> tuple[Sigma3
     if has_control and precise:
         return (0.1, 0.1, 0.15), (
             "RTK positions against the control points: the base's coordinates, the lever arm between antenna and lens. "
-            "If the control's heights are above the geoid and those of RTK above the ellipsoid, they differ by tens of "
-            "metres: write 50 for the height then."
+            "Heights above a geoid differ from those of RTK by tens of metres: that is no offset, declare the systems "
+            "under heights."
         )
     if has_control:
         return (3.0, 3.0, 30.0), (

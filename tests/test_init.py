@@ -533,3 +533,45 @@ def test_a_simulated_survey_is_drafted_as_it_was_flown(pristine_survey: Path, fo
     assert project.cameras[0].focal_px == pytest.approx(focal_px, abs=1e-3)
     size = [(c.width_px, c.height_px) for c in (project.cameras[0], truth.cameras[0])]
     assert size[0] == size[1]
+
+
+# ---- heights -------------------------------------------------------------------------------------------------------
+
+RTK = replace(DRONE, rtk_flag=50, gnss_sigma_m=STD, height_is_ellipsoidal=True)
+
+
+def test_heights_that_the_tags_know_are_declared(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(3, RTK))
+    assert photogram("init", folder).code == 0
+    heights = load_project(Path("project.yaml")).heights
+    assert (heights.output, heights.gnss, heights.control_points) == ("ellipsoidal", "ellipsoidal", None)
+
+
+def test_heights_that_nobody_knows_are_asked_for(folder: Path, photogram: Run, tmp_path: Path) -> None:
+    photographed(folder, flown(3, RTK))
+    gcp_list(tmp_path / "gcp_list.txt", "EPSG:32632", "EPSG:32632")
+    outcome = photogram("init", folder, "--control", "gcp_list.txt")
+    assert outcome.code == 0
+    assert "say in project.yaml whether they are above the ellipsoid or a geoid" in squeezed(outcome.out)
+    path = Path("project.yaml")
+    assert load_project(path).heights.output is None
+    # what stands there as a comment is what is to be written
+    block = re.sub(
+        r"^# (heights:|  output|  gnss|  control_points|  geoid)", r"\1", path.read_text(), flags=re.MULTILINE
+    )
+    said = {"output": "ellipsoidal", "gnss": "ellipsoidal", "control_points": "orthometric", "geoid": "EGM96"}
+    assert yaml.safe_load(block)["heights"] == said
+
+
+def test_heights_may_be_given(folder: Path, photogram: Run, tmp_path: Path, sloping_geoid: Any) -> None:
+    photographed(folder, flown(3, replace(RTK, latitude_deg=52.0, longitude_deg=9.5)))
+    (tmp_path / "points.csv").write_text("name,easting,northing,height\nA,534300,5761400,120\nB,534350,5761420,121\n")
+    options = ("--control", "points.csv", "--heights")
+    assert photogram("init", folder, *options, "orthometric").code == 2  # above which geoid?
+    outcome = photogram("init", folder, *options, "orthometric", "--geoid", sloping_geoid.path)
+    assert (outcome.code, outcome.err) == (0, "")
+    project = load_project(Path("project.yaml"))
+    assert (project.heights.output, project.heights.gnss) == ("orthometric", "ellipsoidal")
+    assert [p.position_map_m[2] for p in project.control_points] == [120.0, 121.0]
+    assert photogram("init", folder, *options, "ellipsoidal", "--force").code == 0
+    assert load_project(Path("project.yaml")).heights.control_points == "ellipsoidal"
