@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tags import PhotographTags
 from photogram.frames import map_from_geodetic, projected_crs
+from photogram.gnss_solutions import Sigma3
 from photogram.sites import (
     Exposure,
     gap_between_sites_m,
@@ -29,7 +30,7 @@ from photogram.tagged_cameras import (
     camera_names,
     tagged_camera,
 )
-from photogram.tagged_positions import Gnss, GnssKind, Sigma3, gnss_of, height_reference, offset_prior
+from photogram.tagged_positions import Gnss, GnssKind, gnss_of, height_reference, offset_prior
 
 FloatArray = NDArray[np.float64]
 NEAR_M = 20_000.0

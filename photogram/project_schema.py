@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator
 
 from photogram.camera import Model
+from photogram.files.position_files import Format
 from photogram.project_file import Entry, Needed, found
 from photogram.survey import Role
 
@@ -20,6 +21,8 @@ PixelOrigin = Literal["photogram", "matlab", "colmap"]
 
 Quality = Literal["high", "medium", "low"]
 Calibration = Literal["given", "auto"]
+PositionOf = Literal["camera", "antenna"]
+LeverArmAxes = Literal["body", "camera"]
 
 PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
 """Coordinate of the centre of the top-left pixel, in both directions, in each convention."""
@@ -92,6 +95,7 @@ _MAP = ("easting", "northing", "height")
 Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
+LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down")]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
 
@@ -151,11 +155,23 @@ class PhotographEntry(Entry):
     flight: Text = "1"
 
 
+class PositionFileEntry(Entry):
+    """A file of positions of photographs, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
+    format: Format | None = None
+    position_of: PositionOf | None = None
+    crs: Text | None = None
+    flight: Text | None = None
+    lever_arms: Text | None = None
+
+
 class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
     folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
     camera: Text | None = None
+    positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None
     attitude_sigma_deg: Positive = 2.0
     height_above_ground_m: Positive | None = None
@@ -163,9 +179,12 @@ class PhotographsEntry(Entry):
 
 
 class GnssEntry(Entry):
-    """The offset between GNSS and ground control."""
+    """The offset between GNSS and ground control, and the lever arm from the antenna to the camera."""
 
     offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
+    lever_arm_m: LeverArm | None = None
+    lever_arm_axes: LeverArmAxes = "body"
+    lever_arm_per_flight_m: dict[str, LeverArm] = Field(default_factory=dict)
 
 
 class ControlPointEntry(Entry):

@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
+from photogram.gnss_solutions import Sigma3
 from photogram.project_draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
 from photogram.tagged_cameras import SIGMA_NAMES, TaggedCamera
-from photogram.tagged_positions import Sigma3
 
 _WIDTH = 116
 _PLAIN = re.compile(r"[\w./][\w./()+-]*(?:[: ][\w./()+-]+)*", re.ASCII)

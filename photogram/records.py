@@ -74,7 +74,12 @@ class Run:
 
     def block(self) -> Block:
         """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
+        return measured_block(self.project, self.notes())
+
+    def notes(self) -> list[dict[str, Any]]:
+        """Return what the project, files of positions and tags say of each photograph. Needs the stage
+        `photographs`."""
+        return list(read_json(self.workspace.stage("photographs") / "tags.json"))
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
@@ -151,6 +156,9 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
     if tags["attitude_deg"] is not None:
         place = np.zeros(3) if gnss is None else gnss
         attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
+    if gnss is not None and tags.get("lever_arm_enu_m") is not None:
+        gnss = gnss + frame.rotation_world_from_true(gnss) @ np.array(tags["lever_arm_enu_m"])
+    arm = tags.get("lever_arm_camera_m")
     return Photograph(
         source.name,
         source.camera,
@@ -162,6 +170,7 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
         attitude,
         None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
         tags["height_above_ground_m"],
+        lever_arm_camera_m=None if arm is None else np.array(arm),
     )
 
 

@@ -41,12 +41,14 @@ def check_range(name: str, value: float, low: float, high: float = float("inf"))
 class Photograph:
     """One photograph and what its tags or the project say of its exterior orientation.
 
-    ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,) along the axes of the map, both
+    ``gnss_world_m`` (3,) is the measured position with ``gnss_sigma_m`` (3,) along the axes of the map, both
     None when there is none;
     ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes;
     where ``heading_known`` is False it tells the tilt against the vertical alone.
     Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it;
-    ``height_above_ground_m`` the flying height, as well as tags or the project say it.
+    ``height_above_ground_m`` the flying height, as well as tags or the project say it. The position is that of the
+    projection centre, or, with a ``lever_arm_camera_m`` (3,), that of the antenna, from which the arm points to the
+    projection centre along the camera's axes.
     """
 
     name: str
@@ -60,6 +62,14 @@ class Photograph:
     attitude_sigma_rad: float | None = None
     height_above_ground_m: float | None = None
     heading_known: bool = True
+    lever_arm_camera_m: FloatArray | None = None
+
+    def measured_centre_world_m(self, rotation_world_from_camera: FloatArray) -> FloatArray | None:
+        """Return where the GNSS position puts the projection centre (3,), of a camera of this rotation (3, 3); None
+        without a position."""
+        if self.gnss_world_m is None or self.lever_arm_camera_m is None:
+            return self.gnss_world_m
+        return np.asarray(self.gnss_world_m + rotation_world_from_camera @ self.lever_arm_camera_m)
 
     def __post_init__(self) -> None:
         if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):
@@ -67,6 +77,8 @@ class Photograph:
         if self.gnss_world_m is not None and self.gnss_sigma_m is not None:
             check_shape("gnss_world_m", self.gnss_world_m, (3,))
             check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
+        if self.lever_arm_camera_m is not None:
+            check_shape("lever_arm_camera_m", self.lever_arm_camera_m, (3,))
         if self.attitude_world_from_camera is not None:
             check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
 

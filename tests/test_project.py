@@ -391,7 +391,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "unknown key far from all": (
         ("  offset_sigma_m: [0.2, 0.2, 0]", "  zzz: 3"),
         "zzz: 3",
-        "gnss.zzz: unknown key: known here: offset_sigma_m",
+        "gnss.zzz: unknown key: known here: lever_arm_axes, lever_arm_m, lever_arm_per_flight_m, offset_sigma_m",
     ),
     "unknown key in a list item": (
         ('flight: "7"', 'fligth: "7"'),
