@@ -23,6 +23,7 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.records import Run
+from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
 from photogram.report.pictures import (
@@ -173,5 +174,6 @@ def _numbers(outcome: _Outcome) -> list[str]:
         held=run.held(),
         sources=run.project.camera_source,
     )
+    value["gnss"] = gnss_numbers(outcome.result, run.notes())
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

@@ -263,10 +263,13 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
+    arrays = record_arrays(
+        replace(result, block=None, flights=None, held_flights=None, reliability=None)  # type: ignore[arg-type]
+    )
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
+    arrays["held_flights"] = np.array(result.held_flights, dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
@@ -277,7 +280,8 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
     """Return the adjustment of a measured block from the arrays in ``folder``."""
     arrays = read_arrays(folder / "adjustment.npz")
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    values["flights"] = tuple(str(f) for f in values["flights"])
+    for name in ("flights", "held_flights"):
+        values[name] = tuple(str(f) for f in values[name])
     parameters = values.pop("camera_parameters")
     rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
     adjusted = replace(

@@ -326,6 +326,9 @@ class Adjustment:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
     ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions.
+    Where no offset is estimated, ``held_flights`` are those with GNSS positions, ``implied_offset_world_m`` (F, 3) with
+    its covariance the offsets that would be, NaN where nothing but the positions tells. ``left_arm_camera_m`` (3,) with
+    its sigmas is the lever arm that the positions show beside the one that is counted, ``left_arm_p`` the p of none.
     """
 
     block: Block
@@ -349,3 +352,9 @@ class Adjustment:
     discarded_observations: int
     discarded_points: int
     reliability: Reliability
+    held_flights: tuple[str, ...] = ()
+    implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    left_arm_camera_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    left_arm_p: float = float("nan")
