@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -22,18 +23,18 @@ from photogram.measured_positions import (
     source_of,
 )
 from photogram.project import Project, ProjectPhotograph
+from photogram.survey import FloatArray
 
 CLOCK_S = 3.0
 """Camera clocks count whole seconds and drift; the difference common to a file is taken off before."""
 
 Pair = tuple[ProjectPhotograph, PhotographTags]
 
-SOLUTION_WORDS: dict[Solution, str] = {
-    "fix": "with fixed ambiguities",
-    "float": "float",
-    "single": "of a single receiver",
-    "unknown": "of a solution that nothing tells",
+_WORDS: dict[Solution, tuple[str, str]] = {
+    "float": ("float solution", "float solutions"),
+    "single": ("solution of a single receiver", "solutions of a single receiver"),
 }
+_ONE_FLIGHT = timedelta(hours=12)
 
 
 def _names(pairs: Sequence[Pair]) -> str:
@@ -70,21 +71,41 @@ def solution_findings(known: Sequence[Pair]) -> list[Finding]:
         (claimed if claims_too_much(solution, believed, stated) else weaker)[solution].append(pair)
     findings = []
     for solution, pairs in claimed.items():
-        believed, stated = sigmas_of(*pairs[0])
+        believed_m, stated_m = (np.min(np.array([sigmas_of(*p)[k] for p in pairs]), axis=0) for k in (0, 1))
         text = (
-            f"{things(len(pairs), 'position')} {SOLUTION_WORDS[solution]}, stated with {_metres(stated)}: "
-            f"they are weighed with {_metres(believed)} or worse"
+            f"{things(len(pairs), *_WORDS[solution])} stated with {_metres(stated_m)}: weighed with "
+            f"{_metres(believed_m)} or more"
         )
         remedy = "no centimetres without fixed ambiguities: give a PPK solution under photographs.positions"
         findings.append(Finding("warning", _names(pairs), text, remedy))
     for solution, pairs in weaker.items():
-        text = f"{things(len(pairs), 'position')} {SOLUTION_WORDS[solution]}, not fixed: weighed accordingly"
+        text = f"{things(len(pairs), *_WORDS[solution])}, not fixed: weighed accordingly"
         findings.append(Finding("note", _names(pairs), text))
     return findings
 
 
-def _metres(sigma_m: Sequence[float] | None) -> str:
-    return "nothing" if sigma_m is None else ", ".join(f"{s:.3g}" for s in sigma_m) + " m"
+def flight_findings(known: Sequence[Pair]) -> list[Finding]:
+    """Return the flights that last longer than any battery: their photographs do not share one GNSS offset."""
+    times: defaultdict[str, list[datetime]] = defaultdict(list)
+    for photograph, tags in known:
+        if tags.time is not None and source_of(photograph, tags) is not None:
+            times[photograph.flight].append(tags.time.replace(tzinfo=None))
+    findings = []
+    for flight, taken in times.items():
+        if max(taken) - min(taken) > _ONE_FLIGHT:
+            days = len({time.date() for time in taken})
+            text = (
+                f"its photographs were taken on {things(days, 'day')}, {min(taken):%Y-%m-%d} to {max(taken):%Y-%m-%d}"
+            )
+            remedy = (
+                "give each day's photographs their own flight: flights have an offset each, and sites may have changed"
+            )
+            findings.append(Finding("warning", f"flight {flight}", text, remedy))
+    return findings
+
+
+def _metres(sigma_m: FloatArray) -> str:
+    return ", ".join(f"{s:.3g}" for s in sigma_m) + " m"
 
 
 def lever_arm_findings(known: Sequence[Pair]) -> list[Finding]:
@@ -164,6 +185,7 @@ def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> li
     return [
         *missing_findings(project, known),
         *solution_findings(known),
+        *flight_findings(known),
         *lever_arm_findings(known),
         *file_findings(known),
     ]

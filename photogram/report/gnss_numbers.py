@@ -191,14 +191,17 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     """Return what the sources of the positions give reason to warn of."""
     taken = [note for note, u in zip(notes, used, strict=True) if u]
     warnings = []
-    for solution, words in (("float", "float solutions"), ("single", "of a single receiver")):
+    for solution, one in (("float", "float solution"), ("single", "solution of a single receiver")):
         claimed = [n for n in taken if n.get("gnss_stated_sigma_m") and n.get("gnss_solution") == solution]
         if claimed:
-            stated = max(min(n["gnss_stated_sigma_m"]) for n in claimed)
-            believed = min(max(n["gnss_sigma_m"]) for n in claimed)
+            stated, believed = (
+                ", ".join(f"{s:.3g}" for s in np.min([n[key] for n in claimed], axis=0))
+                for key in ("gnss_stated_sigma_m", "gnss_sigma_m")
+            )
+            several = one.replace("solution", "solutions", 1)
             warnings.append(
-                f"{things(len(claimed), 'position')} ({some([n['name'] for n in claimed])}) {words}, stated with "
-                f"{stated:.3g} m, weighed with {believed:.3g} m and worse: no centimetres without fixed ambiguities."
+                f"{things(len(claimed), one, several)} ({some([n['name'] for n in claimed])}) stated with {stated} m, "
+                f"weighed with {believed} m or more: no centimetres without fixed ambiguities."
             )
     without = [n["name"] for n in taken if n.get("gnss_lacks_lever_arm")]
     if without:
