@@ -1,5 +1,4 @@
-"""What report.json and the terminal say of GNSS positions, from made results and from a simulated survey adjusted end to
-end with positions of its antenna in a table."""
+"""What report.json and the terminal say of GNSS positions, from made results and from simulated surveys end to end."""
 
 from __future__ import annotations
 
@@ -51,8 +50,8 @@ def test_solutions_and_sources_are_counted(result: Adjustment) -> None:
     assert numbers["sources"] == {"tags": 5, "ppk.csv": 1}
     claimed = [w for w in numbers["warnings"] if "stated with" in w]
     assert claimed == [
-        "2 float solutions (sim_0001.JPG, sim_0002.JPG) stated with 0.02, 0.02, 0.03 m, weighed with 0.2, 0.3, 0.5 m or "
-        "more: no centimetres without fixed ambiguities."
+        "2 float solutions (sim_0001.JPG, sim_0002.JPG) stated with 0.02, 0.02, 0.03 m, weighed with 0.2, 0.3, 0.5 m "
+        "or more: no centimetres without fixed ambiguities."
     ]
     assert any("5 photographs" in w and "in no file of positions" in w for w in numbers["warnings"])
 
