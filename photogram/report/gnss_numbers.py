@@ -148,12 +148,12 @@ def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> 
     """Return by flight how many positions were brought to the camera by a lever arm, and how."""
     arms: Json = {}
     for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
-        world, camera = note.get("lever_arm_enu_m"), note.get("lever_arm_camera_m")
-        if takes_part and (world is not None or camera is not None):
-            entry = arms.setdefault(photograph.flight, {"n": 0, "axes": [], "length_m": []})
-            entry["n"] += 1
-            entry["axes"].append("world" if world is not None else "camera")
-            entry["length_m"].append(float(np.linalg.norm(world if world is not None else camera)))
+        for axes, arm in (("world", note.get("lever_arm_enu_m")), ("camera", note.get("lever_arm_camera_m"))):
+            if takes_part and arm is not None:
+                entry = arms.setdefault(photograph.flight, {"n": 0, "axes": [], "length_m": []})
+                entry["n"] += 1
+                entry["axes"].append(axes)
+                entry["length_m"].append(float(np.linalg.norm(arm)))
     for entry in arms.values():
         entry["axes"] = Counter(entry["axes"]).most_common(1)[0][0]
         entry["length_m"] = float(np.mean(entry["length_m"]))
@@ -235,8 +235,8 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
     warnings = [f["sentence"] for f in flights.values() if f["significant"] and "contradict" in f["sentence"]]
     warnings += [f["sentence"] for f in flights.values() if f["significant"] and "beyond the prior" in f["sentence"]]
     return {
-        "sentence": f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part "
-        f"together; {things(len(lost), 'photograph')} without a position of its own.",
+        "sentence": f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part together"
+        + (f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."),
         "positions_used": int(used.sum()),
         "control_points_used": control,
         "flights": flights,
