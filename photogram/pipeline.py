@@ -222,7 +222,7 @@ def run_pipeline(
             else:
                 _run_stage(run, stage, marks[stage.name], watcher, fresh=number >= first)
             if number == 0 and last > 0:  # before hours of work, and in every run: control may have changed since
-                stop_at_contradictions(project, run.block(), run.tags())
+                stop_at_contradictions(project, run.block(), run.notes())
     report = project.results / "report.json"
     return dict(read_json(report)) if last == len(names) - 1 else {}
 

@@ -29,12 +29,14 @@ from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
 from photogram.project_heights import listed_in_map, read_heights
 from photogram.project_points import GroundPoint, read_point_files
+from photogram.project_positions import FilePosition, read_position_files
 from photogram.project_schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
     Calibration,
     CameraEntry,
     CameraSigmas,
+    LeverArmAxes,
     PhotographEntry,
     ProjectFile,
     Quality,
@@ -54,8 +56,11 @@ ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]
 class ProjectPhotograph:
     """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
 
-    ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,)
-    holds for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
+    ``gnss_map_m`` (3,) is its measured position as the project file itself gives it, ``file_position`` the one that a
+    file of positions gives, None where there is none: the photograph's tags are the last to be asked. ``gnss_sigma_m``
+    (3,) holds for any of them, None where the file says nothing; ``own_sigma`` says that it is this photograph's own.
+    ``lever_arm_m`` (3,) points from the antenna to the camera, forward, right and down along ``lever_arm_axes``, None
+    where positions are the camera's. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
     writes them. ``height_above_ground_m`` is the flying height, None where the file says nothing.
     """
 
@@ -68,8 +73,14 @@ class ProjectPhotograph:
     attitude_deg: tuple[float, float, float] | None = None
     attitude_sigma_deg: float = 2.0
     height_above_ground_m: float | None = None
+    file_position: FilePosition | None = None
+    own_sigma: bool = False
+    lever_arm_m: FloatArray | None = None
+    lever_arm_axes: LeverArmAxes = "body"
 
     def __post_init__(self) -> None:
+        if self.lever_arm_m is not None:
+            check_shape("lever_arm_m", self.lever_arm_m, (3,))
         if self.gnss_map_m is not None:
             check_shape("gnss_map_m", self.gnss_map_m, (3,))
         if self.gnss_sigma_m is not None:
@@ -159,7 +170,11 @@ class Project:
         """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
         is ``height_is_ellipsoidal``, for each photograph."""
         return [
-            self.heights.gnss_given if photograph.gnss_map_m is not None else self.heights.of_tags(said)
+            self.heights.gnss_given
+            if photograph.gnss_map_m is not None
+            else self.heights.of_tags(said)
+            if photograph.file_position is None
+            else photograph.file_position.heights
             for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
         ]
 
@@ -208,8 +223,9 @@ def read_project(
     photographs = photographs_of(document, file, folder)
     heights = read_heights(document, file, base) or UNDECLARED
     surveyed, places = read_point_files(document, file, photographs, base, heights)
-    check_project(document, file, photographs, folder, base, places)
-    control_map_m, gnss_map_m = listed_in_map(document, file, heights, places)
+    positions, located = read_position_files(document, file, photographs, folder, base, heights)
+    check_project(document, file, photographs, folder, base, places, located)
+    control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     cameras = [
         _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
     ]
@@ -219,7 +235,14 @@ def read_project(
     numbers = {key: number for number, key in enumerate(copies)}
     named = dict(zip(file.cameras, cameras, strict=True))
     listed = tuple(
-        _photograph(file, p, _given(folder), numbers[_copy_of(file, _given(camera_of(file, p)), p)], gnss)
+        _photograph(
+            file,
+            p,
+            _given(folder),
+            numbers[_copy_of(file, _given(camera_of(file, p)), p)],
+            gnss,
+            positions.get(p.name or ""),
+        )
         for p, gnss in zip(entries, gnss_map_m if file.photographs.list else [None] * len(entries), strict=True)
     )
     return Project(
@@ -337,9 +360,15 @@ def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_
 
 
 def _photograph(
-    file: ProjectFile, entry: PhotographEntry, folder: Path, camera: int, gnss_map_m: FloatArray | None
+    file: ProjectFile,
+    entry: PhotographEntry,
+    folder: Path,
+    camera: int,
+    gnss_map_m: FloatArray | None,
+    position: FilePosition | None,
 ) -> ProjectPhotograph:
     name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
+    arm = file.gnss.lever_arm_per_flight_m.get(entry.flight, file.gnss.lever_arm_m)
     return ProjectPhotograph(
         name,
         folder / name,
@@ -350,6 +379,10 @@ def _photograph(
         None if entry.attitude_deg is None else _angles(entry.attitude_deg),
         entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
         entry.height_above_ground_m or file.photographs.height_above_ground_m,
+        position,
+        entry.gnss_sigma_m is not None,
+        None if arm is None else np.array(arm),
+        file.gnss.lever_arm_axes,
     )
 
 

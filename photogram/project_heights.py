@@ -12,7 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from photogram.errors import FrameError
-from photogram.frames import FloatArray, LocalFrame, map_heights, projected_crs, vertical_of
+from photogram.frames import (
+    FloatArray,
+    LocalFrame,
+    height_system_of,
+    map_from_crs,
+    map_heights,
+    plan_of,
+    product_crs,
+    projected_crs,
+    vertical_of,
+)
 from photogram.heights import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project_checks import Located
 from photogram.project_file import Document, Key
@@ -97,6 +107,31 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
         document.fault((*_KEY, "geoid"), str(fault))
         return None
     return geoid
+
+
+def in_map(
+    crs: str,
+    target: str,
+    declared: HeightSystem | None,
+    otherwise: HeightSystem | None,
+    heights: DeclaredHeights,
+    given: FloatArray,
+) -> tuple[FloatArray, HeightSystem | None]:
+    """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in.
+
+    That is as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError as map_from_crs
+    does, and where CRS and file contradict each other.
+    """
+    named, vertical = height_system_of(crs)
+    if named is not None and declared is not None and named != declared:
+        raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
+    system = named or declared or otherwise
+    own = heights.geoid is not None and heights.geoid.vertical == vertical
+    if vertical is not None and heights.output is not None and not own:
+        # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
+        return map_from_crs(crs, product_crs(target, heights), given), system
+    position = given if crs == target else map_from_crs(crs, plan_of(target), given)
+    return map_heights(target, heights, system, position), system
 
 
 def listed_in_map(

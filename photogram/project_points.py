@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
-from photogram.frames import height_system_of, map_from_crs, map_heights, plan_of, product_crs, projected_crs
+from photogram.frames import map_from_crs, plan_of, projected_crs
 from photogram.heights import DeclaredHeights, HeightSystem
 from photogram.project_checks import Located, camera_of
 from photogram.project_file import Document, Key, suggestion
+from photogram.project_heights import in_map
 from photogram.project_schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import FloatArray, Roles
 
@@ -167,7 +168,7 @@ def _positions(
     if target is None:
         return given, swapped, entry.heights or heights.control_points
     try:
-        position, system = _in_map(crs, target, entry.heights, heights, given)
+        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, given)
     except FrameError as fault:
         text = str(fault).removeprefix("crs: ")
         document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
@@ -177,23 +178,6 @@ def _positions(
     except FrameError:
         turned = np.full_like(position, np.nan)
     return position, turned, system
-
-
-def _in_map(
-    crs: str, target: str, declared: HeightSystem | None, heights: DeclaredHeights, given: FloatArray
-) -> tuple[FloatArray, HeightSystem | None]:
-    """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in: as the CRS
-    says, else as declared for the file, else as for all ground points. Raises FrameError."""
-    named, vertical = height_system_of(crs)
-    if named is not None and declared is not None and named != declared:
-        raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
-    system = named or declared or heights.control_points
-    own = heights.geoid is not None and heights.geoid.vertical == vertical
-    if vertical is not None and heights.output is not None and not own:
-        # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
-        return map_from_crs(crs, product_crs(target, heights), given), system
-    position = given if crs == target else map_from_crs(crs, plan_of(target), given)
-    return map_heights(target, heights, system, position), system
 
 
 def _is_grid(crs: str) -> bool:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PlainValidator
 
 from photogram.camera import Model
+from photogram.files.position_files import Format
 from photogram.heights import HeightSystem
 from photogram.project_file import Entry, Needed, found, suggestion
 from photogram.survey import Role, Roles
@@ -21,6 +22,8 @@ PixelOrigin = Literal["photogram", "matlab", "colmap"]
 
 Quality = Literal["high", "medium", "low"]
 Calibration = Literal["given", "auto"]
+PositionOf = Literal["camera", "antenna"]
+LeverArmAxes = Literal["body", "camera"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -113,6 +116,7 @@ Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
+LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down")]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
 
@@ -172,11 +176,24 @@ class PhotographEntry(Entry):
     flight: Text = "1"
 
 
+class PositionFileEntry(Entry):
+    """A file of positions of photographs, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
+    format: Format | None = None
+    position_of: PositionOf | None = None
+    crs: Text | None = None
+    heights: HeightSystem | None = None
+    flight: Text | None = None
+    lever_arms: Text | None = None
+
+
 class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
     folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
     camera: Text | None = None
+    positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None
     attitude_sigma_deg: Positive = 2.0
     height_above_ground_m: Positive | None = None
@@ -184,9 +201,12 @@ class PhotographsEntry(Entry):
 
 
 class GnssEntry(Entry):
-    """The offset between GNSS and ground control."""
+    """The offset between GNSS and ground control, and the lever arm from the antenna to the camera."""
 
     offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
+    lever_arm_m: LeverArm | None = None
+    lever_arm_axes: LeverArmAxes = "body"
+    lever_arm_per_flight_m: dict[str, LeverArm] = Field(default_factory=dict)
 
 
 class HeightsEntry(Entry):

@@ -23,6 +23,7 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.records import Run
+from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.height_numbers import height_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
@@ -181,5 +182,6 @@ def _numbers(outcome: _Outcome) -> list[str]:
         run.gnss_systems(),
         [point.heights for point in run.project.control_points],
     )
+    value["gnss"] = gnss_numbers(outcome.result, run.notes())
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

@@ -75,17 +75,18 @@ class Run:
 
     def block(self) -> Block:
         """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, self.tags())
+        return measured_block(self.project, self.notes())
 
-    def tags(self) -> list[dict[str, Any]]:
-        """Return what is noted of every photograph's position and attitude. Needs the stage `photographs`."""
+    def notes(self) -> list[dict[str, Any]]:
+        """Return what the project, files of positions and tags say of each photograph. Needs the stage
+        `photographs`."""
         return list(read_json(self.workspace.stage("photographs") / "tags.json"))
 
     def gnss_systems(self) -> list[HeightSystem | None]:
         """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
-        tags = self.tags()
-        systems = self.project.gnss_systems([t["height_is_ellipsoidal"] for t in tags])
-        return [system for system, t in zip(systems, tags, strict=True) if t["gnss_map_m"] is not None]
+        notes = self.notes()
+        systems = self.project.gnss_systems([note["height_is_ellipsoidal"] for note in notes])
+        return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
@@ -171,6 +172,9 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
     if tags["attitude_deg"] is not None:
         place = np.zeros(3) if gnss is None else gnss
         attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
+    if gnss is not None and tags.get("lever_arm_enu_m") is not None:
+        gnss = gnss + frame.rotation_world_from_true(gnss) @ np.array(tags["lever_arm_enu_m"])
+    arm = tags.get("lever_arm_camera_m")
     return Photograph(
         source.name,
         source.camera,
@@ -182,6 +186,7 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
         attitude,
         None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
         tags["height_above_ground_m"],
+        lever_arm_camera_m=None if arm is None else np.array(arm),
     )
 
 
@@ -274,10 +279,13 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
+    arrays = record_arrays(
+        replace(result, block=None, flights=None, held_flights=None, reliability=None)  # type: ignore[arg-type]
+    )
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
+    arrays["held_flights"] = np.array(result.held_flights, dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
@@ -288,7 +296,8 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
     """Return the adjustment of a measured block from the arrays in ``folder``."""
     arrays = read_arrays(folder / "adjustment.npz")
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    values["flights"] = tuple(str(f) for f in values["flights"])
+    for name in ("flights", "held_flights"):
+        values[name] = tuple(str(f) for f in values[name])
     parameters = values.pop("camera_parameters")
     rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
     adjusted = replace(

@@ -15,14 +15,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photogram.comparison import compare
-from photogram.errors import ImageError, PhotogramError, ProjectError
+from photogram.errors import ImageError, PhotogramError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
-from photogram.files.images import PhotographTags, check_photograph, read_grey, read_pixels, read_tags
+from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
-from photogram.frames import LocalFrame, map_from_geodetic, map_heights
+from photogram.frames import LocalFrame
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
+from photogram.measured_positions import measured_position, position_note
 from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
@@ -64,17 +65,6 @@ class Progress(Protocol):
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def _gnss_from_tags(project: Project, photograph: ProjectPhotograph, tags: PhotographTags) -> list[float] | None:
-    if photograph.gnss_map_m is not None:
-        return [float(x) for x in photograph.gnss_map_m]
-    if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
-        return None
-    geodetic = np.array([[tags.longitude_deg, tags.latitude_deg, tags.height_m]])
-    system = project.heights.of_tags(tags.height_is_ellipsoidal)
-    place = map_heights(project.crs, project.heights, system, map_from_geodetic(project.crs, geodetic))
-    return [float(x) for x in place[0]]
-
-
 def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, object]:
     """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose."""
     camera = project.cameras[photograph.camera]
@@ -84,17 +74,9 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
     gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
     if angles is None and None not in gimbal:
         angles = gimbal  # type: ignore[assignment]
-    gnss = _gnss_from_tags(project, photograph, tags)
-    sigma = photograph.gnss_sigma_m if photograph.gnss_sigma_m is not None else tags.gnss_sigma_m
-    if gnss is not None and sigma is None:
-        raise ProjectError(
-            f"photograph {photograph.name}: its GNSS position has no sigma, neither in the tags nor in the project: "
-            "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
-        )
     return {
         "name": photograph.name,
-        "gnss_map_m": gnss,
-        "gnss_sigma_m": None if gnss is None or sigma is None else [float(s) for s in sigma],
+        **position_note(measured_position(project, photograph, tags)),
         "height_is_ellipsoidal": tags.height_is_ellipsoidal,
         "attitude_deg": None if angles is None else list(angles),
         "time": tags.time.isoformat() if tags.time else None,

@@ -329,6 +329,56 @@ def test_sigmas_of_a_fix_a_float_and_a_single_solution_stay_apart_in_the_project
     assert project.gnss_offset_sigma_m.tolist() == [0, 0, 0]
 
 
+def mrk(folder: Path, name: str, flags: Sequence[int], first: int = 1) -> None:
+    lines = [
+        f"{n}\t302400.25\t[2312]\t10,N\t-5,E\t200,V\t47.4,Lat\t8.5,Lon\t500.0,Ellh\t0.012, 0.011, 0.022\t{flag},Q"
+        for n, flag in enumerate(flags, first)
+    ]
+    (folder / name).write_text("\n".join(lines), encoding="utf-8")
+
+
+def test_an_mrk_beside_the_photographs_is_named_and_tells_the_sigmas(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(3))
+    mrk(folder, "100_0001_Timestamp.MRK", [50, 50, 34])
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    assert "100_0001_Timestamp.MRK: of 3 photographs" in squeezed(outcome.out)
+    assert "2 RTK fix, 1 RTK float" in squeezed(outcome.out)
+    values = values_of(Path("project.yaml"))["photographs"]
+    assert values["positions"] == [{"path": "photographs/100_0001_Timestamp.MRK"}]
+    assert "gnss_sigma_m" not in values
+    assert all("gnss_sigma_m" not in p for p in values["list"])
+    project = load_project(Path("project.yaml"))
+    listed = [p.file_position for p in project.photographs]
+    assert [p.solution for p in listed if p is not None] == ["fix", "fix", "float"]
+
+
+def test_an_mrk_of_each_folder_belongs_to_its_own_photographs(folder: Path, photogram: Run) -> None:
+    for number, flight in enumerate(("a", "b")):
+        photographed(folder / flight, flown(2, replace(DRONE, time=NOON + timedelta(hours=number))))
+        mrk(folder / flight, "x_Timestamp.MRK", [50, 16 if flight == "b" else 50])
+    assert photogram("init", folder, "--recursive").code == 0
+    solutions = {
+        p.name: p.file_position.solution
+        for p in load_project(Path("project.yaml")).photographs
+        if p.file_position is not None
+    }
+    assert solutions == {
+        "a/DJI_0001.JPG": "fix", "a/DJI_0002.JPG": "fix", "b/DJI_0001.JPG": "fix", "b/DJI_0002.JPG": "single",
+    }  # fmt: skip
+
+
+def test_an_mrk_that_does_not_belong_here_is_not_used_and_said_so(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(2))
+    mrk(folder, "far_Timestamp.MRK", [50, 50], first=700)
+    (folder / "bad_Timestamp.MRK").write_text("rubbish\nmore\n")
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    assert "far_Timestamp.MRK: not used: its numbers 700 to 701 are in the names of no" in squeezed(outcome.out)
+    assert "bad_Timestamp.MRK: not used: 1: is no line of a DJI MRK file" in squeezed(outcome.out)
+    assert "positions" not in values_of(Path("project.yaml"))["photographs"]
+
+
 @pytest.mark.parametrize(
     ("gnss", "has_control", "sigma_m"),
     [
