@@ -133,6 +133,15 @@ def _left_out(report: Mapping[str, Any]) -> Table | None:
     return table
 
 
+def _consistency(report: Mapping[str, Any]) -> list[str]:
+    """Return what check points say of the prediction, and which stated sigmas the survey refutes."""
+    achieved = report["predicted_against_achieved"]
+    found = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
+    return found + [
+        f"Stated sigmas: {c['sentence']}" for c in report["variance_components"].values() if c["sentence"] is not None
+    ]
+
+
 def show_report(report: Mapping[str, Any]) -> None:
     """Print the essentials of report.json."""
     resections = _resections(report)
@@ -161,12 +170,20 @@ def show_report(report: Mapping[str, Any]) -> None:
         table.add_row(
             f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m"
         )
+    elif report["leave_one_out"] is not None:
+        left = report["leave_one_out"]
+        table.add_row(
+            f"check points none; leave-one-out of {left['n']} control points: RMSE in plan, height",
+            f"{left['rmse_h_m']:.3f}, {left['rmse_v_m']:.3f} m",
+        )
     else:
         table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
         table.add_row("check points with fewer than two marks", ", ".join(unused))
     console.print(table)
+    for sentence in _consistency(report):
+        console.print(escape(sentence))
     for n, suspect in enumerate(report["suspects"][:MAXIMUM_SUSPECTS]):
         also = "" if n == 0 else " (may be an effect of the first)"
         console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")

@@ -32,6 +32,7 @@ from photogram.report.pictures import (
     shaded_surface,
 )
 from photogram.report.plan import plan_contents, plan_picture
+from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
@@ -86,12 +87,13 @@ def _tables(outcome: _Outcome) -> list[str]:
     run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
     write_record(results / "tie_points.npz", tie_points)
     write_tie_points(results / "tie_points.mat", run.names, tie_points)
-    products = ["tie_points.npz", "tie_points.mat", "dsm.tif"]
+    products = ["tie_points.npz", "tie_points.mat", "dsm.tif", "dsm_sigma.tif"]
     common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
     write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
+    write_geotiff(results / "dsm_sigma.tif", run.surface_sigma(), run.project.crs)
     return products
 
 
@@ -173,5 +175,6 @@ def _numbers(outcome: _Outcome) -> list[str]:
         held=run.held(),
         sources=run.project.camera_source,
     )
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma())
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

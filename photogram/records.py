@@ -23,6 +23,7 @@ from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
+from photogram.surface_model import PointPrecision
 from photogram.survey import (
     Adjustment,
     Block,
@@ -34,6 +35,7 @@ from photogram.survey import (
     Raster,
     Reliability,
     TiePoints,
+    VarianceComponents,
 )
 from photogram.workspace import (
     Workspace,
@@ -109,13 +111,27 @@ class Run:
         """Return the joint adjustment. Needs the stage `adjustment`."""
         return adjustment_from(self.block(), self.workspace.stage("adjustment"))
 
+    def precision(self) -> PointPrecision:
+        """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
+        arrays = read_arrays(self.workspace.stage("adjustment") / "adjustment.npz")
+        R = self.block().frame.rotation_world_from_map(np.zeros(3))
+        whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
+        return PointPrecision(rays, whole - rays)
+
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
-        path = self.workspace.stage("surface") / "dsm.tif"
+        return self._raster("dsm")
+
+    def surface_sigma(self) -> Raster:
+        """Return the standard deviations of the DSM. Needs the stage `surface`."""
+        return self._raster("dsm_sigma")
+
+    def _raster(self, name: str) -> Raster:
+        path = self.workspace.stage("surface") / f"{name}.tif"
         try:
             return read_raster(path)[0]
         except PhotogramError as fault:
@@ -253,8 +269,9 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
+    """Return the arrays of an adjustment but for its tie points, its reliability and its variance components, which
+    have files of their own."""
+    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None, components=None))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
@@ -277,7 +294,12 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
-    return Adjustment(block=adjusted, reliability=read_record(folder / "reliability.npz", Reliability), **values)
+    return Adjustment(
+        block=adjusted,
+        reliability=read_record(folder / "reliability.npz", Reliability),
+        components=read_record(folder / "components.npz", VarianceComponents),
+        **values,
+    )
 
 
 def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:

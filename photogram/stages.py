@@ -29,7 +29,7 @@ from photogram.records import Run, adjustment_arrays, orientation_to, write_comp
 from photogram.retrieval import most_similar
 from photogram.self_calibration import calibrate
 from photogram.structure import Structure
-from photogram.surface_model import surface_from_points
+from photogram.surface_model import surface_with_sigma
 from photogram.survey import (
     Features,
     FloatArray,
@@ -321,6 +321,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_record(folder / "reliability.npz", result.reliability)
+    write_record(folder / "components.npz", result.components)
     write_json(folder / "held.json", held)
     return {
         "sigma0": result.sigma0,
@@ -335,9 +336,10 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Make the DSM from the adjusted cloud."""
-    raster = surface_from_points(run.cloud("adjusted"), run.project.surface)
+    """Make the DSM from the adjusted cloud, and the standard deviations of its heights."""
+    raster, sigma = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
     write_geotiff(folder / "dsm.tif", raster, run.project.crs)
+    write_geotiff(folder / "dsm_sigma.tif", sigma, run.project.crs)
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

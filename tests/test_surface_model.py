@@ -11,7 +11,13 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
 from photogram.errors import PhotogramError
-from photogram.surface_model import SurfaceSettings, spikes, surface_from_points
+from photogram.surface_model import (
+    PointPrecision,
+    SurfaceSettings,
+    spikes,
+    surface_from_points,
+    surface_with_sigma,
+)
 from photogram.survey import PointCloud, Raster
 
 FloatArray = NDArray[np.float64]
@@ -188,3 +194,71 @@ def test_points_that_make_no_surface_are_told_apart(
 def test_settings_that_cannot_be_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(PhotogramError, match=next(iter(options))):
         SurfaceSettings(**options)  # type: ignore[arg-type]
+
+
+# ---- standard deviations ---------------------------------------------------------------------------------------------
+
+
+def precision_of(own_m: FloatArray, shared_m: FloatArray) -> PointPrecision:
+    """Points whose coordinates are independent, with standard deviations (N, 3)."""
+    return PointPrecision(np.einsum("ni,ij->nij", own_m**2, np.eye(3)), np.einsum("ni,ij->nij", shared_m**2, np.eye(3)))
+
+
+def sigma_at(raster: Raster, x: float, y: float) -> float:
+    column = int((EASTING + x - raster.west_map_m) / raster.cell_m)
+    return float(raster.values[int((raster.north_map_m - NORTHING - y) / raster.cell_m), column])
+
+
+def one_triangle(own_m: list[float], shared_m: list[float], slope: float) -> tuple[Raster, Raster]:
+    """A triangle with corners at (0.5, 0.5), (8.5, 0.5) and (0.5, 8.5): the centres of cells of 1 m."""
+    x, y = np.array([0.5, 8.5, 0.5]), np.array([0.5, 0.5, 8.5])
+    precision = precision_of(np.tile(own_m, (3, 1)), np.tile(shared_m, (3, 1)))
+    return surface_with_sigma(cloud_of(x, y, 40 + slope * x), precision, SurfaceSettings(cell_m=1.0, spike_nmad=0))
+
+
+def test_standard_deviations_known_by_hand() -> None:
+    heights, sigma = one_triangle([0.0, 0.0, 0.03], [0.0, 0.0, 0.0], 0.0)
+    assert (heights.values.shape, heights.west_map_m, heights.north_map_m) == (
+        sigma.values.shape, sigma.west_map_m, sigma.north_map_m,
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.isnan(heights.values), np.isnan(sigma.values))
+    assert sigma_at(sigma, 0.5, 0.5) == pytest.approx(0.03)  # the corner itself
+    assert sigma_at(sigma, 4.5, 0.5) == pytest.approx(0.03 * np.sqrt(0.5))  # half way: two errors average out
+    assert sigma_at(sigma, 2.5, 2.5) == pytest.approx(0.03 * np.sqrt(0.5**2 + 0.25**2 + 0.25**2))
+    _, sigma = one_triangle([0.0, 0.0, 0.03], [0.0, 0.0, 0.04], 0.0)  # what is shared does not average out
+    assert sigma_at(sigma, 0.5, 0.5) == pytest.approx(0.05)
+    assert sigma_at(sigma, 4.5, 0.5) == pytest.approx(np.hypot(0.03 * np.sqrt(0.5), 0.04))
+    _, sigma = one_triangle([0.02, 0.01, 0.0], [0.0, 0.0, 0.0], 0.5)  # on a slope, errors in plan raise the surface
+    assert sigma_at(sigma, 8.5, 0.5) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.6])
+def test_errors_of_the_surface_follow_its_standard_deviations(slope: float) -> None:
+    """Points of a known plane, each with its own errors and one that all share: at their corners and in between."""
+    x, y = scattered(300, 40.0, 25.0, seed=4)
+    random = np.random.default_rng(4)
+    own_m = random.uniform(0.3, 1.0, (300, 3)) * [0.02, 0.02, 0.04]
+    shared_m = np.tile([0.01, 0.01, 0.02], (300, 1))
+    settings, z = SurfaceSettings(cell_m=0.5, spike_nmad=0), []
+    for _ in range(120):
+        error = own_m * random.standard_normal((300, 3)) + shared_m * random.standard_normal(3)
+        cloud = cloud_of(x + error[:, 0], y + error[:, 1], 50 + slope * x + error[:, 2])
+        heights, sigma = surface_with_sigma(cloud, precision_of(own_m, shared_m), settings)
+        xc, _ = centres(heights)
+        z.append(((heights.values - (50 + slope * xc)) / sigma.values).ravel())
+    scores = np.concatenate(z)
+    scores = scores[np.isfinite(scores)]
+    assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.03)
+
+
+def test_points_left_out_as_spikes_take_their_standard_deviations_with_them() -> None:
+    x, y = scattered(2000, 40.0, 25.0, seed=9)
+    z = 60 + 0.1 * x
+    z[::100] += 30.0
+    own_m = np.tile([0.0, 0.0, 0.02], (2000, 1))
+    own_m[::100] = 5.0
+    cloud, nothing = cloud_of(x, y, z), np.zeros((2000, 3))
+    heights, sigma = surface_with_sigma(cloud, precision_of(own_m, nothing), SurfaceSettings(cell_m=0.5))
+    assert np.nanmax(sigma.values) <= 0.02 + 1e-6
+    np.testing.assert_array_equal(heights.values, surface_from_points(cloud, SurfaceSettings(cell_m=0.5)).values)

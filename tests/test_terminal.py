@@ -30,7 +30,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         },
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
-        "suspects": [],
+        "suspects": [], "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
     }  # fmt: skip
 
 
@@ -85,3 +85,21 @@ def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console
         assert f"Suspect: {sentence}" in text
     assert sentences[terminal.MAXIMUM_SUSPECTS] not in text
     assert text.count("may be an effect of the first") == terminal.MAXIMUM_SUSPECTS - 1
+
+
+def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> None:
+    left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0345}
+    terminal.show_report({**report(), "leave_one_out": left})
+    text = shown.export_text()
+    assert "check points none; leave-one-out of 7 control points: RMSE in plan, height" in text
+    assert "0.021, 0.034 m" in text
+    assert "predicted, not tested" not in text
+
+
+def test_what_is_refuted_is_said(shown: Console) -> None:
+    components = {"marks": {"sentence": "marks scatter twice"}, "tie_points": {"sentence": None}}
+    achieved = {"sentence": "9 check points: as large as [predicted]"}
+    terminal.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
+    lines = shown.export_text().splitlines()
+    assert "Predicted against achieved, 9 check points: as large as [predicted]" in lines
+    assert [line for line in lines if line.startswith("Stated sigmas")] == ["Stated sigmas: marks scatter twice"]

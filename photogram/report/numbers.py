@@ -16,6 +16,7 @@ from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.reliability import CRITICAL, minimal_detectable_blunder
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
+from photogram.report.statistics import consistency_numbers
 from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
 
@@ -347,6 +348,7 @@ def report_numbers(
         "adjustment": adjustment_numbers(result, seconds["adjustment"]),
         "control_points": points,
         "check_points": check_numbers(points),
+        **consistency_numbers(result, points),
         "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),
