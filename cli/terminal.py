@@ -173,7 +173,7 @@ def show_report(report: Mapping[str, Any]) -> None:
     elif report["leave_one_out"] is not None:
         left = report["leave_one_out"]
         table.add_row(
-            f"check points none; leave-one-out of {left['n']} control points: RMSE in plan, height",
+            f"leave-one-out ({left['n']}, no check points): RMSE in plan, height",
             f"{left['rmse_h_m']:.3f}, {left['rmse_v_m']:.3f} m",
         )
     else:

@@ -119,13 +119,13 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
     joint = turn.T @ np.nan_to_num(result.ground_joint_covariance_m2) @ turn
     joint[np.diag_indices(len(rows))] += points.sigma_m.ravel()[rows] ** 2
     d = difference.ravel()[rows]
-    z = np.full(difference.size, np.nan)
-    z[rows] = d / np.sqrt(np.diag(joint))
+    z = np.full(difference.shape, np.nan)
+    z.reshape(-1)[rows] = d / np.sqrt(np.diag(joint))
     distance2 = np.full(len(points), np.nan)
     for g in np.flatnonzero(used.any(axis=1)).tolist():
         own = np.flatnonzero(rows // 3 == g)
         distance2[g] = d[own] @ np.linalg.solve(joint[np.ix_(own, own)], d[own])
-    value, z = float(d @ np.linalg.solve(joint, d)), z.reshape(-1, 3)
+    value = float(d @ np.linalg.solve(joint, d))
     return PredictedAgainstAchieved(
         n=int(used.any(axis=1).sum()),
         z=z,

@@ -88,11 +88,11 @@ def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console
 
 
 def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> None:
-    left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0345}
+    left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0346}
     terminal.show_report({**report(), "leave_one_out": left})
     text = shown.export_text()
-    assert "check points none; leave-one-out of 7 control points: RMSE in plan, height" in text
-    assert "0.021, 0.034 m" in text
+    assert "leave-one-out (7, no check points): RMSE in plan, height" in text
+    assert "0.021, 0.035 m" in text
     assert "predicted, not tested" not in text
 
 
