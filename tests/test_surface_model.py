@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
+from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.errors import PhotogramError
+from photogram.simulation import SurveyPlan, simulate_block
 from photogram.surface_model import (
     PointPrecision,
     SurfaceSettings,
@@ -250,6 +252,27 @@ def test_errors_of_the_surface_follow_its_standard_deviations(slope: float) -> N
     scores = scores[np.isfinite(scores)]
     assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.08)
     assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.03)
+
+
+def test_surfaces_of_adjusted_surveys_err_as_they_say() -> None:
+    """Simulated surveys over level ground: what the DSM is off by, at tie points and in between, in its own sigmas."""
+    plan = SurveyPlan(strips=2, photographs_per_strip=4, relief_m=0.0, control_points=5, check_points=0)
+    z, points = [], []
+    for seed in range(25):
+        made = simulate_block(
+            plan, seed, tie_points=150, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05,
+            start_point_sigma_m=0.05,
+        )  # fmt: skip
+        result = adjust(made.block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+        place, rays = result.block.tie_points.position_world_m, result.tie_point_ray_covariance_m2
+        precision = PointPrecision(rays, result.tie_point_covariance_m2 - rays)
+        heights, sigma = surface_with_sigma(PointCloud(place), precision, SurfaceSettings(cell_m=2.0, spike_nmad=0))
+        score = heights.values / sigma.values
+        z.append(score[np.isfinite(score)])
+        points.append(place[:, 2] / np.sqrt(result.tie_point_covariance_m2[:, 2, 2]))
+    for scores in (np.concatenate(z), np.concatenate(points)):
+        assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.15)
+        assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.06)
 
 
 def test_points_left_out_as_spikes_take_their_standard_deviations_with_them() -> None:
