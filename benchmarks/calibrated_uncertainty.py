@@ -65,7 +65,7 @@ def survey(seed: int) -> SimulatedBlock:
     """Simulate the observations of a survey."""
     rng = np.random.default_rng([seed, 11])
     plan, sigma_px = plan_of(rng), float(rng.choice([0.3, 0.5, 1.0]))
-    while True:
+    for _ in range(10):
         try:
             return simulate_block(
                 plan, seed, tie_points=int(rng.integers(200, 500)), sigma_px=sigma_px,
@@ -75,6 +75,7 @@ def survey(seed: int) -> SimulatedBlock:
         except ValueError:  # no room for so many points, or too few in two photographs: fewer, more overlap
             overlap = min(0.85, plan.forward_overlap + 0.05)
             plan = replace(plan, control_points=max(4, plan.control_points - 1), forward_overlap=overlap)
+    raise RuntimeError(f"no survey with the seed {seed}")
 
 
 def _scores(error: FloatArray, covariance: FloatArray, axes: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ and in triangles that bridge a gap, a cell has no data.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,8 @@ from photogram.survey import PointCloud, Raster
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Rule = Callable[[IntArray, FloatArray], FloatArray]
+"""What a cell holds, from its triangle (K,) and the barycentric weights (K, 3) of its centre."""
 
 NMAD_FACTOR = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
@@ -104,7 +106,8 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     points with the same easting and northing one is used. Raises PhotogramError when fewer than three usable points
     remain, when they lie on one line, or when the settings leave no cell with data.
     """
-    return _heights(_triangulated(cloud, settings or SurfaceSettings()))
+    triangles = _triangulated(cloud, settings or SurfaceSettings())
+    return _rasters(triangles, [_height_rule(triangles)])[0]
 
 
 def surface_with_sigma(
@@ -118,14 +121,14 @@ def surface_with_sigma(
     does between the points is not in it.
     """
     triangles = _triangulated(cloud, settings or SurfaceSettings())
-    heights = _heights(triangles)
     own, shared = _corner_variances(triangles, precision.select(triangles.kept))
-    values = np.full(triangles.shape, np.nan, dtype=np.float32)
-    with threadpool_limits(1, "blas"):
-        for tile, inside, triangle, weight in _cells(triangles):
-            camera = np.sum(weight * np.sqrt(shared[triangle]), axis=1)
-            values[tile].reshape(-1)[inside] = np.sqrt(np.sum(weight**2 * own[triangle], axis=1) + camera**2)
-    return heights, Raster(values, triangles.west_map_m, triangles.north_map_m, triangles.cell_m)
+
+    def sigma(triangle: IntArray, weight: FloatArray) -> FloatArray:
+        cameras = np.sum(weight * np.sqrt(shared[triangle]), axis=1)
+        return np.asarray(np.sqrt(np.sum(weight**2 * own[triangle], axis=1) + cameras**2))
+
+    heights, deviations = _rasters(triangles, [_height_rule(triangles), sigma])
+    return heights, deviations
 
 
 def _corner_variances(triangles: _Triangles, precision: PointPrecision) -> tuple[FloatArray, FloatArray]:
@@ -138,7 +141,7 @@ def _corner_variances(triangles: _Triangles, precision: PointPrecision) -> tuple
     flat = np.where(triangles.usable, normal[:, 2], 1.0)
     normal = np.where(triangles.usable[:, None], normal / flat[:, None], [0.0, 0.0, 1.0])
     own, shared = (
-        np.einsum("ti,tkij,tj->tk", normal, part[simplices], normal)
+        np.column_stack([np.einsum("ti,tij,tj->t", normal, part[simplices[:, k]], normal) for k in range(3)])
         for part in (precision.rays_m2, precision.cameras_m2)
     )
     return own, np.maximum(shared, 0.0)
@@ -167,18 +170,42 @@ def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
     return _Triangles(points_m, kept, origin_map_m, triangulation, usable, west, north, cell_m, shape)
 
 
-def _heights(triangles: _Triangles) -> Raster:
-    """Return the heights at the cell centres. Raises PhotogramError when no cell has one."""
-    values = np.full(triangles.shape, np.nan, dtype=np.float32)
+def _height_rule(triangles: _Triangles) -> Rule:
+    """Return the rule of heights over the map's zero."""
     height_m, simplices = triangles.points_m[:, 2], triangles.triangulation.simplices
+    base_m = triangles.origin_map_m[2]
+
+    def height(triangle: IntArray, weight: FloatArray) -> FloatArray:
+        return np.asarray(np.sum(weight * height_m[simplices[triangle]], axis=1) + base_m)
+
+    return height
+
+
+def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
+    """Return what each rule makes of the cells on the surface, NaN off it, by tiles of rows.
+
+    Raises PhotogramError when no cell has its centre on the surface.
+    """
+    rows, columns = triangles.shape
+    corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
+    values = [np.full(triangles.shape, np.nan, dtype=np.float32) for _ in rules]
+    x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
+    tile_rows, found = max(1, TILE_CELLS // columns), 0
     with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
-        for tile, inside, triangle, weight in _cells(triangles):
-            values[tile].reshape(-1)[inside] = np.sum(weight * height_m[simplices[triangle]], axis=1)
-    values += np.float32(triangles.origin_map_m[2])
-    cell_m = triangles.cell_m
-    if np.isnan(values).all():
+        for top in range(0, rows, tile_rows):
+            y = corner_m[1] - (np.arange(top, min(top + tile_rows, rows)) + 0.5) * cell_m
+            centre = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+            triangle = triangulation.find_simplex(centre)
+            inside = np.flatnonzero((triangle >= 0) & triangles.usable[triangle])
+            triangle, found = triangle[inside], found + len(inside)
+            affine = triangulation.transform[triangle]
+            weight = np.einsum("nij,nj->ni", affine[:, :2], centre[inside] - affine[:, 2])
+            weight = np.column_stack([weight, 1.0 - weight.sum(axis=1)])
+            for raster, rule in zip(values, rules, strict=True):
+                raster[top : top + tile_rows].reshape(-1)[inside] = rule(triangle, weight)
+    if not found:
         raise PhotogramError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
-    return Raster(values, triangles.west_map_m, triangles.north_map_m, cell_m)
+    return [Raster(raster, triangles.west_map_m, triangles.north_map_m, cell_m) for raster in values]
 
 
 def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
@@ -272,21 +299,3 @@ def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tup
             "choose a larger cell_m"
         )
     return round(float(first[0]) * cell_m, 9), round(float(first[1] + rows) * cell_m, 9), (rows, columns)
-
-
-def _cells(triangles: _Triangles) -> Iterator[tuple[slice, IntArray, IntArray, FloatArray]]:
-    """Yield tiles of rows, which of their cells (K,) have their centre on the surface, in which triangle (K,), and the
-    barycentric weights (K, 3) of its corners there."""
-    rows, columns = triangles.shape
-    corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
-    x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
-    tile_rows = max(1, TILE_CELLS // columns)
-    for top in range(0, rows, tile_rows):
-        tile = slice(top, min(top + tile_rows, rows))
-        y = corner_m[1] - (np.arange(tile.start, tile.stop) + 0.5) * cell_m
-        centre = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        triangle = triangulation.find_simplex(centre)
-        inside = np.flatnonzero((triangle >= 0) & triangles.usable[triangle])
-        affine = triangulation.transform[triangle[inside]]
-        weight = np.einsum("nij,nj->ni", affine[:, :2], centre[inside] - affine[:, 2])
-        yield tile, inside, triangle[inside], np.column_stack([weight, 1.0 - weight.sum(axis=1)])

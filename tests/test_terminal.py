@@ -97,7 +97,12 @@ def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> N
 
 
 def test_what_is_refuted_is_said(shown: Console) -> None:
-    components = {"marks": {"sentence": "marks scatter twice"}, "tie_points": {"sentence": None}}
+    components = {
+        "marks": {"sentence": "marks scatter twice", "significant": True, "sigma_factor": 2.0},
+        "tie_points": {"sentence": "tie points are better", "significant": True, "sigma_factor": 0.5},
+        "attitude": {"sentence": None, "significant": False, "sigma_factor": 1.1},
+        "calibration": {"sentence": None, "significant": False, "sigma_factor": None},
+    }
     achieved = {"sentence": "9 check points: as large as [predicted]"}
     terminal.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
     lines = shown.export_text().splitlines()

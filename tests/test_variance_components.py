@@ -147,10 +147,10 @@ def test_what_is_said_of_a_group() -> None:
     assert said["tie_points"]["sigma_factor"] == pytest.approx(0.5)
     assert said["tie_points"]["sigma_factor_sd"] == pytest.approx(0.5 / np.sqrt(4000.0))
     assert said["tie_points"]["sentence"] == (
-        "tie points scatter 0.5 times as much as stated (0.5 px), ± 0.0079: about 0.25 px; their sigma is too large"
+        "tie points scatter 0.5 ± 0.008 times as much as stated (0.5 px): about 0.25 px; their sigma is too large"
     )
     assert said["marks"]["sentence"] == (
-        "marks scatter 2 times as much as stated (0.4 px), ± 0.2: about 0.8 px; a wrong one among them, "
+        "marks scatter 2 ± 0.2 times as much as stated (0.4 px): about 0.8 px; a wrong one among them, "
         "or a sigma too small"
     )
     assert said["attitude"]["sentence"] is None

@@ -37,12 +37,11 @@ def _sentence(name: str, found: Scatter) -> str | None:
         return None
     title, unit, factor = _GROUPS[name]
     stated, sd = found.stated_sigma * factor, found.sigma_factor_sd
-    times = f"{title} scatter {found.sigma_factor:.2g} times as much as stated"
-    if not unit:
-        return f"{times} (± {sd:.2g})"
-    estimate = f"about {found.sigma_factor * stated:.2g} {unit}"
+    times = f"{title} scatter {found.sigma_factor:.2g} ± {sd:.1g} times as much as stated"
     remedy = "a wrong one among them, or a sigma too small" if found.sigma_factor > 1.0 else "their sigma is too large"
-    return f"{times} ({stated:.2g} {unit}), ± {sd:.2g}: {estimate}; {remedy}"
+    if not unit:
+        return f"{times}: {remedy}"
+    return f"{times} ({stated:.2g} {unit}): about {found.sigma_factor * stated:.2g} {unit}; {remedy}"
 
 
 def component_numbers(result: Adjustment) -> Json:
