@@ -82,7 +82,7 @@ def ray_covariances(problem: Problem, state: State) -> FloatArray:
         X = state.tie_point[begin:end]
         linear = linearise(part, state.parameters, state.rotation, state.position, X)
         _, weight, _ = robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)
-        information = np.einsum("n,nri,nrj->nij", weight, linear.point, linear.point)
-        V = np.add.reduceat(information, first_observations(part.point, end - begin)[:-1], axis=0)
+        J = np.sqrt(weight)[:, None, None] * linear.point
+        V = np.add.reduceat(J.transpose(0, 2, 1) @ J, first_observations(part.point, end - begin)[:-1], axis=0)
         covariance[begin:end] = np.linalg.inv(V)
     return covariance

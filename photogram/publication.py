@@ -175,6 +175,6 @@ def _numbers(outcome: _Outcome) -> list[str]:
         held=run.held(),
         sources=run.project.camera_source,
     )
-    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma())
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

@@ -130,6 +130,10 @@ class Run:
         """Return the standard deviations of the DSM. Needs the stage `surface`."""
         return self._raster("dsm_sigma")
 
+    def held_out_m(self) -> NDArray[np.float64]:
+        """Return what the DSM is off by at tie points that were held out of it. Needs the stage `surface`."""
+        return np.asarray(read_arrays(self.workspace.stage("surface") / "held_out.npz")["held_out_m"])
+
     def _raster(self, name: str) -> Raster:
         path = self.workspace.stage("surface") / f"{name}.tif"
         try:

@@ -337,9 +337,11 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Make the DSM from the adjusted cloud, and the standard deviations of its heights."""
-    raster, sigma = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
+    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
+    raster = surface.heights
     write_geotiff(folder / "dsm.tif", raster, run.project.crs)
-    write_geotiff(folder / "dsm_sigma.tif", sigma, run.project.crs)
+    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, run.project.crs)
+    write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

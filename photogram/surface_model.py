@@ -30,6 +30,7 @@ NMAD_FACTOR = 1.4826
 """
 
 MAXIMUM_CELLS = 1_000_000_000
+MAXIMUM_HELD_OUT = 20_000
 TILE_CELLS = 400_000
 CHUNK_POINTS = 40_000
 
@@ -79,6 +80,16 @@ class PointPrecision:
 
 
 @dataclass(frozen=True, eq=False)
+class Surface:
+    """A DSM, the standard deviations of its heights as far as the measurement goes, and how far it is off between
+    points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest."""
+
+    heights: Raster
+    sigma: Raster
+    held_out_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class _Triangles:
     """A triangulation of points (N, 3) relative to ``origin_map_m``, which of its triangles are surface, and the grid
     over it; ``kept`` are the numbers of the points among those that were given."""
@@ -112,15 +123,16 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
 
 def surface_with_sigma(
     cloud: PointCloud, precision: PointPrecision, settings: SurfaceSettings | None = None
-) -> tuple[Raster, Raster]:
+) -> Surface:
     """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid.
 
     With barycentric weights w of the three corners and the normal n = (−∂h/∂E, −∂h/∂N, 1) of their triangle, the height
     at a fixed place has the variance Σ w² nᵀ Σ_rays n + (Σ w √(nᵀ Σ_cameras n))²: the corners' own errors average out,
     those of the photographs, which neighbours share, do not. It is the error of measurement alone: what the surface
-    does between the points is not in it.
+    does between the points is not in it, points held out tell that.
     """
-    triangles = _triangulated(cloud, settings or SurfaceSettings())
+    settings = settings or SurfaceSettings()
+    triangles = _triangulated(cloud, settings)
     own, shared = _corner_variances(triangles, precision.select(triangles.kept))
 
     def sigma(triangle: IntArray, weight: FloatArray) -> FloatArray:
@@ -128,7 +140,34 @@ def surface_with_sigma(
         return np.asarray(np.sqrt(np.sum(weight**2 * own[triangle], axis=1) + cameras**2))
 
     heights, deviations = _rasters(triangles, [_height_rule(triangles), sigma])
-    return heights, deviations
+    return Surface(heights, deviations, _held_out_m(triangles.points_m, settings.maximum_gap_m))
+
+
+def _held_out_m(points_m: FloatArray, maximum_gap_m: float | None) -> FloatArray:
+    """Return heights (K,) that nine tenths of the points interpolate at the places of the rest, minus the rest's own.
+
+    At most MAXIMUM_HELD_OUT points are held out; those off the surface of the others say nothing.
+    """
+    order = np.random.default_rng(0).permutation(len(points_m))
+    count = min(len(points_m) // 10, MAXIMUM_HELD_OUT)
+    held_out, rest = points_m[order[:count]], points_m[order[count:]]
+    try:
+        triangulation = Delaunay(rest[:, :2])
+    except QhullError:  # what is left lies on one line, or is too little
+        return np.zeros(0)
+    usable = _usable_triangles(rest[triangulation.simplices], maximum_gap_m)
+    triangle = np.asarray(triangulation.find_simplex(held_out[:, :2]), dtype=np.int64)
+    inside = np.flatnonzero((triangle >= 0) & usable[triangle])
+    weight = _barycentric(triangulation, triangle[inside], held_out[inside, :2])
+    height = np.sum(weight * rest[triangulation.simplices[triangle[inside]], 2], axis=1)
+    return np.asarray(height - held_out[inside, 2])
+
+
+def _barycentric(triangulation: Delaunay, triangle: IntArray, place_m: FloatArray) -> FloatArray:
+    """Return the weights (K, 3) of the corners of triangles (K,) at places (K, 2)."""
+    affine = triangulation.transform[triangle]
+    weight = np.einsum("nij,nj->ni", affine[:, :2], place_m - affine[:, 2])
+    return np.column_stack([weight, 1.0 - weight.sum(axis=1)])
 
 
 def _corner_variances(triangles: _Triangles, precision: PointPrecision) -> tuple[FloatArray, FloatArray]:
@@ -198,9 +237,7 @@ def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
             triangle = triangulation.find_simplex(centre)
             inside = np.flatnonzero((triangle >= 0) & triangles.usable[triangle])
             triangle, found = triangle[inside], found + len(inside)
-            affine = triangulation.transform[triangle]
-            weight = np.einsum("nij,nj->ni", affine[:, :2], centre[inside] - affine[:, 2])
-            weight = np.column_stack([weight, 1.0 - weight.sum(axis=1)])
+            weight = _barycentric(triangulation, triangle, centre[inside])
             for raster, rule in zip(values, rules, strict=True):
                 raster[top : top + tile_rows].reshape(-1)[inside] = rule(triangle, weight)
     if not found:

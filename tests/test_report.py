@@ -362,6 +362,8 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     assert (dsm["rows"], dsm["columns"]) == sigma.shape
     assert dsm["cells"] == sigma.count()
     assert dsm["sigma_m"]["median"] == pytest.approx(np.ma.median(sigma), rel=1e-6)
+    assert dsm["held_out"]["n"] > 50
+    assert 0 < dsm["held_out"]["nmad_m"] <= dsm["held_out"]["rmse_m"]
     assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
 
 

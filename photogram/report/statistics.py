@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from photogram.consistency import LeaveOneOut, PredictedAgainstAchieved, leave_one_out, predicted_against_achieved
-from photogram.survey import Adjustment, Raster
+from photogram.surface_model import NMAD_FACTOR
+from photogram.survey import Adjustment, FloatArray, Raster
 from photogram.variance_components import Scatter, scatters
 
 Json = dict[str, Any]
@@ -100,8 +101,10 @@ def consistency_numbers(result: Adjustment, points: list[Json]) -> Json:
     }
 
 
-def dsm_numbers(surface: Raster, sigma: Raster) -> Json:
-    """Return the size of the DSM and what the standard deviations of its heights are."""
+def dsm_numbers(surface: Raster, sigma: Raster, held_out_m: FloatArray) -> Json:
+    """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
+    (K,) that were held out of it, null where none were."""
+    off = held_out_m if len(held_out_m) else np.full(1, np.nan)
     known = sigma.values[np.isfinite(sigma.values)].astype(np.float64)
     return {
         "rows": surface.values.shape[0],
@@ -113,5 +116,10 @@ def dsm_numbers(surface: Raster, sigma: Raster) -> Json:
             "mean": float(known.mean()),
             "percentile_95": float(np.percentile(known, 95)),
             "maximum": float(known.max()),
+        },
+        "held_out": {
+            "n": len(held_out_m),
+            "rmse_m": _finite(np.sqrt(np.mean(off**2))),
+            "nmad_m": _finite(NMAD_FACTOR * np.median(np.abs(off - np.median(off)))),
         },
     }
