@@ -156,9 +156,10 @@ def _held_out_m(points_m: FloatArray, maximum_gap_m: float | None) -> FloatArray
     except QhullError:  # what is left lies on one line, or is too little
         return np.zeros(0)
     usable = _usable_triangles(rest[triangulation.simplices], maximum_gap_m)
-    triangle = np.asarray(triangulation.find_simplex(held_out[:, :2]), dtype=np.int64)
-    inside = np.flatnonzero((triangle >= 0) & usable[triangle])
-    weight = _barycentric(triangulation, triangle[inside], held_out[inside, :2])
+    with threadpool_limits(1, "blas"):
+        triangle = np.asarray(triangulation.find_simplex(held_out[:, :2]), dtype=np.int64)
+        inside = np.flatnonzero((triangle >= 0) & usable[triangle])
+        weight = _barycentric(triangulation, triangle[inside], held_out[inside, :2])
     height = np.sum(weight * rest[triangulation.simplices[triangle[inside]], 2], axis=1)
     return np.asarray(height - held_out[inside, 2])
 
