@@ -152,6 +152,14 @@ def show_gnss(gnss: Mapping[str, Any]) -> None:
         console.print(f"and {more} more sentences, see gnss in report.json")
 
 
+def _consistency(report: Mapping[str, Any]) -> list[str]:
+    """Return what check points say of the prediction, and which sigmas the survey refutes as too small."""
+    achieved = report["predicted_against_achieved"]
+    found = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
+    refuted = [c for c in report["variance_components"].values() if c["significant"] and c["sigma_factor"] > 1.0]
+    return found + [f"Stated sigmas: {c['sentence']}" for c in refuted]
+
+
 def show_report(report: Mapping[str, Any]) -> None:
     """Print the essentials of report.json."""
     resections = _resections(report)
@@ -180,6 +188,12 @@ def show_report(report: Mapping[str, Any]) -> None:
         table.add_row(
             f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m"
         )
+    elif report["leave_one_out"] is not None:
+        left = report["leave_one_out"]
+        table.add_row(
+            f"leave-one-out ({left['n']}, no check points): RMSE in plan, height",
+            f"{left['rmse_h_m']:.3f}, {left['rmse_v_m']:.3f} m",
+        )
     else:
         table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
@@ -191,6 +205,8 @@ def show_report(report: Mapping[str, Any]) -> None:
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
+    for sentence in _consistency(report):
+        console.print(escape(sentence))
     show_gnss(report["gnss"])
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]

@@ -19,7 +19,7 @@ from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
 from photogram.factors.loss import NO_LOSS
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
-from photogram.factors.reprojection import Linearisation, linearise
+from photogram.factors.reprojection import Linearisation, Observations, linearise
 from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
@@ -113,40 +113,54 @@ class Covariances:
         return np.asarray(self.inverse[low * self.layout.stride + high])
 
 
-def _control_columns(
-    problem: Problem, state: State, found: Covariances
-) -> tuple[Linearisation, FloatArray, FloatArray, FloatArray]:
-    """Return the linearised marks, their rows on poses and border (M, 2, 6 free + border), the inverse normal matrices
-    V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3)."""
-    layout, marks, count = found.layout, problem.marks, len(state.control)
+def point_columns(
+    observations: Observations, linear: Linearisation, normal: FloatArray, layout: Layout
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what few points, observed or surveyed, have to do with the cameras: the rows of their linearised
+    observations on poses and border (M, 2, 6 free + border), V⁻¹ (K, 3, 3) of their ``normal`` matrices V, and W V⁻¹
+    (6 free + border, K, 3)."""
     owner, parameter = layout.free_parameters
-    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
-    V = GroundTerms(problem, layout).linearise(state).control
-    np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    rows = np.zeros((len(marks), 2, layout.columns + layout.border))
-    for i, (p, c) in enumerate(zip(marks.photograph, marks.camera, strict=True)):
+    rows = np.zeros((len(observations), 2, layout.columns + layout.border))
+    for i, (p, c) in enumerate(zip(observations.photograph, observations.camera, strict=True)):
         at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
         rows[i, :, at : at + 6] = linear.pose[i]
         free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
         rows[i][:, layout.columns + columns] = free
-    W = np.zeros((count, rows.shape[2], 3))
-    np.add.at(W, marks.point, np.einsum("nrc,nri->nci", rows, linear.point))
-    inverse = np.asarray(np.linalg.inv(V), dtype=np.float64)
-    return linear, rows, inverse, np.einsum("gci,gij->cgj", W, inverse)
+    W = np.zeros((len(normal), rows.shape[2], 3))
+    np.add.at(W, observations.point, np.einsum("nrc,nri->nci", rows, linear.point))
+    inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    return rows, inverse, np.einsum("gci,gij->cgj", W, inverse)
 
 
-def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
-    """Return the joint covariance (3 G, 3 G) of all adjusted control points in the world, m².
+def joint_points(found: Covariances, inverse: FloatArray, turned: FloatArray) -> FloatArray:
+    """Return the joint covariance (3 K, 3 K) of points in the world, m², from V⁻¹ and W V⁻¹ of ``point_columns``.
 
-    With a point's own normal matrix V, from its marks and its survey, and W towards cameras, two points a and b have
-    the covariance δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4).
+    With a point's own normal matrix V and W towards cameras, two points a and b have the covariance
+    δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4), whether they took part or not.
     """
-    _, _, inverse, turned = _control_columns(problem, state, found)
     columns = turned.reshape(len(turned), -1)
     joint = found.between(columns, columns)
     own = np.arange(columns.shape[1]).reshape(-1, 3)
     joint[own[:, :, None], own[:, None, :]] += inverse
     return joint
+
+
+def _control_columns(
+    problem: Problem, state: State, found: Covariances
+) -> tuple[Linearisation, FloatArray, FloatArray, FloatArray]:
+    """Return the linearised marks, their rows on poses and border (M, 2, 6 free + border), the inverse normal matrices
+    V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3)."""
+    marks = problem.marks
+    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+    V = GroundTerms(problem, found.layout).linearise(state).control
+    np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    return linear, *point_columns(marks, linear, V, found.layout)
+
+
+def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
+    """Return the joint covariance (3 G, 3 G) of all adjusted control points in the world, m²."""
+    _, _, inverse, turned = _control_columns(problem, state, found)
+    return joint_points(found, inverse, turned)
 
 
 def mark_covariances(problem: Problem, state: State, found: Covariances) -> FloatArray:

@@ -18,6 +18,7 @@ from photogram.determinacy import check_determined, check_in_front, undetermined
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
+from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.levenberg_marquardt import Minimum
 from photogram.factors.loss import robust_terms
 from photogram.factors.minimisation import minimise_graph, minimise_problem
@@ -38,6 +39,7 @@ from photogram.partial_control import control_positions
 from photogram.registration import registered_block, with_all_photographs
 from photogram.reliability import reliability
 from photogram.survey import Adjustment, Block, FloatArray, check_range
+from photogram.variance_components import variance_components
 
 Progress = Callable[[str], None]
 
@@ -243,6 +245,7 @@ def _adjust_oriented(
         raise undetermined(whole, fault) from fault
     sigma0, redundancy = sigma0_and_redundancy(final, final_state)
     ground, ground_covariance = ground_points(final, final_state, found)
+    tested = reliability(final, final_state, found)
     poses, R = found.poses, state.rotation
     held, implied, implied_covariance = implied_offsets(final, final_state, found)
     arm = left_arm(final, final_state, found)
@@ -268,7 +271,10 @@ def _adjust_oriented(
         cost=solved.minimum.cost,
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~kept)),
-        reliability=reliability(final, final_state, found),
+        reliability=tested,
+        ground_joint_covariance_m2=joint_ground_covariance(final, final_state, found, ground),
+        tie_point_ray_covariance_m2=ray_covariances(final, final_state),
+        components=variance_components(final, final_state, found, tested, redundancy),
         held_flights=held,
         implied_offset_world_m=implied,
         implied_offset_covariance_m2=implied_covariance,

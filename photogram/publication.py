@@ -22,6 +22,7 @@ from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
+from photogram.frames import plan_of
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.height_numbers import height_numbers
@@ -34,6 +35,7 @@ from photogram.report.pictures import (
     shaded_surface,
 )
 from photogram.report.plan import plan_contents, plan_picture
+from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
@@ -88,12 +90,13 @@ def _tables(outcome: _Outcome) -> list[str]:
     run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
     write_record(results / "tie_points.npz", tie_points)
     write_tie_points(results / "tie_points.mat", run.names, tie_points)
-    products = ["tie_points.npz", "tie_points.mat", "dsm.tif"]
+    products = ["tie_points.npz", "tie_points.mat", "dsm.tif", "dsm_sigma.tif"]
     common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
     write_geotiff(results / "dsm.tif", run.surface(), run.project.product_crs)
+    write_geotiff(results / "dsm_sigma.tif", run.surface_sigma(), plan_of(run.project.crs))
     return products
 
 
@@ -183,5 +186,6 @@ def _numbers(outcome: _Outcome) -> list[str]:
         [point.heights for point in run.project.control_points],
     )
     value["gnss"] = gnss_numbers(outcome.result, run.notes())
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
     write_json(outcome.results / "report.json", value)
     return ["report.json"]

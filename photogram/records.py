@@ -24,6 +24,7 @@ from photogram.heights import HeightSystem
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
+from photogram.surface_model import PointPrecision
 from photogram.survey import (
     Adjustment,
     Block,
@@ -35,6 +36,7 @@ from photogram.survey import (
     Raster,
     Reliability,
     TiePoints,
+    VarianceComponents,
 )
 from photogram.workspace import (
     Workspace,
@@ -121,6 +123,13 @@ class Run:
         """Return the joint adjustment. Needs the stage `adjustment`."""
         return adjustment_from(self.block(), self.workspace.stage("adjustment"))
 
+    def precision(self) -> PointPrecision:
+        """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
+        arrays = read_arrays(self.workspace.stage("adjustment") / "adjustment.npz")
+        R = self.block().frame.rotation_world_from_map(np.zeros(3))
+        whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
+        return PointPrecision(rays, whole - rays)
+
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
@@ -132,7 +141,18 @@ class Run:
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
-        path = self.workspace.stage("surface") / "dsm.tif"
+        return self._raster("dsm")
+
+    def surface_sigma(self) -> Raster:
+        """Return the standard deviations of the DSM. Needs the stage `surface`."""
+        return self._raster("dsm_sigma")
+
+    def held_out_m(self) -> NDArray[np.float64]:
+        """Return what the DSM is off by at tie points that were held out of it. Needs the stage `surface`."""
+        return np.asarray(read_arrays(self.workspace.stage("surface") / "held_out.npz")["held_out_m"])
+
+    def _raster(self, name: str) -> Raster:
+        path = self.workspace.stage("surface") / f"{name}.tif"
         try:
             return read_raster(path)[0]
         except PhotogramError as fault:
@@ -278,9 +298,10 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
+    """Return the arrays of an adjustment but for its tie points, its reliability and its variance components, which
+    have files of their own."""
     arrays = record_arrays(
-        replace(result, block=None, flights=None, held_flights=None, reliability=None)  # type: ignore[arg-type]
+        replace(result, block=None, flights=None, held_flights=None, reliability=None, components=None)  # type: ignore[arg-type]
     )
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
@@ -306,7 +327,12 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
-    return Adjustment(block=adjusted, reliability=read_record(folder / "reliability.npz", Reliability), **values)
+    return Adjustment(
+        block=adjusted,
+        reliability=read_record(folder / "reliability.npz", Reliability),
+        components=read_record(folder / "components.npz", VarianceComponents),
+        **values,
+    )
 
 
 def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:

@@ -20,7 +20,7 @@ from photogram.features import SMALLEST_PX, coarseness, find_features, photograp
 from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
-from photogram.frames import LocalFrame
+from photogram.frames import LocalFrame, plan_of
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
 from photogram.measured_positions import measured_position, position_note
@@ -31,7 +31,7 @@ from photogram.records import Run, adjustment_arrays, orientation_to, write_comp
 from photogram.retrieval import most_similar
 from photogram.self_calibration import Held, calibrate
 from photogram.structure import Structure
-from photogram.surface_model import surface_from_points
+from photogram.surface_model import surface_with_sigma
 from photogram.survey import (
     Adjustment,
     Block,
@@ -329,6 +329,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_record(folder / "reliability.npz", result.reliability)
+    write_record(folder / "components.npz", result.components)
     write_json(folder / "held.json", held)
     write_json(
         folder / "verdict.json",
@@ -352,9 +353,12 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Make the DSM from the adjusted cloud."""
-    raster = surface_from_points(run.cloud("adjusted"), run.project.surface)
+    """Make the DSM from the adjusted cloud, and the standard deviations of its heights."""
+    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
+    raster = surface.heights
     write_geotiff(folder / "dsm.tif", raster, run.project.product_crs)
+    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs))
+    write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

@@ -7,6 +7,7 @@ and in triangles that bridge a gap, a cell has no data.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ from photogram.survey import PointCloud, Raster
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Rule = Callable[[IntArray, FloatArray], FloatArray]
+"""What a cell holds, from its triangle (K,) and the barycentric weights (K, 3) of its centre."""
 
 NMAD_FACTOR = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
@@ -27,6 +30,7 @@ NMAD_FACTOR = 1.4826
 """
 
 MAXIMUM_CELLS = 1_000_000_000
+MAXIMUM_HELD_OUT = 20_000
 TILE_CELLS = 400_000
 CHUNK_POINTS = 40_000
 
@@ -59,6 +63,53 @@ class SurfaceSettings:
             raise PhotogramError(f"spike_neighbours is {self.spike_neighbours}: give at least 4")
 
 
+@dataclass(frozen=True, eq=False)
+class PointPrecision:
+    """Covariances of points along easting, northing and height, m², in two parts that add up.
+
+    ``rays_m2`` (N, 3, 3) is what a point would scatter by if the photographs were known exactly: its own.
+    ``cameras_m2`` (N, 3, 3) is what the errors of photographs and calibration add, which neighbours share.
+    """
+
+    rays_m2: FloatArray
+    cameras_m2: FloatArray
+
+    def select(self, keep: BoolArray | IntArray) -> PointPrecision:
+        """Keep the points of a mask or of indices."""
+        return PointPrecision(self.rays_m2[keep], self.cameras_m2[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A DSM, the standard deviations of its heights as far as the measurement goes, and how far it is off between
+    points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest."""
+
+    heights: Raster
+    sigma: Raster
+    held_out_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Triangles:
+    """A triangulation of points (N, 3) relative to ``origin_map_m``, which of its triangles are surface, and the grid
+    over it; ``kept`` are the numbers of the points among those that were given."""
+
+    points_m: FloatArray
+    kept: IntArray
+    origin_map_m: FloatArray
+    triangulation: Delaunay
+    usable: BoolArray
+    west_map_m: float
+    north_map_m: float
+    cell_m: float
+    shape: tuple[int, int]
+
+    @property
+    def corner_m(self) -> tuple[float, float]:
+        """Return the north-west corner of the grid in the triangulation's frame."""
+        return self.west_map_m - self.origin_map_m[0], self.north_map_m - self.origin_map_m[1]
+
+
 def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = None) -> Raster:
     """Interpolate a DSM from points of the map frame; heights in m, NaN outside the data and in gaps.
 
@@ -66,13 +117,85 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     points with the same easting and northing one is used. Raises PhotogramError when fewer than three usable points
     remain, when they lie on one line, or when the settings leave no cell with data.
     """
+    triangles = _triangulated(cloud, settings or SurfaceSettings())
+    return _rasters(triangles, [_height_rule(triangles)])[0]
+
+
+def surface_with_sigma(
+    cloud: PointCloud, precision: PointPrecision, settings: SurfaceSettings | None = None
+) -> Surface:
+    """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid.
+
+    With barycentric weights w of the three corners and the normal n = (−∂h/∂E, −∂h/∂N, 1) of their triangle, the height
+    at a fixed place has the variance Σ w² nᵀ Σ_rays n + (Σ w √(nᵀ Σ_cameras n))²: the corners' own errors average out,
+    those of the photographs, which neighbours share, do not. It is the error of measurement alone: what the surface
+    does between the points is not in it, points held out tell that.
+    """
     settings = settings or SurfaceSettings()
-    points_map_m = cloud.position_map_m[np.isfinite(cloud.position_map_m).all(axis=1)]
-    _need_three(len(points_map_m), len(cloud), "have finite coordinates")
+    triangles = _triangulated(cloud, settings)
+    own, shared = _corner_variances(triangles, precision.select(triangles.kept))
+
+    def sigma(triangle: IntArray, weight: FloatArray) -> FloatArray:
+        cameras = np.sum(weight * np.sqrt(shared[triangle]), axis=1)
+        return np.asarray(np.sqrt(np.sum(weight**2 * own[triangle], axis=1) + cameras**2))
+
+    heights, deviations = _rasters(triangles, [_height_rule(triangles), sigma])
+    return Surface(heights, deviations, _held_out_m(triangles.points_m, settings.maximum_gap_m))
+
+
+def _held_out_m(points_m: FloatArray, maximum_gap_m: float | None) -> FloatArray:
+    """Return heights (K,) that nine tenths of the points interpolate at the places of the rest, minus the rest's own.
+
+    At most MAXIMUM_HELD_OUT points are held out; those off the surface of the others say nothing.
+    """
+    order = np.random.default_rng(0).permutation(len(points_m))
+    count = min(len(points_m) // 10, MAXIMUM_HELD_OUT)
+    held_out, rest = points_m[order[:count]], points_m[order[count:]]
+    try:
+        triangulation = Delaunay(rest[:, :2])
+    except QhullError:  # what is left lies on one line, or is too little
+        return np.zeros(0)
+    usable = _usable_triangles(rest[triangulation.simplices], maximum_gap_m)
+    with threadpool_limits(1, "blas"):
+        triangle = np.asarray(triangulation.find_simplex(held_out[:, :2]), dtype=np.int64)
+        inside = np.flatnonzero((triangle >= 0) & usable[triangle])
+        weight = _barycentric(triangulation, triangle[inside], held_out[inside, :2])
+    height = np.sum(weight * rest[triangulation.simplices[triangle[inside]], 2], axis=1)
+    return np.asarray(height - held_out[inside, 2])
+
+
+def _barycentric(triangulation: Delaunay, triangle: IntArray, place_m: FloatArray) -> FloatArray:
+    """Return the weights (K, 3) of the corners of triangles (K,) at places (K, 2)."""
+    affine = triangulation.transform[triangle]
+    weight = np.einsum("nij,nj->ni", affine[:, :2], place_m - affine[:, 2])
+    return np.column_stack([weight, 1.0 - weight.sum(axis=1)])
+
+
+def _corner_variances(triangles: _Triangles, precision: PointPrecision) -> tuple[FloatArray, FloatArray]:
+    """Return for the corners (T, 3) of all triangles the variances across the surface of their own errors and of those
+    of the photographs, m²."""
+    simplices = triangles.triangulation.simplices
+    corner = triangles.points_m[simplices]
+    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    normal = np.cross(first, second)
+    flat = np.where(triangles.usable, normal[:, 2], 1.0)
+    normal = np.where(triangles.usable[:, None], normal / flat[:, None], [0.0, 0.0, 1.0])
+    own, shared = (
+        np.column_stack([np.einsum("ti,tij,tj->t", normal, part[simplices[:, k]], normal) for k in range(3)])
+        for part in (precision.rays_m2, precision.cameras_m2)
+    )
+    return own, np.maximum(shared, 0.0)
+
+
+def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
+    """Triangulate the points that are no spikes, and lay the grid over them."""
+    kept = np.flatnonzero(np.isfinite(cloud.position_map_m).all(axis=1))
+    _need_three(len(kept), len(cloud), "have finite coordinates")
     # Qhull and the planes lose digits on coordinates of 6 000 000 m.
-    origin_map_m = np.floor(points_map_m.min(axis=0))
-    points_m = points_map_m - origin_map_m
-    points_m = points_m[~spikes(points_m, settings)]
+    origin_map_m = np.floor(cloud.position_map_m[kept].min(axis=0))
+    points_m = cloud.position_map_m[kept] - origin_map_m
+    smooth = ~spikes(points_m, settings)
+    kept, points_m = kept[smooth], points_m[smooth]
     _need_three(len(points_m), len(cloud), f"are no spikes (spike_nmad {settings.spike_nmad:g})")
     try:
         triangulation = Delaunay(points_m[:, :2])
@@ -84,13 +207,43 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     usable = _usable_triangles(corners, settings.maximum_gap_m)
     cell_m = settings.cell_m or _cell_from_density(corners[usable], len(np.unique(triangulation.simplices[usable])))
     west, north, shape = _grid(corners[usable], origin_map_m, cell_m)
-    corner_m = (west - origin_map_m[0], north - origin_map_m[1])
+    return _Triangles(points_m, kept, origin_map_m, triangulation, usable, west, north, cell_m, shape)
+
+
+def _height_rule(triangles: _Triangles) -> Rule:
+    """Return the rule of heights over the map's zero."""
+    height_m, simplices = triangles.points_m[:, 2], triangles.triangulation.simplices
+    base_m = triangles.origin_map_m[2]
+
+    def height(triangle: IntArray, weight: FloatArray) -> FloatArray:
+        return np.asarray(np.sum(weight * height_m[simplices[triangle]], axis=1) + base_m)
+
+    return height
+
+
+def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
+    """Return what each rule makes of the cells on the surface, NaN off it, by tiles of rows.
+
+    Raises PhotogramError when no cell has its centre on the surface.
+    """
+    rows, columns = triangles.shape
+    corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
+    values = [np.full(triangles.shape, np.nan, dtype=np.float32) for _ in rules]
+    x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
+    tile_rows, found = max(1, TILE_CELLS // columns), 0
     with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
-        values = _interpolate(triangulation, usable, points_m[:, 2], corner_m, cell_m, shape)
-    values += np.float32(origin_map_m[2])
-    if np.isnan(values).all():
+        for top in range(0, rows, tile_rows):
+            y = corner_m[1] - (np.arange(top, min(top + tile_rows, rows)) + 0.5) * cell_m
+            centre = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+            triangle = triangulation.find_simplex(centre)
+            inside = np.flatnonzero((triangle >= 0) & triangles.usable[triangle])
+            triangle, found = triangle[inside], found + len(inside)
+            weight = _barycentric(triangulation, triangle, centre[inside])
+            for raster, rule in zip(values, rules, strict=True):
+                raster[top : top + tile_rows].reshape(-1)[inside] = rule(triangle, weight)
+    if not found:
         raise PhotogramError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
-    return Raster(values, west, north, cell_m)
+    return [Raster(raster, triangles.west_map_m, triangles.north_map_m, cell_m) for raster in values]
 
 
 def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
@@ -184,32 +337,3 @@ def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tup
             "choose a larger cell_m"
         )
     return round(float(first[0]) * cell_m, 9), round(float(first[1] + rows) * cell_m, 9), (rows, columns)
-
-
-def _interpolate(
-    triangulation: Delaunay,
-    usable: BoolArray,
-    height_m: FloatArray,
-    corner_m: tuple[float, float],
-    cell_m: float,
-    shape: tuple[int, int],
-) -> NDArray[np.float32]:
-    """Return heights (rows, columns) at the cell centres; ``corner_m`` is the north-west corner in the
-    triangulation's frame.
-    """
-    rows, columns = shape
-    values = np.full(shape, np.nan, dtype=np.float32)
-    x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
-    tile_rows = max(1, TILE_CELLS // columns)
-    for top in range(0, rows, tile_rows):
-        y = corner_m[1] - (np.arange(top, min(top + tile_rows, rows)) + 0.5) * cell_m
-        centre = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        triangle = triangulation.find_simplex(centre)
-        inside = np.flatnonzero((triangle >= 0) & usable[triangle])
-        triangle = triangle[inside]
-        affine = triangulation.transform[triangle]
-        weight = np.einsum("nij,nj->ni", affine[:, :2], centre[inside] - affine[:, 2])
-        corner = height_m[triangulation.simplices[triangle]]
-        tile = values[top : top + tile_rows].reshape(-1)
-        tile[inside] = corner[:, 2] + np.sum(weight * (corner[:, :2] - corner[:, 2:]), axis=1)
-    return values

@@ -348,6 +348,28 @@ class Reliability:
 
 
 @dataclass(frozen=True, eq=False)
+class VarianceComponents:
+    """What the groups of an adjustment's observations scatter by, against what was stated; nothing is rescaled by it.
+
+    By group (K,): ``group`` its name, ``observations`` how many, ``redundancy`` the sum of their redundancy numbers,
+    ``squares`` vᵀPv of their residuals, ``stated_sigma`` the median of their stated sigmas, in px, m or rad. All
+    groups together make the redundancy and vᵀPv of the adjustment.
+    """
+
+    group: NDArray[np.str_]
+    observations: IntArray
+    redundancy: FloatArray
+    squares: FloatArray
+    stated_sigma: FloatArray
+
+    @staticmethod
+    def unknown() -> VarianceComponents:
+        """Return those of no observations."""
+        none = np.zeros(0)
+        return VarianceComponents(np.zeros(0, dtype=np.str_), none.astype(np.int64), none, none, none)
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result of the joint adjustment.
 
@@ -358,6 +380,9 @@ class Adjustment:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
     ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions.
+    ``ground_joint_covariance_m2`` (3 G, 3 G) is that of all ground points together: they share the errors of the
+    photographs. ``tie_point_ray_covariance_m2`` (P, 3, 3) is the part of the tie points' covariances that is their own;
+    neighbours share the rest, which comes from the photographs. ``components``: what groups of observations scatter by.
     Where no offset is estimated, ``held_flights`` are those with GNSS positions, ``implied_offset_world_m`` (F, 3) with
     its covariance the offsets that would be, NaN where nothing but the positions tells. ``left_arm_camera_m`` (3,) with
     its sigmas is the lever arm that the positions show beside the one that is counted, ``left_arm_p`` the p of none.
@@ -384,6 +409,9 @@ class Adjustment:
     discarded_observations: int
     discarded_points: int
     reliability: Reliability
+    ground_joint_covariance_m2: FloatArray
+    tie_point_ray_covariance_m2: FloatArray
+    components: VarianceComponents
     held_flights: tuple[str, ...] = ()
     implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))

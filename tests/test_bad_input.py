@@ -266,6 +266,7 @@ DAMAGED = {
     "adjustment/adjustment.npz": "results",
     "adjustment/adjusted.npz": "surface",
     "surface/dsm.tif": "results",
+    "surface/dsm_sigma.tif": "results",
     "comparison/statistics.json": "results",
 }
 

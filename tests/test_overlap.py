@@ -12,7 +12,16 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.frames import LocalFrame
 from photogram.report.overlap import CELLS, Overlap, ground_overlap, ground_sampling_distance_m
-from photogram.survey import Adjustment, Block, ControlPoints, Photograph, Raster, Reliability, TiePoints
+from photogram.survey import (
+    Adjustment,
+    Block,
+    ControlPoints,
+    Photograph,
+    Raster,
+    Reliability,
+    TiePoints,
+    VarianceComponents,
+)
 
 FloatArray = NDArray[np.float64]
 FRAME = LocalFrame("EPSG:25832", (602340.0, 5794120.0, 100.0), "grid")
@@ -41,7 +50,8 @@ def block_of(points: FloatArray, poses: Sequence[Pose | None], camera: Camera = 
     return Adjustment(
         block, 1.0, 1, nothing(n, 2), nothing(0, 2), nothing(count, 3, 3), nothing(count, 3, 3), nothing(1, 11, 11),
         nothing(len(points), 3, 3), nothing(0, 3), nothing(0, 3, 3), (), nothing(0, 3), nothing(0, 3, 3), 1, 1, True,
-        0.0, 0, 0, Reliability.unknown(0, 0, count),
+        0.0, 0, 0, Reliability.unknown(0, 0, count), nothing(0, 0), nothing(len(points), 3, 3),
+        VarianceComponents.unknown(),
     )  # fmt: skip
 
 

@@ -77,7 +77,14 @@ def test_laz_header_says_what_other_programs_ask(tmp_path: Path) -> None:
     assert crs.to_epsg() == 25832
     assert header.vlrs.get("WktCoordinateSystemVlr")[0].string.startswith("PROJCS[")
     np.testing.assert_array_equal(header.scales, 0.001)
-    assert list(header.point_format.extra_dimension_names) == ["sigma_x", "sigma_y", "sigma_z"]
+    assert list(header.point_format.extra_dimension_names) == ["sigma x", "sigma y", "sigma xy", "sigma z"]
+    sigma = cloud().sigma_m
+    assert sigma is not None
+    np.testing.assert_allclose(points["sigma xy"], np.hypot(sigma[:, 0], sigma[:, 1]), rtol=1e-6)
+    np.testing.assert_allclose(points["sigma z"], sigma[:, 2], rtol=1e-6)
+    described = {d.name: (d.dtype, d.description) for d in header.point_format.extra_dimensions}
+    assert described["sigma xy"] == (np.float32, "st. deviation in plan [m]")
+    assert described["sigma z"] == (np.float32, "st. deviation in height [m]")
     np.testing.assert_allclose(header.mins, cloud().position_map_m.min(axis=0), atol=0.0006)
     assert points.return_number.min() == points.number_of_returns.min() == 1
     assert points.red.max() == 257 * int(cloud().colour[:, 0].max())  # type: ignore[index]

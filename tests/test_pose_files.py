@@ -20,7 +20,7 @@ from photogram.camera import Camera, Pose, gimbal_from_rotation, project, rotati
 from photogram.errors import WorkspaceError
 from photogram.files.poses import COLUMNS, footprint_world_m, write_pose_geojson, write_pose_table
 from photogram.frames import LocalFrame, map_from_geodetic
-from photogram.survey import Adjustment, Block, ControlPoints, Photograph, Reliability, TiePoints
+from photogram.survey import Adjustment, Block, ControlPoints, Photograph, Reliability, TiePoints, VarianceComponents
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
@@ -54,7 +54,8 @@ def adjusted(
     return Adjustment(
         block, 1.0, 1, np.zeros((4, 2)), np.zeros((0, 2)), position, 1e-4 * position, np.zeros((1, 11, 11)),
         np.zeros((2, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), (), np.zeros((0, 3)), np.zeros((0, 3, 3)),
-        1, 1, True, 0.0, 0, 0, Reliability.unknown(0, 0, n),
+        1, 1, True, 0.0, 0, 0, Reliability.unknown(0, 0, n), np.zeros((0, 0)), np.zeros((2, 3, 3)),
+        VarianceComponents.unknown(),
     )  # fmt: skip
 
 

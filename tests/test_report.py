@@ -158,6 +158,35 @@ def test_keys_of_ground_points(report: Json) -> None:
     assert numbers(check["rmse_v_m"])
 
 
+def test_keys_of_consistency(report: Json) -> None:
+    achieved = report["predicted_against_achieved"]
+    assert (achieved["n"], achieved["chi2"]["dof"]) == (4, 12)
+    assert 0.0 <= achieved["chi2"]["p"] <= 1.0
+    assert achieved["sentence"].startswith("4 check points: ")
+    for axis in ("easting", "northing", "height"):
+        part = achieved["axes"][axis]
+        assert part["n"] == 4
+        assert 0.0 <= part["within_1"] <= part["within_2"] <= part["within_3"] <= 1.0
+        assert numbers(part["rms_z"])
+    for point in report["control_points"]:
+        check = point["role"] == "check"
+        assert numbers(point["z"], 3) if check else point["z"] is None
+        assert numbers(point["mahalanobis"]) if check else point["mahalanobis"] is None
+    left_out = report["leave_one_out"]
+    rows = np.array([p["left_out_m"] for p in report["control_points"] if p["role"] == "control"])
+    assert left_out["n"] == 8
+    assert left_out["rmse_v_m"] == pytest.approx(np.sqrt(np.mean(rows[:, 2] ** 2)))
+    assert left_out["max"]["name"] in {p["name"] for p in report["control_points"]}
+    components, adjustment = report["variance_components"], report["adjustment"]
+    assert list(components) == [
+        "tie_points", "marks", "control_plan", "control_height", "gnss_plan", "gnss_height", "attitude", "gnss_offset",
+        "calibration",
+    ]  # fmt: skip
+    assert sum(c["redundancy"] for c in components.values()) == pytest.approx(adjustment["redundancy"])
+    assert components["tie_points"]["observations"] == 2 * adjustment["observations"]
+    assert components["marks"]["unit"] == "px"
+
+
 def test_keys_of_clouds(report: Json) -> None:
     assert list(report["clouds"]) == ["linear_2view", "linear_3view", "adjusted"]
     for statistics in report["clouds"].values():
@@ -320,6 +349,27 @@ def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarr
     assert bounds.top <= cloud[:, 1].max() + 1.0
 
 
+def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
+    """On the grid of the surface; beside the points of the cloud they are like those of the points."""
+    results = finished_survey / "results"
+    with rasterio.open(results / "dsm.tif") as surface, rasterio.open(results / "dsm_sigma.tif") as raster:
+        assert (raster.transform, raster.shape, raster.crs) == (surface.transform, surface.shape, surface.crs)
+        assert (raster.nodata, raster.profile["tiled"]) == (surface.nodata, True)
+        sigma = raster.read(1, masked=True)
+        np.testing.assert_array_equal(sigma.mask, surface.read(1, masked=True).mask)
+        beside = np.array([s for (s,) in raster.sample(cloud[:, :2], masked=True)], dtype=object)
+    own = laspy.read(results / "points_adjusted.laz")["sigma z"]
+    known = np.array([s is not np.ma.masked for s in beside])
+    assert np.median(beside[known].astype(float)) == pytest.approx(np.median(own[known]), rel=0.5)
+    dsm = report["dsm"]
+    assert (dsm["rows"], dsm["columns"]) == sigma.shape
+    assert dsm["cells"] == sigma.count()
+    assert dsm["sigma_m"]["median"] == pytest.approx(np.ma.median(sigma), rel=1e-6)
+    assert dsm["held_out"]["n"] > 50
+    assert 0 < dsm["held_out"]["nmad_m"] <= dsm["held_out"]["rmse_m"]
+    assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
+
+
 def without_seconds(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: without_seconds(v) for k, v in value.items() if k != "seconds"}
@@ -353,8 +403,12 @@ def test_check_points_never_enter_the_adjustment(
     changed = {key for key in before if before[key] != after[key]}
     index = next(i for i, p in enumerate(report["control_points"]) if p["name"] == "C02")
     own = {f"/control_points/{index}/{key}/{axis}" for key in ("surveyed_map_m", "residual_m") for axis in range(3)}
+    own |= {f"/control_points/{index}/z/{axis}" for axis in range(3)} | {f"/control_points/{index}/mahalanobis"}
     assert own <= changed
-    assert all(key in own or key.startswith("/check_points/") for key in changed), changed - own
+    summaries = ("/check_points/", "/predicted_against_achieved/")
+    assert all(key in own or key.startswith(summaries) for key in changed), changed - own
+    assert report["predicted_against_achieved"]["consistent"]
+    assert not moved["predicted_against_achieved"]["consistent"]
     shift = np.array(moved["control_points"][index]["residual_m"]) - report["control_points"][index]["residual_m"]
     assert shift == pytest.approx([-400.0, 300.0, -50.0], abs=1e-6)
     for product in sorted((finished_survey / "results").iterdir()):

@@ -10,8 +10,17 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
+from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.errors import PhotogramError
-from photogram.surface_model import SurfaceSettings, spikes, surface_from_points
+from photogram.simulation import SurveyPlan, simulate_block
+from photogram.surface_model import (
+    PointPrecision,
+    Surface,
+    SurfaceSettings,
+    spikes,
+    surface_from_points,
+    surface_with_sigma,
+)
 from photogram.survey import PointCloud, Raster
 
 FloatArray = NDArray[np.float64]
@@ -188,3 +197,124 @@ def test_points_that_make_no_surface_are_told_apart(
 def test_settings_that_cannot_be_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(PhotogramError, match=next(iter(options))):
         SurfaceSettings(**options)  # type: ignore[arg-type]
+
+
+# ---- standard deviations ---------------------------------------------------------------------------------------------
+
+
+def precision_of(own_m: FloatArray, shared_m: FloatArray) -> PointPrecision:
+    """Points whose coordinates are independent, with standard deviations (N, 3)."""
+    return PointPrecision(np.einsum("ni,ij->nij", own_m**2, np.eye(3)), np.einsum("ni,ij->nij", shared_m**2, np.eye(3)))
+
+
+def sigma_at(raster: Raster, x: float, y: float) -> float:
+    column = int((EASTING + x - raster.west_map_m) / raster.cell_m)
+    return float(raster.values[int((raster.north_map_m - NORTHING - y) / raster.cell_m), column])
+
+
+def both(surface: Surface) -> tuple[Raster, Raster]:
+    return surface.heights, surface.sigma
+
+
+def one_triangle(own_m: list[float], shared_m: list[float], slope: float) -> tuple[Raster, Raster]:
+    """A triangle with corners at (0.5, 0.5), (8.5, 0.5) and (0.5, 8.5): the centres of cells of 1 m."""
+    x, y = np.array([0.5, 8.5, 0.5]), np.array([0.5, 0.5, 8.5])
+    precision = precision_of(np.tile(own_m, (3, 1)), np.tile(shared_m, (3, 1)))
+    cloud, settings = cloud_of(x, y, 40 + slope * x), SurfaceSettings(cell_m=1.0, spike_nmad=0)
+    return both(surface_with_sigma(cloud, precision, settings))
+
+
+def test_standard_deviations_known_by_hand() -> None:
+    heights, sigma = one_triangle([0.0, 0.0, 0.03], [0.0, 0.0, 0.0], 0.0)
+    assert (heights.values.shape, heights.west_map_m, heights.north_map_m) == (
+        sigma.values.shape, sigma.west_map_m, sigma.north_map_m,
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.isnan(heights.values), np.isnan(sigma.values))
+    assert sigma_at(sigma, 0.5, 0.5) == pytest.approx(0.03)  # the corner itself
+    assert sigma_at(sigma, 4.5, 0.5) == pytest.approx(0.03 * np.sqrt(0.5))  # half way: two errors average out
+    assert sigma_at(sigma, 2.5, 2.5) == pytest.approx(0.03 * np.sqrt(0.5**2 + 0.25**2 + 0.25**2))
+    _, sigma = one_triangle([0.0, 0.0, 0.03], [0.0, 0.0, 0.04], 0.0)  # what is shared does not average out
+    assert sigma_at(sigma, 0.5, 0.5) == pytest.approx(0.05)
+    assert sigma_at(sigma, 4.5, 0.5) == pytest.approx(np.hypot(0.03 * np.sqrt(0.5), 0.04))
+    _, sigma = one_triangle([0.02, 0.01, 0.0], [0.0, 0.0, 0.0], 0.5)  # on a slope, errors in plan raise the surface
+    assert sigma_at(sigma, 8.5, 0.5) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.6])
+def test_errors_of_the_surface_follow_its_standard_deviations(slope: float) -> None:
+    """Points of a known plane, each with its own errors and one that all share: at their corners and in between."""
+    x, y = scattered(300, 40.0, 25.0, seed=4)
+    random = np.random.default_rng(4)
+    own_m = random.uniform(0.3, 1.0, (300, 3)) * [0.02, 0.02, 0.04]
+    shared_m = np.tile([0.01, 0.01, 0.02], (300, 1))
+    settings, z = SurfaceSettings(cell_m=0.5, spike_nmad=0), []
+    for _ in range(60):
+        error = own_m * random.standard_normal((300, 3)) + shared_m * random.standard_normal(3)
+        cloud = cloud_of(x + error[:, 0], y + error[:, 1], 50 + slope * x + error[:, 2])
+        heights, sigma = both(surface_with_sigma(cloud, precision_of(own_m, shared_m), settings))
+        xc, _ = centres(heights)
+        z.append(((heights.values - (50 + slope * xc)) / sigma.values).ravel())
+    scores = np.concatenate(z)
+    scores = scores[np.isfinite(scores)]
+    assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.03)
+
+
+def test_surfaces_of_adjusted_surveys_err_as_they_say() -> None:
+    """Simulated surveys over level ground: what the DSM is off by, at tie points and in between, in its own sigmas."""
+    plan = SurveyPlan(strips=2, photographs_per_strip=4, relief_m=0.0, control_points=5, check_points=0)
+    z, points = [], []
+    for seed in range(20):
+        made = simulate_block(
+            plan, seed, tie_points=150, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05,
+            start_point_sigma_m=0.05,
+        )  # fmt: skip
+        result = adjust(made.block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+        place, rays = result.block.tie_points.position_world_m, result.tie_point_ray_covariance_m2
+        precision = PointPrecision(rays, result.tie_point_covariance_m2 - rays)
+        settings = SurfaceSettings(cell_m=2.0, spike_nmad=0)
+        heights, sigma = both(surface_with_sigma(PointCloud(place), precision, settings))
+        score = heights.values / sigma.values
+        z.append(score[np.isfinite(score)])
+        points.append(place[:, 2] / np.sqrt(result.tie_point_covariance_m2[:, 2, 2]))
+    for scores in (np.concatenate(z), np.concatenate(points)):
+        assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.15)
+        assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.06)
+
+
+def test_points_left_out_as_spikes_take_their_standard_deviations_with_them() -> None:
+    x, y = scattered(2000, 40.0, 25.0, seed=9)
+    z = 60 + 0.1 * x
+    z[::100] += 30.0
+    own_m = np.tile([0.0, 0.0, 0.02], (2000, 1))
+    own_m[::100] = 5.0
+    cloud, nothing = cloud_of(x, y, z), np.zeros((2000, 3))
+    heights, sigma = both(surface_with_sigma(cloud, precision_of(own_m, nothing), SurfaceSettings(cell_m=0.5)))
+    assert np.nanmax(sigma.values) <= 0.02 + 1e-6
+    np.testing.assert_array_equal(heights.values, surface_from_points(cloud, SurfaceSettings(cell_m=0.5)).values)
+
+
+@pytest.mark.parametrize("spacing_m", [1.0, 3.0])
+def test_points_held_out_tell_how_far_the_surface_is_off_between_the_points(spacing_m: float) -> None:
+    """Without noise, on rolling ground: what is left is what the surface does between the points."""
+    count = int(120.0 * 80.0 / spacing_m**2)
+    x, y = scattered(count, 120.0, 80.0, seed=5)
+
+    def ground(x: FloatArray, y: FloatArray) -> FloatArray:
+        return np.asarray(50 + 1.5 * np.sin(x / 2.5) * np.cos(y / 3.0) + 0.3 * np.sin(x) * np.sin(y))
+
+    nothing = precision_of(np.zeros((count, 3)), np.zeros((count, 3)))
+    surface = surface_with_sigma(cloud_of(x, y, ground(x, y)), nothing, SurfaceSettings(cell_m=0.5, spike_nmad=0))
+    xc, yc = centres(surface.heights)
+    off = surface.heights.values - ground(xc, yc)
+    error = float(np.sqrt(np.nanmean(off**2)))
+    assert np.nanmax(surface.sigma.values) == 0.0
+    assert len(surface.held_out_m) > 0.08 * count
+    # nine tenths of the points are a little farther apart
+    assert np.sqrt(np.mean(surface.held_out_m**2)) == pytest.approx(1.08 * error, rel=0.2)
+
+
+def test_three_points_hold_none_out() -> None:
+    nothing = precision_of(np.zeros((3, 3)), np.zeros((3, 3)))
+    cloud = cloud_of(np.array([0.0, 8.0, 0.0]), np.array([0.0, 0.0, 8.0]), np.zeros(3))
+    assert len(surface_with_sigma(cloud, nothing, SurfaceSettings(cell_m=1.0)).held_out_m) == 0

@@ -32,6 +32,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
         "suspects": [], "blunders": [], "blunders_effect": None,
         "gnss": {"flights": {}},
+        "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
     }  # fmt: skip
 
 
@@ -99,3 +100,26 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
     assert "Without that, the RMSE of 5 check points" in text
     assert "Suspect: GNSS position X is off" in text
     assert "control point X" not in text
+
+
+def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> None:
+    left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0346}
+    terminal.show_report({**report(), "leave_one_out": left})
+    text = shown.export_text()
+    assert "leave-one-out (7, no check points): RMSE in plan, height" in text
+    assert "0.021, 0.035 m" in text
+    assert "predicted, not tested" not in text
+
+
+def test_what_is_refuted_is_said(shown: Console) -> None:
+    components = {
+        "marks": {"sentence": "marks scatter twice", "significant": True, "sigma_factor": 2.0},
+        "tie_points": {"sentence": "tie points are better", "significant": True, "sigma_factor": 0.5},
+        "attitude": {"sentence": None, "significant": False, "sigma_factor": 1.1},
+        "calibration": {"sentence": None, "significant": False, "sigma_factor": None},
+    }
+    achieved = {"sentence": "9 check points: as large as [predicted]"}
+    terminal.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
+    lines = shown.export_text().splitlines()
+    assert "Predicted against achieved, 9 check points: as large as [predicted]" in lines
+    assert [line for line in lines if line.startswith("Stated sigmas")] == ["Stated sigmas: marks scatter twice"]

@@ -29,7 +29,16 @@ NO_DATE = date(2000, 1, 1)
 _SCALE_M = 0.001
 _COMMENTS = ("#", "//")
 _SEPARATORS = (";", ",", "\t")
-_SIGMA_NAMES = ("sigma_x", "sigma_y", "sigma_z")
+# "sigma xy" and "sigma z" are the names that the LAS working group's draft of standard extra bytes gives to the
+# uncertainty in plan and in height (ASPRS, Standard ExtraByte Definitions); the two others follow their pattern.
+_SIGMA_NAMES = ("sigma x", "sigma y", "sigma z")
+_PLAN_NAME = "sigma xy"
+_SIGMA_DESCRIPTIONS = {
+    "sigma x": "st. deviation easting [m]",
+    "sigma y": "st. deviation northing [m]",
+    "sigma xy": "st. deviation in plan [m]",
+    "sigma z": "st. deviation in height [m]",
+}
 _COLUMN_NAMES: Mapping[str, tuple[str, ...]] = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
@@ -73,9 +82,9 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre; whole or not at
     all.
 
-    Colour is 16-bit. ``sigma_m`` becomes the extra dimensions sigma_x, sigma_y, sigma_z (float32, m). Raises FrameError
-    where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written, ValueError where the cloud
-    is wider than the format's 4 294 km.
+    Colour is 16-bit. ``sigma_m`` becomes the extra bytes "sigma x", "sigma y", "sigma xy" = sqrt(x² + y²) and "sigma z"
+    (float32, m). Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be
+    written, ValueError where the cloud is wider than the format's 4 294 km.
     """
     position = _finite(path, cloud)
     header = laspy.LasHeader(version="1.4", point_format=6 if cloud.colour is None else 7)
@@ -89,7 +98,7 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     header.global_encoding.wkt = True
     if cloud.sigma_m is not None:
         header.add_extra_dims(
-            [laspy.ExtraBytesParams(name, np.float32, "standard deviation, m") for name in _SIGMA_NAMES]
+            [laspy.ExtraBytesParams(name, np.float32, text) for name, text in _SIGMA_DESCRIPTIONS.items()]
         )
     steps = np.rint((position - header.offsets) / _SCALE_M)
     if len(cloud) and np.abs(steps).max() > np.iinfo(np.int32).max:
@@ -102,6 +111,7 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     if cloud.sigma_m is not None:
         for name, sigma in zip(_SIGMA_NAMES, cloud.sigma_m.T, strict=True):
             points[name] = sigma.astype(np.float32)
+        points[_PLAN_NAME] = np.hypot(cloud.sigma_m[:, 0], cloud.sigma_m[:, 1]).astype(np.float32)
     with replacing(path) as partial, partial.open("wb") as stream:
         points.write(stream, do_compress=True)
 

@@ -16,6 +16,7 @@ from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.reliability import CRITICAL, minimal_detectable_blunder
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
+from photogram.report.statistics import consistency_numbers
 from photogram.report.verdicts import control_test, control_verdict, effect_sentence
 from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
@@ -360,6 +361,7 @@ def report_numbers(
         "check_points": check_numbers(points),
         "blunders": list(blunders),
         "blunders_effect": effect and {**effect, "sentence": effect_sentence(*effect.values())},
+        **consistency_numbers(result, points),
         "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),

@@ -1,0 +1,176 @@
+"""Simulated surveys of varied geometry: are errors as large as predicted?
+
+    python benchmarks/calibrated_uncertainty.py [SURVEYS]                 default: 200
+
+Every survey has a geometry of its own: strips, overlaps, flying height, relief, oblique photographs or none, number,
+place and sigma of control points, sigma of marks and tie points, kind of GNSS, mismatches, and what is known of the
+calibration. Observations are simulated with the noise that is stated, and adjusted with the settings of a project. The
+table has the shares of errors within 1, 2 and 3 predicted standard deviations, which are 68.3, 95.4 and 99.7 % where
+the prediction is right, and the root mean square of errors in sigmas, which is 1.
+
+Check points: adjusted minus surveyed, the survey's own error included. Points left out: control points as everything
+but their own survey predicts them. All others: adjusted minus true. Errors within one survey are correlated, so the
+standard deviation of a share, in brackets, is that of the shares of the surveys divided by the root of their number.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import kstest
+
+from photogram.accuracy import AXES
+from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.camera import PARAMETER_NAMES
+from photogram.consistency import predicted_against_achieved
+from photogram.errors import AdjustmentError
+from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.survey import Adjustment, FloatArray
+
+KNOWN = (0.0,) * 8
+LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
+FREE = (np.inf, np.inf, np.inf, np.inf, np.inf, 0.0, np.inf, np.inf)
+LIMITS, EXPECTED, TOLERANCE = (1.0, 2.0, 3.0), (0.6827, 0.9545, 0.9973), 0.03
+JUDGED = tuple(f"check points, {axis}" for axis in AXES)
+
+
+def plan_of(rng: np.random.Generator) -> SurveyPlan:
+    """Draw a geometry."""
+    nearest, offset = (
+        ((0.02, 0.02, 0.04), (0.3, 0.3, 0.5)),  # RTK, base in another system
+        ((0.015, 0.015, 0.03), (0.0, 0.0, 0.0)),  # RTK
+        ((2.0, 2.0, 3.0), (1.0, 1.0, 2.0)),  # consumer
+    )[int(rng.integers(3))]
+    strips = int(rng.integers(2, 5))
+    plan_sigma_m = float(rng.choice([0.005, 0.01, 0.02]))
+    oblique = bool(rng.random() < 0.35)
+    return SurveyPlan(
+        focal_px=float(rng.uniform(900.0, 2000.0)), flying_height_m=float(rng.uniform(40.0, 120.0)),
+        forward_overlap=float(rng.uniform(0.65, 0.85)), side_overlap=float(rng.uniform(0.55, 0.75)),
+        strips=strips, photographs_per_strip=int(rng.integers(3, 7)), oblique_strip=oblique,
+        oblique_photographs=int(rng.integers(3, 6)) if oblique else None,
+        oblique_angle_deg=float(rng.uniform(15.0, 30.0)), flights=int(rng.integers(1, 3)),
+        relief_m=float(rng.uniform(0.0, 15.0)), gnss_sigma_m=nearest, gnss_offset_sigma_m=offset,
+        control_points=int(rng.integers(4, 11)), check_points=5,
+        control_sigma_m=(plan_sigma_m, plan_sigma_m, 1.5 * plan_sigma_m),
+        mark_sigma_px=float(rng.choice([0.3, 0.5, 1.0])),
+        calibration_sigmas=(KNOWN, LABORATORY, FREE)[int(rng.integers(3))],
+    )  # fmt: skip
+
+
+def survey(seed: int) -> SimulatedBlock:
+    """Simulate the observations of a survey."""
+    rng = np.random.default_rng([seed, 11])
+    plan, sigma_px = plan_of(rng), float(rng.choice([0.3, 0.5, 1.0]))
+    for _ in range(10):
+        try:
+            return simulate_block(
+                plan, seed, tie_points=int(rng.integers(200, 500)), sigma_px=sigma_px,
+                mismatches=float(rng.choice([0.0, 0.03])), detection=float(rng.uniform(0.7, 1.0)),
+                start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
+            )  # fmt: skip
+        except ValueError:  # no room for so many points, or too few in two photographs: fewer, more overlap
+            overlap = min(0.85, plan.forward_overlap + 0.05)
+            plan = replace(plan, control_points=max(4, plan.control_points - 1), forward_overlap=overlap)
+    raise RuntimeError(f"no survey with the seed {seed}")
+
+
+def _scores(error: FloatArray, covariance: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return errors (N, 3) in the world over their standard deviations along the axes of the map."""
+    return np.asarray(error @ axes / np.sqrt(np.einsum("ki,nkl,li->ni", axes, covariance, axes)))
+
+
+def _tie_point_errors(made: SimulatedBlock, result: Adjustment) -> tuple[FloatArray, FloatArray]:
+    """Return the errors (P, 3) of the tie points kept that hold no mismatch, and their covariances."""
+    tie, kept = made.block.tie_points, result.block.tie_points
+    number = {(i, f): n for n, (i, f) in enumerate(zip(tie.photograph.tolist(), tie.feature.tolist(), strict=True))}
+    source = np.array([number[i, f] for i, f in zip(kept.photograph.tolist(), kept.feature.tolist(), strict=True)])
+    clean = np.bincount(kept.point, made.mismatch[source], minlength=len(kept)) == 0
+    error = kept.position_world_m - made.tie_point_position_world_m[tie.point[source[kept.first_observation[:-1]]]]
+    return error[clean], result.tie_point_covariance_m2[clean]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One survey: errors in sigmas by what they are errors of, and p of all check points together."""
+
+    scores: dict[str, FloatArray]
+    p: float
+
+
+def trial(made: SimulatedBlock) -> Trial:
+    """Adjust a survey and compare it with the truth. Raises AdjustmentError where something is not determined."""
+    result = adjust(made.block, replace(AdjustmentSettings(), tie_point_sigma_px=made.block.tie_points.sigma_px[0]))
+    achieved = predicted_against_achieved(result)
+    assert achieved is not None
+    axes, r = result.block.frame.rotation_world_from_map(np.zeros(3)), result.reliability
+    poses = [pose.position_world_m for pose in result.block.poses if pose is not None]
+    centres = np.array(poses) - np.array([pose.position_world_m for pose in made.truth.poses])
+    left_out = r.ground_left_out_m / np.sqrt(np.einsum("kii->ki", r.ground_left_out_covariance_m2))
+    parts = {
+        "check points": achieved.z,
+        "points left out": left_out,
+        "tie points": _scores(*_tie_point_errors(made, result), axes),
+        "projection centres": _scores(centres, result.position_covariance_m2, axes),
+    }
+    scores = {f"{name}, {axis}": z[np.isfinite(z[:, k]), k] for name, z in parts.items() for k, axis in enumerate(AXES)}
+    sigma = np.sqrt(np.diag(result.calibration_covariance[0]))
+    error = result.block.cameras[0].parameters - made.truth.camera.parameters
+    for k in np.flatnonzero(sigma > 0).tolist():
+        scores[f"calibration, {PARAMETER_NAMES[k]}"] = error[k : k + 1] / sigma[k]
+    return Trial(scores, achieved.p)
+
+
+def row(name: str, trials: list[Trial]) -> tuple[str, bool]:
+    """Return the line of the table, and whether its shares are as predicted."""
+    each = [t.scores[name] for t in trials if len(t.scores.get(name, ()))]
+    z = np.concatenate(each)
+    line, good = f"{name:<30}{len(each):8d}{len(z):9d}{np.sqrt(np.mean(z**2)):7.3f}{np.mean(z):+8.3f}", True
+    for limit, expected in zip(LIMITS, EXPECTED, strict=True):
+        own = np.array([np.mean(np.abs(part) <= limit) for part in each])
+        share = float(np.mean(np.abs(z) <= limit))
+        spread = float(np.std(own)) / np.sqrt(len(own))
+        line += f"{100 * share:8.1f} ({100 * spread:.1f})"
+        good &= abs(share - expected) <= TOLERANCE
+    return line, good
+
+
+def main() -> None:
+    """Print one row for each kind of error."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("surveys", nargs="?", type=int, default=200)
+    count, start = parser.parse_args().surveys, time.perf_counter()
+    trials, open_ones = [], []
+    for seed in range(count):
+        try:
+            trials.append(trial(survey(seed)))
+        except AdjustmentError as fault:
+            open_ones.append(f"survey {seed}: {fault}")
+    seconds = time.perf_counter() - start
+    print(f"simulated; {count} surveys of varied geometry in {seconds:.0f} s; {len(open_ones)} not determined")
+    print(f"{'errors':<30}{'surveys':>8}{'n':>9}{'RMS z':>7}{'mean z':>8}   within 1, 2, 3 sigma in % (± its sd)")
+    verdicts = {}
+    for name in dict.fromkeys(name for t in trials for name in t.scores):
+        line, verdicts[name] = row(name, trials)
+        print(line)
+    p = np.array([t.p for t in trials])
+    print(
+        f"joint chi² of check points: p below 1 %, 5 %, 50 % in {np.mean(p < 0.01):.1%}, {np.mean(p < 0.05):.1%}, ",
+        end="",
+    )
+    print(
+        f"{np.mean(p < 0.5):.1%} of the surveys; uniform by Kolmogorov–Smirnov: p = {kstest(p, 'uniform').pvalue:.3f}"
+    )
+    good = all(verdicts[name] for name in JUDGED)
+    print(
+        f"check points within {100 * TOLERANCE:.0f} points of the prediction on every axis: {'yes' if good else 'NO'}"
+    )
+    for fault in open_ones:
+        print(fault)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Covariances of points beyond what the adjustment itself needs: of all ground points together, check points included,
+and of tie points if the cameras were known.
+
+Check points take no part in the adjustment. Each is intersected from its marks with the adjusted cameras, whose errors
+all of them share: to first order it moves as a control point does that nobody surveyed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from photogram.factors.covariance import Covariances, joint_points, point_columns
+from photogram.factors.elimination import first_observations
+from photogram.factors.graph import Problem
+from photogram.factors.ground_terms import GroundTerms
+from photogram.factors.loss import robust_terms
+from photogram.factors.reprojection import Observations, linearise
+from photogram.factors.state import State
+from photogram.survey import FloatArray
+
+OBSERVATIONS_AT_ONCE = 100_000
+
+
+def joint_ground_covariance(
+    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+) -> FloatArray:
+    """Return the joint covariance (3 G, 3 G) of all ground points at ``ground_world_m`` (G, 3) in the world, m².
+
+    Control points as adjusted, check points as intersected from their marks; NaN for points without a position.
+    """
+    points = problem.block.control_points
+    known = np.flatnonzero(np.isfinite(ground_world_m).all(axis=1))
+    joint = np.full((3 * len(points), 3 * len(points)), np.nan)
+    if not len(known):
+        return joint
+    marks = np.isin(points.mark_point, known)
+    photograph = points.mark_photograph[marks]
+    camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
+    observations = Observations(
+        photograph,
+        np.searchsorted(known, points.mark_point[marks]).astype(np.int64),
+        points.mark_pixel[marks],
+        points.mark_sigma_px[marks],
+        camera_of[photograph],
+        problem.tie.model,
+    )
+    linear = linearise(observations, state.parameters, state.rotation, state.position, ground_world_m[known])
+    V = np.zeros((len(known), 3, 3))
+    np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    controls = np.flatnonzero(np.array(points.role) == "control")
+    V[np.searchsorted(known, controls)] += GroundTerms(problem, found.layout).linearise(state).control
+    _, inverse, turned = point_columns(observations, linear, V, found.layout)
+    rows = (3 * known[:, None] + np.arange(3)).ravel()
+    joint[np.ix_(rows, rows)] = joint_points(found, inverse, turned)
+    return joint
+
+
+def _parts(observations: Observations, count: int) -> Iterator[tuple[int, int, Observations]]:
+    """Yield ranges of points and their observations, numbered from the first of them, some 100 000 at once."""
+    first = first_observations(observations.point, count)
+    begin = 0
+    while begin < count:
+        end = max(begin + 1, int(np.searchsorted(first, first[begin] + OBSERVATIONS_AT_ONCE, side="right")) - 1)
+        rays = slice(int(first[begin]), int(first[end]))
+        o = observations
+        yield begin, end, Observations(
+            o.photograph[rays], o.point[rays] - begin, o.pixel[rays], o.sigma_px[rays], o.camera[rays], o.model
+        )  # fmt: skip
+        begin = end
+
+
+def ray_covariances(problem: Problem, state: State) -> FloatArray:
+    """Return the covariances V⁻¹ (P, 3, 3) that the tie points would have in the world, m², if the cameras were known.
+
+    Every point needs two rays; observations are sorted by point and count with their robust weights.
+    """
+    count = len(state.tie_point)
+    covariance = np.full((count, 3, 3), np.nan)
+    for begin, end, part in _parts(problem.tie, count):
+        X = state.tie_point[begin:end]
+        linear = linearise(part, state.parameters, state.rotation, state.position, X)
+        _, weight, _ = robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)
+        J = np.sqrt(weight)[:, None, None] * linear.point
+        V = np.add.reduceat(J.transpose(0, 2, 1) @ J, first_observations(part.point, end - begin)[:-1], axis=0)
+        covariance[begin:end] = np.linalg.inv(V)
+    return covariance
