@@ -85,7 +85,8 @@ def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> 
     block = result.block
     comment = (
         f"# {crs or block.frame.crs}: easting, northing, height in m; angles in degrees: omega, phi, kappa from grid "
-        "north, yaw, pitch, roll from true north (DJI gimbal); sigma_x, y, z about the camera's axes right, down, forward"
+        "north, yaw, pitch, roll from true north (DJI gimbal); sigma_x, y, z about the camera's axes right, down, "
+        "forward"
     )
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         stream.write(comment + "\n")
