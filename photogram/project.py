@@ -193,9 +193,7 @@ def read_project(
     surveyed, places = read_point_files(document, file, photographs, base, heights)
     check_project(document, file, photographs, folder, base, places)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, places)
-    cameras = [
-        _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
-    ]
+    cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_faults()
     entries = _given(photographs)
     copies = _copies(file, entries)
