@@ -102,6 +102,14 @@ def product_crs(crs: str, heights: DeclaredHeights) -> str:
     return crs_name(full_crs(projected_crs(crs), heights.output, heights.geoid))
 
 
+def crs_in_words(crs: str, heights: DeclaredHeights) -> str:
+    """Return the CRS of results for people: ``crs``, and what its heights are counted from where that is declared."""
+    if heights.output is None:
+        return crs
+    above = "the ellipsoid" if heights.map_geoid is None else f"the geoid {heights.map_geoid.name}"
+    return f"{crs}, heights above {above}"
+
+
 def written_crs(name: str) -> CRS:
     """Return the CRS ``name`` as products carry it, with its vertical axis where it has one. Raises FrameError unless
     it is a map grid in metres."""

@@ -72,7 +72,8 @@ class DeclaredHeights:
 
     ``output`` is the system of the map: of every position named ``_map_m`` and of every product. ``gnss`` is declared
     for all GNSS positions, ``gnss_given`` holds for those that the project file names, ``control_points`` for ground
-    points whose file says nothing. ``geoid`` is there wherever two declared systems differ or one is orthometric.
+    points whose file says nothing, ``reference`` for what the results are compared with. ``geoid`` is there wherever
+    two declared systems differ or one is orthometric.
     """
 
     output: HeightSystem | None = None
@@ -80,6 +81,7 @@ class DeclaredHeights:
     gnss_given: HeightSystem | None = None
     control_points: HeightSystem | None = None
     geoid: Geoid | None = None
+    reference: HeightSystem | None = None
 
     @property
     def map_geoid(self) -> Geoid | None:

@@ -112,7 +112,11 @@ STAGES = (
         "comparison",
         "Comparison",
         ("intersection", "adjustment"),
-        lambda run: None if run.project.reference is None else file_fingerprint(run.project.reference),
+        lambda run: (
+            None
+            if run.project.reference is None
+            else [file_fingerprint(run.project.reference), run.project.heights.reference]
+        ),
         compare_clouds,
     ),
     Stage(

@@ -226,9 +226,7 @@ def read_project(
     positions, located = read_position_files(document, file, photographs, folder, base, heights)
     check_project(document, file, photographs, folder, base, places, located)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
-    cameras = [
-        _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
-    ]
+    cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_faults()
     entries = _given(photographs)
     copies = _copies(file, entries)

@@ -56,10 +56,14 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     geoid = _geoid(document, entry, vertical, base)
     needing = [name for name in ("output", "gnss", "control_points") if getattr(entry, name) == "orthometric"]
     of_files = [i for i, f in enumerate(file.control_points.files) if f.heights == "orthometric"]
-    if geoid is None and document.faults == before and (needing or of_files):
-        key: Key = (*_KEY, needing[0]) if needing else ("control_points", "files", of_files[0], "heights")
+    places: list[Key] = [
+        *((*_KEY, name) for name in needing),
+        *(("control_points", "files", i, "heights") for i in of_files),
+        *([("comparison", "heights")] if file.comparison.heights == "orthometric" else []),
+    ]
+    if geoid is None and document.faults == before and places:
         text = f"orthometric needs a geoid: give heights.geoid: {', '.join(GEOID_MODELS)}, EPSG:… or the path of a grid"
-        document.fault(key, text)
+        document.fault(places[0], text)
     if output == "ellipsoidal" and plan is not None and not is_gnss_ellipsoid(plan):
         text = (
             f"{file.crs} ({plan.name}) has an ellipsoid other than that of GNSS, so ellipsoidal heights of its own are "
@@ -69,7 +73,8 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     if document.faults > before:
         return None
     given: HeightSystem | None = "orthometric" if vertical is not None else None
-    return DeclaredHeights(output, entry.gnss, entry.gnss or given, entry.control_points or given, geoid)
+    control_points = entry.control_points or given
+    return DeclaredHeights(output, entry.gnss, entry.gnss or given, control_points, geoid, file.comparison.heights)
 
 
 def _has_plan(crs: str) -> bool:

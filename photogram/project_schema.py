@@ -271,6 +271,7 @@ class ComparisonEntry(Entry):
     """What the results are compared with."""
 
     reference: Text | None = None
+    heights: HeightSystem | None = None
 
 
 class ProjectFile(Entry):

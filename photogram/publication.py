@@ -22,7 +22,7 @@ from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
-from photogram.frames import plan_of
+from photogram.frames import crs_in_words, plan_of
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.height_numbers import height_numbers
@@ -101,7 +101,8 @@ def _tables(outcome: _Outcome) -> list[str]:
 
 
 def _photographs(outcome: _Outcome) -> list[str]:
-    write_pose_table(outcome.results / "photographs.csv", outcome.result)
+    words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
+    write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
     write_pose_geojson(outcome.results / "photographs.geojson", outcome.result)
     return ["photographs.csv", "photographs.geojson"]
 

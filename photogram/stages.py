@@ -20,7 +20,7 @@ from photogram.features import SMALLEST_PX, coarseness, find_features, photograp
 from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
-from photogram.frames import LocalFrame, plan_of
+from photogram.frames import LocalFrame, map_heights, plan_of
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
 from photogram.measured_positions import measured_position, position_note
@@ -373,11 +373,27 @@ def read_reference(path: Path) -> Raster | PointCloud:
     return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path)
 
 
+def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raster | PointCloud:
+    """Return the reference with the heights of the map, each point or cell by itself."""
+    crs, heights = project.crs, project.heights
+    if heights.sign_to_map(heights.reference) == 0.0:
+        return reference
+    if isinstance(reference, PointCloud):
+        return replace(reference, position_map_m=map_heights(crs, heights, heights.reference, reference.position_map_m))
+    values = reference.values.copy()
+    row, column = np.nonzero(np.isfinite(values))
+    east = reference.west_map_m + (column + 0.5) * reference.cell_m
+    north = reference.north_map_m - (row + 0.5) * reference.cell_m
+    cells = np.column_stack([east, north, values[row, column]])
+    values[row, column] = map_heights(crs, heights, heights.reference, cells)[:, 2]
+    return replace(reference, values=values)
+
+
 def compare_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
     if run.project.reference is not None:
-        reference = read_reference(run.project.reference)
+        reference = _with_map_heights(run.project, read_reference(run.project.reference))
         for name in ("linear_2view", "linear_3view", "adjusted"):
             cloud = run.cloud(name)
             if len(cloud) >= 3:

@@ -273,7 +273,7 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
             "output": "orthometric", "gnss": "ellipsoidal", "control_points": "orthometric",
             "geoid": "EGM96", "grid": sloping_geoid.path,
         }  # fmt: skip
-        values.pop("comparison")
+        values["comparison"]["heights"] = "ellipsoidal"
         for point in values["control_points"]["list"]:
             point["position_m"][2] -= float(sloping_geoid.at("EPSG:25832", np.array([point["position_m"]]))[0])
 
@@ -296,6 +296,10 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     assert heights["inputs"]["control_points"] == {"ellipsoidal": 0, "orthometric": 12, "undeclared": 0}
     assert heights["sentence"].startswith("All heights are above the geoid EGM96 (EPSG:5773) (ETRS89 / UTM zone 32N + ")
     assert "4 GNSS heights were given above the ellipsoid and brought to them" in heights["sentence"]
+    for name, cloud in report["clouds"].items():  # the reference is above the ellipsoid still
+        assert cloud["median_m"] == pytest.approx(plain["clouds"][name]["median_m"], abs=0.005)
+    words = "# EPSG:25832, heights above the geoid EGM96 (EPSG:5773): easting, northing, height in m;"
+    assert (survey / "results" / "photographs.csv").read_text().startswith(words)
     with rasterio.open(survey / "results" / "dsm.tif") as dataset:
         assert 'VERT_CS["EGM96 height"' in dataset.crs.to_wkt(version="WKT1_GDAL")
     with laspy.open(survey / "results" / "points_adjusted.laz") as reader:

@@ -73,18 +73,20 @@ def _digits(column: str) -> int:
     return 4 if column.endswith("_m") else 8
 
 
-def write_pose_table(path: Path, result: Adjustment) -> None:
+def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> None:
     """Write one line per photograph, in the order of the project; of those that are not registered the figures are
     empty.
 
-    The first line is a comment that names the CRS, units and conventions, the second names the COLUMNS. Omega, phi,
-    kappa are against the map grid at the photograph, yaw, pitch, roll against true north; sigmas of the attitude are
-    about the camera's axes x right, y down, z forward. Raises WorkspaceError where the file cannot be written.
+    The first line is a comment that names the CRS (``crs`` in words, else that of the frame), units and conventions,
+    the second names the COLUMNS. Omega, phi, kappa are against the map grid at the photograph, yaw, pitch, roll against
+    true north; sigmas of the attitude are about the camera's axes x right, y down, z forward. Raises WorkspaceError
+    where the file cannot be written.
     """
     block = result.block
     comment = (
-        f"# {block.frame.crs}: easting, northing, height in m; angles in degrees: omega, phi, kappa from grid north, "
-        "yaw, pitch, roll from true north (DJI gimbal); sigma_x, y, z about the camera's axes right, down, forward"
+        f"# {crs or block.frame.crs}: easting, northing, height in m; angles in degrees: omega, phi, kappa from grid "
+        "north, yaw, pitch, roll from true north (DJI gimbal); sigma_x, y, z about the camera's axes right, down, "
+        "forward"
     )
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         stream.write(comment + "\n")
