@@ -156,12 +156,12 @@ def time_findings(taken: Sequence[tuple[ProjectPhotograph, datetime | None]]) ->
     for photograph, time in taken:
         listed = photograph.file_position
         if listed is not None and listed.gps_time is not None and time is not None:
-            seconds = (time.replace(tzinfo=None) - listed.gps_time).total_seconds()
-            sources[listed.source].append((photograph, seconds))
+            ahead_s = (time.replace(tzinfo=None) - listed.gps_time).total_seconds()
+            sources[listed.source].append((photograph, ahead_s))
     findings = []
     for source, timed in sources.items():
-        seconds = np.array([s for _, s in timed])
-        apart = np.abs(seconds - np.median(seconds))
+        ahead = np.array([s for _, s in timed])
+        apart = np.abs(ahead - np.median(ahead))
         wrong = [photograph for (photograph, _), a in zip(timed, apart, strict=True) if a > CLOCK_S]
         if not wrong:
             continue
