@@ -165,7 +165,7 @@ def test_events_that_contradict_the_clocks_stop_the_work(survey: Path, edit: Edi
     project = load_project(survey / "project.yaml")
     tags = [read_tags(photograph.path) for photograph in project.photographs]
     rows = "".join(
-        f"2024/06/01 {9 + hour:02d}:00:00 {t.latitude_deg:.9f} {t.longitude_deg:.9f} {t.height_m:.3f} 1 12 .01 .01 .02\n"
+        f"2024/06/01 {9 + hour:02d}:00:00 {t.latitude_deg} {t.longitude_deg} {t.height_m} 1 12 0.01 0.01 0.02\n"
         for hour, t in enumerate(tags)
     )
     (survey / "events.pos").write_text(header + rows, encoding="utf-8")
