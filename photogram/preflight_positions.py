@@ -139,7 +139,7 @@ def lever_arm_findings(known: Sequence[Pair]) -> list[Finding]:
 
 
 def file_findings(known: Sequence[Pair]) -> list[Finding]:
-    """Return which photographs the files of positions leave out, and which exposures they put at another time."""
+    """Return which photographs the files of positions leave out."""
     listed = [pair for pair in known if pair[0].file_position is not None]
     left = [pair for pair in known if pair[0].file_position is None and source_of(*pair) == FROM_TAGS]
     findings = []
@@ -147,36 +147,33 @@ def file_findings(known: Sequence[Pair]) -> list[Finding]:
         text = f"{things(len(left), 'photograph')} in no file of positions: the position in the tags is taken"
         remedy = "give positions for all, or leave these photographs out"
         findings.append(Finding("warning", _names(left), text, remedy))
-    sources: defaultdict[str, list[Pair]] = defaultdict(list)
-    for pair in listed:
-        if pair[0].file_position is not None:
-            sources[pair[0].file_position.source].append(pair)
-    for source, pairs in sources.items():
-        findings += _time_findings(source, pairs)
     return findings
 
 
-def _time_findings(source: str, pairs: Sequence[Pair]) -> list[Finding]:
-    timed, seconds = [], []
-    for photograph, tags in pairs:
+def time_findings(taken: Sequence[tuple[ProjectPhotograph, datetime | None]]) -> list[Finding]:
+    """Return which photographs the files of positions put at another time than their own clock, ``taken``, does."""
+    sources: defaultdict[str, list[tuple[ProjectPhotograph, float]]] = defaultdict(list)
+    for photograph, time in taken:
         listed = photograph.file_position
-        if listed is not None and listed.gps_time is not None and tags.time is not None:
-            timed.append((photograph, tags))
-            seconds.append((tags.time.replace(tzinfo=None) - listed.gps_time).total_seconds())
-    if not timed:
-        return []
-    apart = np.abs(np.array(seconds) - np.median(seconds)) > CLOCK_S
-    wrong = [pair for pair, is_apart in zip(timed, apart, strict=True) if is_apart]
-    if not wrong:
-        return []
-    text = (
-        f"{len(wrong)} of {things(len(timed), 'photograph')} ({_names(wrong)}) were taken at another time than their "
-        f"rows say, by up to {np.max(np.abs(np.array(seconds) - np.median(seconds))):.0f} s against the others"
-    )
-    listed = wrong[0][0].file_position
-    by_order = listed is not None and listed.by_order
-    remedy = "check that the file belongs to these photographs, and that none is missing"
-    return [Finding("fault" if by_order else "warning", source, text, remedy)]
+        if listed is not None and listed.gps_time is not None and time is not None:
+            ahead_s = (time.replace(tzinfo=None) - listed.gps_time).total_seconds()
+            sources[listed.source].append((photograph, ahead_s))
+    findings = []
+    for source, timed in sources.items():
+        ahead = np.array([s for _, s in timed])
+        apart = np.abs(ahead - np.median(ahead))
+        wrong = [photograph for (photograph, _), a in zip(timed, apart, strict=True) if a > CLOCK_S]
+        if not wrong:
+            continue
+        names = some([photograph.name for photograph in wrong])
+        text = (
+            f"{len(wrong)} of {things(len(timed), 'photograph')} ({names}) were taken at another time than "
+            f"their rows say, by up to {apart.max():.0f} s against the others"
+        )
+        by_order = any(p.file_position is not None and p.file_position.by_order for p in wrong)
+        remedy = "check that the file belongs to these photographs, and that none is missing"
+        findings.append(Finding("fault" if by_order else "warning", source, text, remedy))
+    return findings
 
 
 def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
@@ -188,4 +185,5 @@ def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> li
         *flight_findings(known),
         *lever_arm_findings(known),
         *file_findings(known),
+        *time_findings([(photograph, tags.time) for photograph, tags in known]),
     ]

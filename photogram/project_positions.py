@@ -6,7 +6,7 @@ Faults are noted in the document under the entry that names the file, and carry 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -221,8 +221,3 @@ def _placed(
     except FrameError:
         turned = np.full_like(place, np.nan)
     return place, turned, system
-
-
-def without_position(positions: Mapping[str, FilePosition], names: Sequence[str]) -> list[str]:
-    """Return the photographs that no file gives a position where files give others one; none where no file is read."""
-    return [name for name in names if name not in positions] if positions else []

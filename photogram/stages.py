@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, Protocol
@@ -15,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photogram.comparison import compare
-from photogram.errors import ImageError, PhotogramError
+from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
@@ -26,6 +27,7 @@ from photogram.matching import match_pair
 from photogram.measured_positions import measured_position, position_note
 from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
+from photogram.preflight_positions import time_findings
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
 from photogram.retrieval import most_similar
@@ -97,6 +99,10 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
         progress(done, len(futures), photographs[done - 1].name)
     if faults:
         raise ImageError("\n".join(faults))
+    times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
+    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "fault"]
+    if contradictions:
+        raise ProjectError("\n".join(map(str, contradictions)))
     write_json(folder / "tags.json", notes)
     return {"photographs": len(notes)}
 

@@ -13,6 +13,7 @@ import pytest
 
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.cli.terminal import console, show_gnss
+from photogram.errors import ProjectError
 from photogram.files.images import read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss_offsets import SIGNIFICANCE
@@ -155,3 +156,19 @@ def test_a_table_of_the_antenna_with_an_arm_gives_the_same_survey(adjusted_surve
         )
     assert after["gnss"]["sources"] == {"ppk.csv": 4}
     assert after["gnss"]["lever_arm_m"]["1"] == {"n": 4, "axes": "world", "length_m": pytest.approx(np.hypot(0.3, 0.1))}
+
+
+@pytest.mark.survey
+def test_events_that_contradict_the_clocks_stop_the_work(survey: Path, edit: Edit) -> None:
+    """Matched by nothing but their order, exposures an hour apart cannot be those of these photographs."""
+    header = "%  GPST latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m)\n"
+    project = load_project(survey / "project.yaml")
+    tags = [read_tags(photograph.path) for photograph in project.photographs]
+    rows = "".join(
+        f"2024/06/01 {9 + hour:02d}:00:00 {t.latitude_deg} {t.longitude_deg} {t.height_m} 1 12 0.01 0.01 0.02\n"
+        for hour, t in enumerate(tags)
+    )
+    (survey / "events.pos").write_text(header + rows, encoding="utf-8")
+    edit(survey / "project.yaml", lambda v: v["photographs"].update(positions=[{"path": "events.pos"}]))
+    with pytest.raises(ProjectError, match=r"events\.pos: 4 of 4 photographs .* at another time"):
+        run_pipeline(load_project(survey / "project.yaml"), until="photographs")

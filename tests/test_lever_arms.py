@@ -17,6 +17,7 @@ from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.camera import rotation_from_gimbal
 from photogram.factors.camera_position import gnss_position, position_jacobian
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
+from photogram.gnss_offsets import implied_offset_test
 from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.numbers import gnss_residual_m
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
@@ -157,12 +158,13 @@ def test_an_offset_that_is_estimated_is_not_taken_for_an_arm(made: SimulatedBloc
         assert not gnss_numbers(adjust(block, SETTINGS))["lever_arm_left"]["significant"]
 
 
-def test_p_is_uniform_without_an_arm() -> None:
-    """Twenty-five small surveys whose arm is zero, as is the one that is counted."""
+def test_p_is_uniform_without_an_arm_and_without_an_offset() -> None:
+    """Twenty-five small surveys without either, and none is counted."""
     plan = replace(PLAN, strips=2, photographs_per_strip=4, control_points=5, check_points=1)
     results = [adjust(simulate_block(plan, seed, tie_points=150).block, SETTINGS) for seed in range(25)]
-    p = [result.left_arm_p for result in results]
-    assert kstest(p, "uniform").pvalue > 0.01
+    assert kstest([result.left_arm_p for result in results], "uniform").pvalue > 0.01
+    offsets = [implied_offset_test(r.implied_offset_world_m[0], r.implied_offset_covariance_m2[0]).p for r in results]
+    assert kstest(offsets, "uniform").pvalue > 0.01
 
 
 def test_both_engines_count_the_arm_alike(made: SimulatedBlock) -> None:

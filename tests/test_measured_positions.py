@@ -18,7 +18,7 @@ from photogram.findings import Finding
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss_solutions import FLOOR_M, Sigma3, solution_of_rtk_flag
 from photogram.measured_positions import measured_position, position_note
-from photogram.preflight_positions import gnss_findings
+from photogram.preflight_positions import gnss_findings, time_findings
 from photogram.project import Project, read_project
 from photogram.records import measured_block
 
@@ -291,6 +291,8 @@ def test_events_of_rtklib_are_matched_in_order_and_their_times_checked(folder: P
     assert found.of_antenna
     late: list[PhotographTags | None] = [*tags[:2], replace(TAGS, time=NOON + timedelta(seconds=60))]
     assert [(f.severity, f.where) for f in warnings(project, late)] == [("fault", "events.pos")]
+    taken = [tag.time for tag in late if tag is not None]
+    assert [f.severity for f in time_findings(list(zip(project.photographs, taken, strict=True)))] == ["fault"]
     (folder / "images" / "DJI_0004.JPG").touch()
     assert "3 positions for 4 photographs" in faults(folder, "  positions: [{path: events.pos}]\n")
 

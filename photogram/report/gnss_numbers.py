@@ -47,6 +47,11 @@ def _p(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
+def _beyond(offset: FloatArray, prior: FloatArray) -> list[str]:
+    """Return the axes along which an offset contradicts its prior; an axis held at zero cannot."""
+    return [name for name, o, s in zip(_AXES, offset, prior, strict=True) if s > 0 and abs(o) > BEYOND_PRIOR * s]
+
+
 def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: FloatArray, test: OffsetTest) -> str:
     """Return what an estimated offset says; all figures in m along easting, northing and height."""
     if not test.degrees:
@@ -58,9 +63,7 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
     verdict = f"(χ² = {test.chi2:.1f} with {test.degrees} degrees of freedom, {_p(test.p)})"
     if not test.significant:
         return f"Flight {flight}: the GNSS positions are not significantly {figures} {verdict}."
-    beyond = [
-        name for name, o, s in zip(_AXES, offset, prior, strict=True) if s > 0 and abs(o) > BEYOND_PRIOR * s
-    ]  # fmt: skip
+    beyond = _beyond(offset, prior)
     sentence = f"Flight {flight}: the GNSS positions are {figures} {verdict}"
     if beyond:
         axis = int(np.argmax(np.abs(offset) / np.where(prior > 0, prior, np.inf)))
@@ -124,6 +127,7 @@ def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Json:
         "p": test.p if known else None,
         "p_axes": [float(p) if np.isfinite(p) else None for p in test.p_axes],
         "significant": test.significant if known else None,
+        "beyond_prior": estimated and bool(_beyond(offset, block.gnss_offset_sigma_m)),
         "mean_residual_m": mean.tolist(),
         "rms_residual_m": np.sqrt(np.mean(residual**2, axis=0)).tolist(),
         "sentence": sentence,
@@ -232,11 +236,13 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
     )
     control = sum(role == "control" for role in result.block.control_points.role)
     lost = _not_used(photographs, used, notes)
-    warnings = [f["sentence"] for f in flights.values() if f["significant"] and "contradict" in f["sentence"]]
-    warnings += [f["sentence"] for f in flights.values() if f["significant"] and "beyond the prior" in f["sentence"]]
+    sentence = f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part together"
+    sentence += f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."
+    doubtful = [
+        f["sentence"] for f in flights.values() if f["significant"] and (f["beyond_prior"] or not f["estimated"])
+    ]
     return {
-        "sentence": f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part "
-        "together" + (f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."),
+        "sentence": sentence,
         "positions_used": int(used.sum()),
         "control_points_used": control,
         "flights": flights,
@@ -245,5 +251,5 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
         "lever_arm_m": _arms(photographs, used, notes),
         "lever_arm_left": arm,
         "not_used": lost,
-        "warnings": warnings + ([arm_warning] if arm_warning else []) + _warnings(notes, used),
+        "warnings": doubtful + ([arm_warning] if arm_warning else []) + _warnings(notes, used),
     }
