@@ -27,6 +27,7 @@ from photogram.survey import (
     Adjustment,
     Block,
     ControlPoints,
+    Deformation,
     Features,
     Matches,
     Photograph,
@@ -253,8 +254,9 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
+    """Return the arrays of an adjustment but for its tie points, reliability and deformation, which have files of their
+    own."""
+    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None, deformation=None))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
@@ -277,7 +279,9 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
-    return Adjustment(block=adjusted, reliability=read_record(folder / "reliability.npz", Reliability), **values)
+    reliability = read_record(folder / "reliability.npz", Reliability)
+    deformation = read_record(folder / "deformation.npz", Deformation)
+    return Adjustment(block=adjusted, reliability=reliability, deformation=deformation, **values)
 
 
 def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:

@@ -321,6 +321,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_record(folder / "reliability.npz", result.reliability)
+    write_record(folder / "deformation.npz", result.deformation)
     write_json(folder / "held.json", held)
     return {
         "sigma0": result.sigma0,
