@@ -8,21 +8,61 @@ the covariance Σ aᵀ V⁻¹ b + uᵀ S⁻¹ v (Förstner & Wrobel 2016, sec. 1
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
-from photogram.factors.covariance import Covariances
+from photogram.factors.bundle import limited_threads
 from photogram.factors.graph import Problem
+from photogram.factors.ground_terms import bundle_of, eliminated
 from photogram.factors.loss import RobustLoss, steer
-from photogram.factors.reduced import Layout
+from photogram.factors.reduced import Factor, Layout
 from photogram.factors.reprojection import Linearisation, Observations, linearise
 from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray
 
 POINTS_AT_ONCE = 64  # whose three columns each are solved for together
+
+
+class Solvable(Protocol):
+    """A factored reduced system S."""
+
+    @property
+    def layout(self) -> Layout:
+        """Return where variables sit."""
+
+    def solve(self, columns: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """A reduced system whose rows were divided by ``scale``, factored for a few solutions and nothing else."""
+
+    layout: Layout
+    factor: Factor
+    scale: FloatArray
+
+    def solve(self, columns: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
+        m, scale = self.layout.columns, self.scale[:, None]
+        return np.concatenate(self.factor.solve(columns[:m] / scale[:m], columns[m:] / scale[m:])) / scale
+
+
+def factored(problem: Problem, state: State) -> Factored:
+    """Factor the reduced system at ``state``: what covariances of functions need, without those of all points.
+
+    Raises IndeterminateError or SingularError where it has no unique solution.
+    """
+    bundle = bundle_of(problem, state)
+    bundle = replace(bundle, loss=bundle.loss.weights_alone())
+    with limited_threads(len(bundle.tie)) as pool:
+        normal = eliminated(bundle, state, bundle.ground.linearise(state), pool)
+        scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+        return Factored(bundle.layout, normal.factor(scale=scale), scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +73,14 @@ class Functions:
     columns: FloatArray
     own: FloatArray
 
-    def covariance(self, found: Covariances) -> FloatArray:
-        """Return the joint covariance (K, K) of the functions."""
-        covariance = self.own + found.between(self.columns, self.columns)
+    def shared(self, found: Solvable) -> FloatArray:
+        """Return the joint covariance (K, K) of the functions that comes from the cameras."""
+        covariance = self.columns.T @ found.solve(self.columns)
         return np.asarray(0.5 * (covariance + covariance.T))
+
+    def covariance(self, found: Solvable) -> FloatArray:
+        """Return the joint covariance (K, K) of the functions."""
+        return self.own + self.shared(found)
 
 
 def joined(parts: Sequence[Functions]) -> Functions:
@@ -119,7 +163,7 @@ def functions_of_border(layout: Layout) -> Functions:
 
 
 def intersected_covariances(
-    observations: Observations, points_world_m: FloatArray, state: State, found: Covariances
+    observations: Observations, points_world_m: FloatArray, state: State, found: Solvable
 ) -> FloatArray:
     """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
     took no part in the adjustment; infinite where the rays do not fix a point."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.camera import PARAMETERS
-from photogram.factors.covariance import Covariances
 from photogram.factors.functionals import (
     Functions,
+    Solvable,
     functions_of_attitudes,
     functions_of_border,
     functions_of_positions,
@@ -27,7 +27,7 @@ from photogram.factors.state import State
 from photogram.survey import Deformation, FloatArray, IntArray
 
 FEWEST_POINTS = 10
-CELLS, PLACES = 28, 9  # of the grids over a block, for the tie points that stand for it and for those looked at singly
+CELLS, PLACES = 24, 7  # of the grids over a block, for the tie points that stand for it and for those looked at singly
 EDGE = 95.0  # percentile of the distances of tie points from the centre that is taken as the block's radius
 MIDDLE = 0.15  # of the radius, within which the point in the middle is sought
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -120,46 +120,39 @@ def _ground_weights(state: State, places: Places) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class Stiffness:
     """Joint covariances of a block as a whole: ``modes`` as in Deformation.covariance; ``ground`` (6 + 3 (1 + corners)
-    + Q,) squared of the modes of the ground, the points in middle and corners, and the heights looked at."""
+    + Q,) squared, of the modes of the ground, the points in middle and corners, and the heights looked at, as far as
+    it comes from the cameras; ``own`` (3 (1 + corners),) squared, what the points in middle and corners scatter by
+    themselves."""
 
     modes: FloatArray
     ground: FloatArray
-    corners: int
+    own: FloatArray
 
-    @property
-    def middle(self) -> slice:
-        """Return where the point in the middle stands in ``ground``."""
-        return slice(6, 9)
-
-    @property
-    def controls(self) -> slice:
-        """Return where the points in the middle and the corners stand in ``ground``."""
-        return slice(6, 9 + 3 * self.corners)
-
-    def surveyed(self, where: slice, sigma_m: FloatArray) -> Stiffness:
-        """Return the same with points of ``ground`` surveyed with ``sigma_m`` (3,); modes beside the ground unchanged."""
-        C = self.ground
-        noise = np.diag(np.tile(sigma_m**2, (where.stop - where.start) // 3))
+    def surveyed(self, points: int, sigma_m: FloatArray) -> Stiffness:
+        """Return the same with the first ``points`` of middle and corners surveyed with ``sigma_m`` (3,); modes beside
+        the ground stay as they were."""
+        C, where, own = self.ground, slice(6, 6 + 3 * points), slice(0, 3 * points)
+        noise = self.own[own, own] + np.diag(np.tile(sigma_m**2, points))
         gain = np.linalg.solve(C[where, where] + noise, C[where])
-        return Stiffness(self.modes, C - C[:, where] @ gain, self.corners)
+        return Stiffness(self.modes, C - C[:, where] @ gain, self.own)
 
     @property
     def height_sigma_m(self) -> FloatArray:
         """Return the sigmas in height (Q,) over the block."""
-        return np.sqrt(np.diag(self.ground)[9 + 3 * self.corners :])
+        return np.sqrt(np.diag(self.ground)[6 + len(self.own) :])
 
     @property
     def summary(self) -> FloatArray:
         """Return sigma in height in the middle, root mean square over the block, sigma of the dome (3,), m."""
         variance = np.diag(self.ground)
-        return np.sqrt([variance[8], np.mean(variance[9 + 3 * self.corners :]), variance[DOME]])
+        return np.sqrt([variance[8], np.mean(variance[6 + len(self.own) :]), variance[DOME]])
 
 
-def stiffness(problem: Problem, state: State, found: Covariances, places: Places) -> Stiffness:
+def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -> Stiffness:
     """Return the joint covariances of the modes of a block."""
     layout, cameras = found.layout, len(problem.block.cameras)
     ground = functions_of_tie_points(problem, state, layout, places.points, _ground_weights(state, places))
-    count = ground.columns.shape[1]
+    count, singled = ground.columns.shape[1], slice(6, 9 + 3 * len(places.corners))
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
     use = (camera_of == np.arange(cameras)[:, None]).astype(np.float64)
     use /= np.maximum(use.sum(axis=1, keepdims=True), 1.0)
@@ -168,9 +161,11 @@ def stiffness(problem: Problem, state: State, found: Covariances, places: Places
         functions_of_positions(state, layout, np.full(len(camera_of), 1 / len(camera_of))),
     ]
     parts += [functions_of_attitudes(layout, weight) for weight in use]
-    whole = joined([*parts, functions_of_border(layout)]).covariance(found)
-    kept = np.concatenate([np.arange(6), np.arange(count, len(whole))])
-    return Stiffness(whole[np.ix_(kept, kept)], whole[:count, :count], len(places.corners))
+    functions = joined([*parts, functions_of_border(layout)])
+    shared = functions.shared(found)
+    kept = np.concatenate([np.arange(6), np.arange(count, len(shared))])
+    modes = (shared + functions.own)[np.ix_(kept, kept)]
+    return Stiffness(modes, shared[:count, :count], ground.own[singled, singled])
 
 
 def intersection_sigma_m(problem: Problem, state: State, places: Places) -> FloatArray:
@@ -193,6 +188,9 @@ def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places
         given_parameters(problem),
         np.zeros(0, np.str_),
         np.zeros((0, 2, 3)),
+        np.zeros((len(problem.block.cameras), PARAMETERS)),
+        np.zeros((len(problem.block.cameras), PARAMETERS)),
+        np.full(3, np.nan),
     )
 
 

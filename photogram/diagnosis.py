@@ -1,7 +1,8 @@
-"""What a finished block is weak in: dome, focal length against height, principal point against tilt; and what would help.
+"""What a finished block is weak in: dome, focal length against height, principal point against tilt; what would help.
 
 Measured, from points that took no part (check points, and control points as everything else predicts them), and
-predicted, from the covariance of the block as a whole: the first shows what happened, the second what may happen unseen.
+predicted, from the covariance of the block as a whole: the first shows what happened, the second what may happen
+unseen.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import t as student
 
-from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera
-from photogram.deformation import CENTRES, DOME, GROUND, offset_of, parameters_of, rotations_of
+from photogram.camera import PARAMETER_NAMES, Camera
+from photogram.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
 from photogram.survey import Adjustment, Deformation, FloatArray
 
 STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
@@ -73,9 +76,9 @@ class Remedy:
 
 @dataclass(frozen=True, eq=False)
 class FocalHeight:
-    """Correlations of a camera's focal length with the block's heights, NaN where it is held: of the projection centres,
-    of the ground, and of the GNSS offset by flight; ``height_sigma_m`` is the part of the ground's mean height that goes
-    with the focal length."""
+    """Correlations of a camera's focal length with the block's heights, NaN where it is held: of the projection
+    centres, of the ground, and of the GNSS offset by flight; ``height_sigma_m`` is the part of the ground's mean height
+    that goes with the focal length."""
 
     centres: float
     ground: float
@@ -123,8 +126,8 @@ def fitted_dome(
     """Return the dome of height differences (n,) at places (n, 2), its sigma, and whether it is significant.
 
     Weighted least squares of a + d ρ², and of a tilt besides with FEWEST_WITH_TILT points; the scatter around the fit
-    gives the sigma, so that what all points have in common does not count as noise, and Student's t the limit. NaN where
-    the points are too few or too much alike in their distance.
+    gives the sigma, so that what all points have in common does not count as noise, and Student's t the limit. NaN
+    where the points are too few or too much alike in their distance.
     """
     offset = (place - centre) / radius_m
     square = np.sum(offset**2, axis=1)
@@ -172,7 +175,8 @@ def focal_heights(known: Deformation, cameras: Sequence[Camera], flights: Sequen
 
 
 def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
-    """Return a sentence for each weakness of a block's geometry that the precision of its tie points does not excuse."""
+    """Return a sentence for each weakness of a block's geometry that costs more than the precision of its tie
+    points."""
     if not known.known:
         return []
     sentences, precise = [], float(known.intersection_sigma_m[2])
@@ -183,8 +187,8 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
         if strongest > STRONG and focal.height_sigma_m > precise:
             sentences.append(
                 f"The focal length of {name} and the height of the block cannot be told apart (correlation "
-                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights come with it, where tie points "
-                f"are intersected to {precise:.3f} m"
+                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights come with it, where tie "
+                f"points are intersected to {precise:.3f} m"
             )
     dome = float(np.sqrt(known.covariance[DOME, DOME]))
     if dome > precise:
@@ -201,10 +205,25 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             plan = max(abs(float(correlation[row, k])) * np.sqrt(known.covariance[k, k]) for k in (0, 1))
             if r > STRONG and plan > known.intersection_sigma_m[axis]:
                 sentences.append(
-                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot be told apart "
-                    f"(correlation {r:.3f}): {plan:.3f} m of uncertainty in plan come with it"
+                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot be told "
+                    f"apart (correlation {r:.3f}): {plan:.3f} m of uncertainty in plan come with it"
                 )
     return sentences
+
+
+def hidden(known: Deformation) -> list[str]:
+    """Return a sentence where holding parameters hides more uncertainty of heights than intersection has."""
+    freed, precise = known.freed_height_sigma_m, float(known.intersection_sigma_m[2])
+    if not np.isfinite(freed).all() or not len(known.height_sigma_m):
+        return []
+    now, then = float(np.sqrt(np.mean(known.height_sigma_m**2))), float(freed[1])
+    if not then**2 - now**2 > precise**2:
+        return []
+    return [
+        f"Parameters of the calibration are held, which no sigma shows: were they uncertain as those of an ordinary "
+        f"calibration, heights over the block would be known to {then:.3f} m instead of {now:.3f} m, "
+        f"and the dome to {freed[2]:.3f} m"
+    ]
 
 
 def _names(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
@@ -220,31 +239,67 @@ def undetermined(
     known: Deformation, cameras: Sequence[Camera], flights: Sequence[str], offset_sigma_m: FloatArray
 ) -> list[str]:
     """Return in words what the measurements do not determine: parameters that are hardly better known than before, what
-    was held, and pairs of quantities that change together (correlation beyond STRONG)."""
+    was held, and quantities that change together (correlations beyond STRONG)."""
     if not known.known:
         return []
     prior = np.concatenate([*(c.sigmas for c in cameras), np.tile(offset_sigma_m, len(flights))])
     start = parameters_of(0, len(cameras)).start
-    names, sigma = _names(cameras, flights), np.sqrt(np.diag(known.covariance)[start:])
-    told = np.divide(sigma, prior, out=np.zeros_like(sigma), where=np.isfinite(prior) & (prior > 0))
+    names, sigma = _names(cameras, flights), np.sqrt(np.diag(known.covariance))
+    told = np.divide(sigma[start:], prior, out=np.zeros_like(prior), where=np.isfinite(prior) & (prior > 0))
     sentences = [
-        f"{names[k]}: known to {prior[k]:.3g} before, to {sigma[k]:.3g} now" for k in np.flatnonzero(told > TOLD)
+        f"{names[k]}: known to {prior[k]:.3g} before, to {sigma[start + k]:.3g} now"
+        for k in np.flatnonzero(told > TOLD)
     ]
-    lens = np.arange(len(prior)) < PARAMETERS * len(cameras)
-    used = np.array([c.parameters for c in cameras]).ravel()
-    held = [names[k] for k in np.flatnonzero(lens & (sigma == 0)) if used[k] != 0]
-    if held:
-        sentences.append(f"held at what was given, so not tested by anything: {', '.join(held)}")
-    heights = {"mean height of the ground": GROUND.stop - 1, "mean height of the projection centres": CENTRES.stop - 1}
-    whole = dict(heights) | {name: start + k for k, name in enumerate(names)}
-    correlation, labels = correlations(known.covariance), list(whole)
-    for i, first in enumerate(labels):
-        for second in labels[i + 1 :]:
-            r = float(correlation[whole[first], whole[second]])
-            radial = first.startswith("k") and second.startswith("k")  # always alike, and harmless together
-            if abs(r) > STRONG and not radial:
-                sentences.append(f"{first} and {second} change together (correlation {r:+.3f})")
-    return sentences
+    freed, after = known.freed_prior.ravel(), known.freed_sigma.ravel()
+    if freed.any():
+        untold = [f"{names[k]} (to {after[k]:.3g})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]]
+        sentences.append(
+            f"held at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
+            + (
+                f"freed, the photographs would hardly tell {', '.join(untold)}"
+                if untold
+                else "freed, they would be told"
+            )
+        )
+    words, size = {start + k: name for k, name in enumerate(names)}, f"over {known.radius_m:.0f} m"
+    words |= {SLOPES.start + k: f"tilt of the block to the {way} {size}" for k, way in enumerate(("east", "north"))}
+    words[DOME] = f"dome of the block {size}"
+    for k, axis in enumerate(("easting", "northing", "height")):
+        words[GROUND.start + k] = f"{axis} of the ground"
+        words[CENTRES.start + k] = f"{axis} of the projection centres"
+    return sentences + [
+        f"change together (correlation {r:.2f}), so that only their sum is told: "
+        + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{'' if k in _lens(start, cameras) else ' m'})" for k in group)
+        for group, r in _groups(known, words, start, cameras)
+    ]
+
+
+def _lens(start: int, cameras: Sequence[Camera]) -> range:
+    return range(start, start + len(PARAMETER_NAMES) * len(cameras))
+
+
+def _groups(
+    known: Deformation, words: Mapping[int, str], start: int, cameras: Sequence[Camera]
+) -> list[tuple[list[int], float]]:
+    """Return the groups of quantities that hang together by correlations beyond STRONG, with the largest in each.
+
+    Left out: radial terms among themselves, which are always alike and harmless together, and a projection centre with
+    the GNSS offset of its axis alone, which is what an unknown offset means.
+    """
+    index = np.array(sorted(words))
+    correlation = np.nan_to_num(correlations(known.covariance)[np.ix_(index, index)])
+    strong = np.abs(correlation) > STRONG
+    count, label = connected_components(csr_array(strong), directed=False)
+    lens, groups = _lens(start, cameras), []
+    radial = {k for k in lens if PARAMETER_NAMES[(k - start) % len(PARAMETER_NAMES)].startswith("k")}
+    placed = {*range(CENTRES.start, CENTRES.stop), *range(lens.stop, len(known.covariance))}
+    for group in range(count):
+        members = np.flatnonzero(label == group)
+        quantities = set(index[members].tolist())
+        if len(quantities) > 1 and not quantities <= radial and not quantities <= placed:
+            among = np.abs(correlation[np.ix_(members, members)])
+            groups.append((sorted(quantities), float(among[~np.eye(len(members), dtype=bool)].max())))
+    return groups
 
 
 def remedies_of(known: Deformation) -> list[Remedy]:
@@ -260,7 +315,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
     """Return what a block is weak in, and what would help."""
     known, block = result.deformation, result.block
     dome = _dome(result)
-    warnings = weaknesses(known, block.cameras, result.flights)
+    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights)
     if dome.significant:
         warnings.append(
             f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "

@@ -309,10 +309,11 @@ def _control(
     seen = observe(flight, ground, 5 * plan.mark_sigma_px)
     sigma = np.tile(plan.control_sigma_m, (len(ground), 1))
     count, checks = plan.control, len(ground) - plan.control
-    role: tuple[Role, ...] = (*("control",) * count, *("check",) * checks)
+    role: list[Role] = ["control"] * count
+    role += ["check"] * checks
     return ControlPoints(
         (*(f"G{i + 1}" for i in range(count)), *(f"C{i + 1}" for i in range(checks))),
-        role,
+        tuple(role),
         ground + errors * sigma * rng.standard_normal(ground.shape),
         sigma,
         seen.photograph,

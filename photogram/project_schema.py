@@ -94,6 +94,7 @@ Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
+Place = Annotated[tuple[float, float], _vector("east", "north")]
 
 
 class CameraSigmas(Entry):

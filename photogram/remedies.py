@@ -1,8 +1,8 @@
 """What would make a block stiffer, tried by covariance: control points surveyed, strips added, GNSS made better.
 
 A control point more is a tie point of the block whose position is surveyed: a change of few dimensions of the joint
-covariance. Photographs more are put where a pilot would fly them; what they would see of the tie points joins the normal
-equations, and the covariances are computed anew. Nothing hides behind anything there.
+covariance. Photographs more are put where a pilot would fly them; what they would see of the tie points joins the
+normal equations, and the covariances are computed anew. Nothing hides behind anything there.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import numpy as np
 from photogram.camera import Pose, project
 from photogram.courses import Course, flown
 from photogram.deformation import Places, Stiffness, deformation, given_parameters, places_of, stiffness
-from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.reduced import SingularError
 from photogram.factors.reprojection import Observations
 from photogram.factors.state import State
+from photogram.held_parameters import with_held_freed
 from photogram.survey import Block, Deformation, FloatArray, IntArray, Photograph
 
 CONTROL_SIGMA_M = np.array([0.02, 0.02, 0.03])  # of a surveyed point, where the project has none to go by
@@ -26,7 +28,7 @@ RTK_BETTER = 3.0  # times that GNSS sigmas must exceed those of RTK to make it a
 OBLIQUE_DEG, HIGHER = 25.0, 1.3  # of the strips tried: tilt of the one, height above ground of the other
 FEWEST_SEEN = 12  # tie points that a photograph must see to be of use
 MOST_PHOTOGRAPHS = 40  # of a strip that is tried
-WEAK = 1.5  # times the precision of intersection that heights over a block must exceed for strips to be tried
+WEAK = 1.0  # times the precision of intersection that heights over a block must exceed for strips to be tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +179,12 @@ def with_rtk(problem: Problem, state: State) -> Problem | None:
 def _predicted(problem: Problem, state: State, places: Places) -> Stiffness | None:
     """Return the stiffness of a changed block, None where its covariances cannot be computed."""
     try:
-        return stiffness(problem, state, covariances(problem, state), places)
-    except IndeterminateError:
+        return stiffness(problem, state, factored(problem, state), places)
+    except (IndeterminateError, SingularError):
         return None
 
 
-def deformation_and_remedies(problem: Problem, state: State, found: Covariances) -> Deformation:
+def deformation_and_remedies(problem: Problem, state: State, found: Solvable) -> Deformation:
     """Return how a block may be deformed as a whole, and what would help.
 
     Control points in the middle, and in the corners and the middle, are always tried; strips and better GNSS, each the
@@ -195,10 +197,10 @@ def deformation_and_remedies(problem: Problem, state: State, found: Covariances)
     known = deformation(problem, state, stiff, places)
     sigma = np.median(problem.control_sigma_m, axis=0) if len(problem.control_sigma_m) else CONTROL_SIGMA_M
     tried: dict[str, Stiffness | None] = {
-        "control_in_the_middle": stiff.surveyed(stiff.middle, sigma),
-        "control_in_corners_and_middle": stiff.surveyed(stiff.controls, sigma),
+        "control_in_the_middle": stiff.surveyed(1, sigma),
+        "control_in_corners_and_middle": stiff.surveyed(1 + len(places.corners), sigma),
     }
-    if stiff.summary[1] > WEAK * known.intersection_sigma_m[2]:
+    if stiff.summary[1:].max() > WEAK * known.intersection_sigma_m[2]:
         for name, course in strips(state, places).items():
             extended = with_strip(problem, state, course)
             tried[name] = None if extended is None else _predicted(*extended, places)
@@ -206,7 +208,7 @@ def deformation_and_remedies(problem: Problem, state: State, found: Covariances)
         tried["rtk"] = None if better is None else _predicted(better, state, places)
     after = {name: s.summary for name, s in tried.items() if s is not None}
     return replace(
-        known,
+        with_held_freed(known, problem, state, places),
         remedy=np.array(list(after), dtype=np.str_),
         remedy_sigma_m=np.array([[stiff.summary, summary] for summary in after.values()]),
     )

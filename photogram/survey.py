@@ -308,13 +308,16 @@ class Deformation:
     """How a block may be bent, shifted or scaled as a whole without its measurements showing it, a priori.
 
     Errors in height of the tie points are a + b x/R + c y/R + d ((x² + y²)/R² − mean), x and y from ``centre_world_m``
-    (2,), R = ``radius_m``: d is the dome. ``covariance`` (K, K) is joint of: mean error of the ground (east, north, up),
-    b, c, d; mean error of the projection centres (east, north, up), all in m; per camera the mean rotations of its
+    (2,), R = ``radius_m``: d is the dome. ``covariance`` (K, K) is joint of: mean error of the ground (east, north,
+    up), b, c, d; mean error of the projection centres (east, north, up), all in m; per camera the mean rotations of its
     photographs about its x and y axes, rad; per camera its 11 parameters, zero where held; per flight the GNSS offset
     (east, north, up), m. ``intersection_sigma_m`` (3,) is the median sigma of tie points with the cameras taken as
-    known, ``height_sigma_m`` (Q,) the whole sigma in height over the block. ``given_parameters`` (cameras, 11) are the
-    interior orientations before the adjustment. ``remedy`` (R,) names what was tried by covariance, ``remedy_sigma_m``
-    (R, 2, 3) holds before and after: sigma in height in the middle, root mean square over the block, sigma of d.
+    known, ``height_sigma_m`` (Q,) what the cameras add to it in height at places over the block. ``given_parameters``
+    (cameras, 11) are the interior orientations before the adjustment. ``remedy`` (R,) names what was tried by
+    covariance, ``remedy_sigma_m`` (R, 2, 3) holds before and after: sigma in height in the middle, root mean square
+    over the block, sigma of d. ``freed_prior`` and ``freed_sigma`` (cameras, 11) are the sigmas to which held
+    parameters were freed and those that they would have after the adjustment, 0 for the others;
+    ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``.
     """
 
     centre_world_m: FloatArray
@@ -325,6 +328,9 @@ class Deformation:
     given_parameters: FloatArray
     remedy: NDArray[np.str_]
     remedy_sigma_m: FloatArray
+    freed_prior: FloatArray
+    freed_sigma: FloatArray
+    freed_height_sigma_m: FloatArray
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:
@@ -333,7 +339,7 @@ class Deformation:
         given = np.zeros((0, 0)) if given_parameters is None else given_parameters
         return Deformation(
             nothing[:2], float("nan"), np.zeros((0, 0)), nothing, np.zeros(0), given, np.zeros(0, np.str_),
-            np.zeros((0, 2, 3)),
+            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing,
         )  # fmt: skip
 
     @property

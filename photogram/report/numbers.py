@@ -15,6 +15,7 @@ from photogram.comparison import Comparison
 from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.reliability import CRITICAL, minimal_detectable_blunder
+from photogram.report.diagnosis_numbers import diagnosis_numbers
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
 from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
@@ -348,6 +349,7 @@ def report_numbers(
         "control_points": points,
         "check_points": check_numbers(points),
         "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
+        "diagnosis": diagnosis_numbers(result, orientation.resections),
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),
     }
