@@ -21,6 +21,7 @@ from photogram.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, para
 from photogram.survey import Adjustment, Deformation, FloatArray
 
 STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
+HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.01
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell hardly anything
@@ -184,9 +185,10 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
         strongest = max(
             (abs(r) for r in (focal.centres, focal.ground, *focal.offset.values()) if np.isfinite(r)), default=0.0
         )
-        if strongest > STRONG and focal.height_sigma_m > precise:
+        if strongest > HALF and focal.height_sigma_m > precise:
+            told = "cannot be told apart" if strongest > STRONG else "are hardly told apart"
             sentences.append(
-                f"The focal length of {name} and the height of the block cannot be told apart (correlation "
+                f"The focal length of {name} and the height of the block {told} (correlation "
                 f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights come with it, where tie "
                 f"points are intersected to {precise:.3f} m"
             )
@@ -268,7 +270,7 @@ def undetermined(
         words[GROUND.start + k] = f"{axis} of the ground"
         words[CENTRES.start + k] = f"{axis} of the projection centres"
     return sentences + [
-        f"change together (correlation {r:.2f}), so that only their sum is told: "
+        f"change together (correlation {r:.2f}), so that they cannot be told apart: "
         + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{'' if k in _lens(start, cameras) else ' m'})" for k in group)
         for group, r in _groups(known, words, start, cameras)
     ]

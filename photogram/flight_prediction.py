@@ -196,7 +196,7 @@ def changes(plan: FlightPlan) -> dict[str, FlightPlan]:
         "one oblique strip more": replace(plan, oblique_strips=plan.oblique_strips + 1),
         "one cross strip more, higher": replace(plan, cross_strips=plan.cross_strips + 1),
     }
-    if plan.control < 5:
+    if plan.control < 4:
         corners = replace(plan, control_points=5, control_layout="corners", control_world_m=())
         changed["five control points, corners and middle"] = corners
     if plan.gnss != "rtk":

@@ -25,7 +25,7 @@ def _map(axes: Axes, found: Prediction) -> None:
     extent = (-half[0], half[0], -half[1], half[1])
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     image = axes.imshow(
-        values, origin="lower", extent=extent, cmap="cividis_r", vmin=min(low, 0.9 * high), vmax=high,
+        values, origin="lower", extent=extent, cmap="cividis_r", vmin=min(low, 0.5 * high), vmax=high,
         interpolation="nearest",
     )  # fmt: skip
     axes.add_patch(Rectangle((-half[0], -half[1]), plan.width_m, plan.length_m, fill=False, linewidth=1.0))
@@ -38,8 +38,8 @@ def _map(axes: Axes, found: Prediction) -> None:
             strip[:, 0], strip[:, 1], "-", color=VERMILION if oblique else GREY, linewidth=0.5, alpha=0.6, zorder=2
         )
         axes.plot(
-            strip[:, 0], strip[:, 1], "D" if oblique else "s", color=VERMILION if oblique else GREY, markersize=2.5,
-            zorder=3,
+            strip[:, 0], strip[:, 1], "D" if oblique else "s", color=VERMILION if oblique else GREY, markersize=3.5,
+            markeredgecolor="white", markeredgewidth=0.4, zorder=3,
         )  # fmt: skip
     names = {GREY: f"{len(found.position_m)} photographs"}
     if plan.oblique_strips:
@@ -51,12 +51,12 @@ def _map(axes: Axes, found: Prediction) -> None:
             found.control_m[:, 0], found.control_m[:, 1], "^", color="white", markeredgecolor="black", markersize=9,
             zorder=4, label=f"{len(found.control_m)} control points",
         )  # fmt: skip
+    axes.margins(0.1)
     axes.autoscale_view()
     map_axes(axes)
     axes.set_xlabel("east of the middle, m", fontsize=9)
     axes.set_ylabel("north of the middle, m", fontsize=9)
     axes.figure.colorbar(image, ax=axes, label="predicted sigma in height, cm", shrink=0.75)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, fontsize=8, frameon=False)
 
 
 def _bars(axes: Axes, found: Prediction, changes: Sequence[Alternative]) -> None:
@@ -72,7 +72,7 @@ def _bars(axes: Axes, found: Prediction, changes: Sequence[Alternative]) -> None
     axes.set_yticks(at, [name for name, _ in rows], fontsize=8)
     axes.set_xlim(0, 1.25 * float(worst.max()))
     axes.tick_params(labelsize=8)
-    axes.set_xlabel("predicted sigma in height, cm: median (dark), worst place (light)", fontsize=9)
+    axes.set_xlabel("predicted sigma in height, cm\nmedian (dark), worst place (light)", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -81,6 +81,7 @@ def prediction_picture(path: Path, found: Prediction, changes: Sequence[Alternat
     figure = new_figure(11.5 if changes else 6.5, 6.0)
     panels = figure.subplots(1, 2, width_ratios=(1.0, 0.85)) if changes else np.array([figure.subplots()])
     _map(panels[0], found)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3, fontsize=8, frameon=False)
     if changes:
         _bars(panels[1], found, changes)
     plan, (median, worst) = found.plan, found.typical_m(found.sigma_m[:, 2])
