@@ -27,7 +27,6 @@ from photogram.ground_points import ground_points, mark_residuals_px
 from photogram.outliers import agreeing_observations, first_agreement, noise_scale, outlier_limit_px, settled
 from photogram.registration import registered_block, with_all_photographs
 from photogram.reliability import reliability
-from photogram.remedies import deformation_and_remedies
 from photogram.survey import Adjustment, Block, FloatArray, check_range
 
 Progress = Callable[[str], None]
@@ -257,5 +256,4 @@ def _adjust_oriented(
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~kept)),
         reliability=reliability(final, final_state, found),
-        deformation=deformation_and_remedies(final, final_state, found),
     )

@@ -7,20 +7,24 @@ normal equations, and the covariances are computed anew. Nothing hides behind an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.camera import Pose, project
+from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.camera import PARAMETERS, Pose, project
 from photogram.courses import Course, flown
 from photogram.deformation import Places, Stiffness, deformation, given_parameters, places_of, stiffness
+from photogram.factors.bundle import limited_threads
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reduced import SingularError
 from photogram.factors.reprojection import Observations
 from photogram.factors.state import State
 from photogram.held_parameters import with_held_freed
-from photogram.survey import Block, Deformation, FloatArray, IntArray, Photograph
+from photogram.registration import registered_block
+from photogram.survey import Adjustment, Block, Deformation, FloatArray, IntArray, Photograph
 
 CONTROL_SIGMA_M = np.array([0.02, 0.02, 0.03])  # of a surveyed point, where the project has none to go by
 RTK_SIGMA_M = np.array([0.015, 0.015, 0.02])
@@ -138,12 +142,13 @@ def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem,
     most = int(np.median(np.bincount(tie.photograph, minlength=len(block.photographs))))
     points = np.where(known[:, None], state.tie_point, np.nan)
     poses = [Pose(r, c) for r, c in zip(R, C, strict=True)]
-    photograph, _, _ = _seen(problem, state, poses, camera, points, most)
+    photograph, point, pixel = _seen(problem, state, poses, camera, points, most)
     use = np.flatnonzero(np.bincount(photograph, minlength=len(poses)) >= FEWEST_SEEN)
     if not len(use):
         return None
     poses, R, C, old = [poses[i] for i in use], R[use], C[use], len(block.photographs)
-    photograph, point, pixel = _seen(problem, state, poses, camera, points, most)
+    kept = np.isin(photograph, use)
+    photograph, point, pixel = np.searchsorted(use, photograph[kept]).astype(np.int64), point[kept], pixel[kept]
     marks = problem.marks
     if len(marks):
         in_photograph, control, mark = _seen(problem, state, poses, camera, state.control, len(state.control))
@@ -182,6 +187,24 @@ def _predicted(problem: Problem, state: State, places: Places) -> Stiffness | No
         return stiffness(problem, state, factored(problem, state), places)
     except (IndeterminateError, SingularError):
         return None
+
+
+def block_deformation(
+    result: Adjustment, settings: AdjustmentSettings, given_parameters: Sequence[FloatArray]
+) -> Deformation:
+    """Return how a finished block may be deformed as a whole, and what would help, on its final linearisation.
+
+    ``given_parameters`` are the interior orientations (11,) of its cameras before the adjustment.
+    """
+    part, _ = registered_block(result.block)
+    problem = make_problem(part, settings)
+    control = np.array(result.block.control_points.role) == "control"
+    state = replace(
+        start_state(part, problem.flights), control=result.ground_world_m[control], offset=result.offset_world_m
+    )
+    with limited_threads(0):  # everything here is too small for BLAS to share out
+        found = deformation_and_remedies(problem, state, factored(problem, state))
+    return replace(found, given_parameters=np.array(given_parameters).reshape(-1, PARAMETERS))
 
 
 def deformation_and_remedies(problem: Problem, state: State, found: Solvable) -> Deformation:

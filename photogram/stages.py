@@ -26,6 +26,7 @@ from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.remedies import block_deformation
 from photogram.retrieval import most_similar
 from photogram.self_calibration import calibrate
 from photogram.structure import Structure
@@ -314,6 +315,9 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         block, run.project.adjustment, run.project.calibration, orientation.parameters,
         lambda text: progress(0, 0, text),
     )  # fmt: skip
+    progress(0, 0, "deformation of the block")
+    given = [camera.parameters for camera in block.cameras]
+    result = replace(result, deformation=block_deformation(result, run.project.adjustment, given))
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)

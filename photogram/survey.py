@@ -359,7 +359,7 @@ class Adjustment:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
     ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions;
-    ``deformation`` of the block as a whole.
+    ``deformation`` of the block as a whole, unknown until it is asked for.
     """
 
     block: Block

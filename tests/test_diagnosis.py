@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.diagnosis import diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
+from photogram.remedies import block_deformation
 from photogram.report.diagnosis_numbers import diagnosis_numbers
 from photogram.simulation import SurveyPlan, rtk_plan, simulate_block
-from photogram.survey import Adjustment, Deformation
+from photogram.survey import Adjustment, Block, Deformation
 
 NADIR = SurveyPlan(
     focal_px=1000.0, strips=4, photographs_per_strip=5, control_points=5, check_points=20, forward_overlap=0.8,
@@ -37,7 +38,14 @@ def adjusted(plan: SurveyPlan, seed: int = 1, *, k1_wrong_by: float | None = Non
     if k1_wrong_by is not None:
         radial = made.truth.camera.radial + np.array([k1_wrong_by, 0.0, 0.0, 0.0])
         block = replace(block, cameras=(replace(made.truth.camera, radial=radial),))
-    return adjust(block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+    return finished(block)
+
+
+def finished(block: Block) -> Adjustment:
+    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
+    result = adjust(block, settings)
+    given = [camera.parameters for camera in block.cameras]
+    return replace(result, deformation=block_deformation(result, settings, given))
 
 
 def test_focal_length_and_height_of_a_nadir_flight_without_control() -> None:
@@ -74,7 +82,7 @@ def test_predicted_dome_is_what_domes_scatter_by() -> None:
             plan, seed, tie_points=300, start_position_sigma_m=0.1, start_attitude_sigma_deg=0.1,
             start_point_sigma_m=0.1,
         )  # fmt: skip
-        result = adjust(made.block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+        result = finished(made.block)
         assert len(result.block.tie_points) == len(made.tie_point_position_world_m)
         error = result.block.tie_points.position_world_m[:, 2] - made.tie_point_position_world_m[:, 2]
         known = result.deformation
