@@ -51,7 +51,7 @@ def _map(axes: Axes, found: Prediction) -> None:
             found.control_m[:, 0], found.control_m[:, 1], "^", color="white", markeredgecolor="black", markersize=9,
             zorder=4, label=f"{len(found.control_m)} control points",
         )  # fmt: skip
-    axes.margins(0.1)
+    axes.margins(0.14)
     axes.autoscale_view()
     map_axes(axes)
     axes.set_xlabel("east of the middle, m", fontsize=9)
@@ -68,7 +68,10 @@ def _bars(axes: Axes, found: Prediction, changes: Sequence[Alternative]) -> None
     axes.barh(at, median, height=0.6, color=[GREY] + [BLUE] * len(changes), label="median")
     axes.axvline(median[0], color="black", linewidth=0.7, linestyle=":")
     for y, m, w in zip(at, median, worst, strict=True):
-        axes.text(w, y, f" {m:.1f} – {w:.1f}", va="center", fontsize=8)
+        white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+        axes.annotate(
+            f"{m:.1f} – {w:.1f}", (w, y), (5, 0), textcoords="offset points", va="center", fontsize=8, bbox=white
+        )
     axes.set_yticks(at, [name for name, _ in rows], fontsize=8)
     axes.set_xlim(0, 1.25 * float(worst.max()))
     axes.tick_params(labelsize=8)
