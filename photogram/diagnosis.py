@@ -118,7 +118,7 @@ def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, Fl
     difference = np.concatenate([(adjusted - surveyed)[:, 2], result.reliability.ground_left_out_m[left, 2]])
     sigma = np.concatenate([own, np.sqrt(result.reliability.ground_left_out_covariance_m2[left, 2, 2])])
     chosen = np.concatenate([check, left])
-    return points.position_world_m[chosen, :2], difference, sigma, len(left)
+    return result.ground_world_m[chosen, :2], difference, sigma, len(left)
 
 
 def fitted_dome(

@@ -30,7 +30,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         },
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
-        "suspects": [],
+        "suspects": [], "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip
 
 
@@ -85,3 +85,19 @@ def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console
         assert f"Suspect: {sentence}" in text
     assert sentences[terminal.MAXIMUM_SUSPECTS] not in text
     assert text.count("may be an effect of the first") == terminal.MAXIMUM_SUSPECTS - 1
+
+
+def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> None:
+    diagnosis = {
+        "warnings": ["The block may be bent to a dome of 0.061 m"],
+        "remedies": [{"sentence": "RTK instead of these"}, {"sentence": "One strip across"}],
+        "resections": [{"sentence": "Resection with the given focal length [px]"}],
+    }
+    terminal.show_report({**report(), "diagnosis": diagnosis})
+    text = shown.export_text()
+    assert "Weak: The block may be bent to a dome of 0.061 m" in text
+    assert "What would help most: RTK instead of these" in text
+    assert "One strip across" not in text
+    assert "Resection with the given focal length [px]" in text
+    terminal.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
+    assert "What would help" not in shown.export_text()
