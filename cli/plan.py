@@ -69,7 +69,8 @@ def _accuracy(found: Prediction) -> Table:
     )
     table.add_row("RMSE to be expected at check points", f"plan {_centimetres(plan)}, height {_centimetres(height)}")
     focal, prior = found.parameter_sigma["focal_px"], found.prior_sigma["focal_px"]
-    table.add_row("focal length", f"{focal:.2f} px, {prior:g} px before" if prior > 0 else "held")
+    before = f"{prior:g} px" if math.isfinite(prior) else "free"
+    table.add_row("focal length", f"{focal:.2f} px, {before} before" if prior > 0 else "held")
     table.add_row("all heights together", _centimetres(found.mean_height_sigma_m))
     table.add_row(f"dome over {found.radius_m:.0f} m", _centimetres(found.dome_sigma_m))
     if len(found.control_mdb_m):

@@ -198,6 +198,18 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             f"The block may be bent to a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
             f"without its measurements showing it, where tie points are intersected to {precise:.3f} m"
         )
+    height = float(np.sqrt(known.covariance[GROUND.stop - 1, GROUND.stop - 1]))
+    if height > precise:
+        sentences.append(
+            f"All heights together are known to {height:.3f} m (1 sigma), where tie points are intersected to "
+            f"{precise:.3f} m: what control points and GNSS leave open of the datum"
+        )
+    tilt = float(np.sqrt(np.diag(known.covariance)[SLOPES].max()))
+    if tilt > precise:
+        sentences.append(
+            f"The block may be tilted by {tilt:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) without "
+            f"its measurements showing it, where tie points are intersected to {precise:.3f} m"
+        )
     correlation = correlations(known.covariance)
     for c, camera in enumerate(cameras):
         at, turn = parameters_of(c, len(cameras)), rotations_of(c)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -190,21 +191,29 @@ def _warnings(plan: FlightPlan, rays: IntArray, known: Deformation, camera: str,
 
 
 def changes(plan: FlightPlan) -> dict[str, FlightPlan]:
-    """Return plans with one change each, by what is changed."""
-    changed = {
-        "one control point more, in the middle": replace(plan, control_world_m=(*plan.control_world_m, (0.0, 0.0))),
-        "one oblique strip more": replace(plan, oblique_strips=plan.oblique_strips + 1),
-        "one cross strip more, higher": replace(plan, cross_strips=plan.cross_strips + 1),
+    """Return plans with one change each, by what is changed; without those that cannot be, for too many photographs."""
+    wanted: dict[str, dict[str, Any]] = {
+        "one control point more, in the middle": {"control_world_m": (*plan.control_world_m, (0.0, 0.0))},
+        "one oblique strip more": {"oblique_strips": plan.oblique_strips + 1},
+        "one cross strip more, higher": {"cross_strips": plan.cross_strips + 1},
     }
     if plan.control < 4:
-        corners = replace(plan, control_points=5, control_layout="corners", control_world_m=())
-        changed["five control points, corners and middle"] = corners
+        corners = {"control_points": 5, "control_layout": "corners", "control_world_m": ()}
+        wanted["five control points, corners and middle"] = corners
     if plan.gnss != "rtk":
-        changed["RTK"] = replace(plan, gnss="rtk", gnss_sigma_m=None, gnss_offset_sigma_m=None)
+        wanted["RTK"] = {"gnss": "rtk", "gnss_sigma_m": None, "gnss_offset_sigma_m": None}
     if plan.forward_overlap < 0.85 or plan.side_overlap < 0.75:
         forward, side = min(0.9, plan.forward_overlap + 0.07), min(0.85, plan.side_overlap + 0.1)
-        changed[f"overlaps of {forward:.0%} and {side:.0%}"] = replace(plan, forward_overlap=forward, side_overlap=side)
-    return changed
+        wanted[f"overlaps of {forward:.0%} and {side:.0%}"] = {"forward_overlap": forward, "side_overlap": side}
+    changed = {what: _changed(plan, values) for what, values in wanted.items()}
+    return {what: possible for what, possible in changed.items() if possible is not None}
+
+
+def _changed(plan: FlightPlan, values: Mapping[str, Any]) -> FlightPlan | None:
+    try:
+        return replace(plan, **values)
+    except ValueError:
+        return None
 
 
 def alternatives(plan: FlightPlan) -> list[Alternative]:

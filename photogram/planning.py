@@ -30,7 +30,7 @@ GNSS_SIGMA_M: dict[Gnss, Vector] = {"rtk": RTK_GNSS_SIGMA_M, "consumer": CONSUME
 GNSS_OFFSET_SIGMA_M: dict[Gnss, Vector] = {"rtk": (0.02, 0.02, 0.03), "consumer": (1.0, 1.0, 2.0)}
 INSET = 0.04  # of the site's sides, by which control points keep off its edges
 MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction works with
-MOST_PHOTOGRAPHS = 5000
+MOST_PHOTOGRAPHS = 2000
 ATTITUDE_NOISE_DEG, POSITION_NOISE_M = 1.5, 0.5  # how exactly a drone keeps to its plan
 FRAME = LocalFrame("EPSG:25832", (500_000.0, 5_800_000.0, 0.0), "grid")
 

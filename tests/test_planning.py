@@ -209,8 +209,8 @@ def test_the_command(photogram: Callable[..., Any], tmp_path: Path) -> None:
     path, picture = tmp_path / "flight.yaml", tmp_path / "plan.png"
     path.write_text(
         "site: {width_m: 60, length_m: 80}\n"
-        "camera: {width_px: 1500, height_px: 1125, focal_px: 1200}\n"
         "flight: {flying_height_m: 60, forward_overlap: 0.7}\n"
+        "camera: {width_px: 1500, height_px: 1125, focal_px: 1200, sigmas: {focal_px: free}}\n"
         "tie_points: {per_photograph: 60}\n",
         encoding="utf-8",
     )
@@ -228,6 +228,14 @@ def test_the_command(photogram: Callable[..., Any], tmp_path: Path) -> None:
     assert value["sigma_height_m"]["median"] <= value["sigma_height_m"]["worst"]
     assert len(value["control_mdb_m"]) == len(value["control_m"]) == 5
     assert value["simulated"] is True
+    assert value["plan"]["calibration"]["focal_px"] == "free"
+
+
+def test_changes_that_cannot_be_flown_are_left_out() -> None:
+    plan = FlightPlan(width_m=900, length_m=800, gsd_m=0.02, relief_m=1.0)
+    assert plan.photographs > 1200
+    assert not any("overlaps" in what for what in changes(plan))
+    assert "one oblique strip more" in changes(plan)
 
 
 @pytest.mark.parametrize(

@@ -50,9 +50,11 @@ def _numbers(found: Prediction) -> Json:
 
 def prediction_numbers(found: Prediction, changes: Sequence[Alternative]) -> Json:
     """Return a prediction and what single changes would bring."""
+    plan = asdict(found.plan)
+    plan["calibration"] = {n: s if np.isfinite(s) else "free" for n, s in plan["calibration"].items()}
     return {
         "simulated": True,
-        "plan": asdict(found.plan),
+        "plan": plan,
         **_numbers(found),
         "changes": [{"what": c.what, **_numbers(c.prediction)} for c in changes],
     }
