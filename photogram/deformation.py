@@ -26,7 +26,8 @@ from photogram.factors.reprojection import linearise
 from photogram.factors.state import State
 from photogram.survey import Deformation, FloatArray, IntArray
 
-FEWEST_POINTS = 10
+FEWEST_POINTS, MOST_POINTS = 10, 20_000
+BADLY = 3.0  # times the median sigma in height, beyond which rays too nearly parallel would speak for the whole block
 CELLS, PLACES = 24, 7  # of the grids over a block, for the tie points that stand for it and for those looked at singly
 EDGE = 95.0  # percentile of the distances of tie points from the centre that is taken as the block's radius
 MIDDLE = 0.15  # of the radius, within which the point in the middle is sought
@@ -75,6 +76,9 @@ def places_of(problem: Problem, state: State) -> Places | None:
     """Choose the tie points that stand for a block, None where there are fewer than FEWEST_POINTS."""
     rays = np.bincount(problem.tie.point, minlength=len(state.tie_point))
     seen = np.flatnonzero((rays >= 2) & np.isfinite(state.tie_point).all(axis=1))
+    seen = seen[np.unique(np.linspace(0, max(len(seen) - 1, 0), min(len(seen), MOST_POINTS)).astype(np.int64))]
+    sigma = _intersection_sigmas_m(problem, state, seen)[:, 2]
+    seen = seen[sigma <= BADLY * np.median(sigma)] if len(seen) else seen
     if len(seen) < FEWEST_POINTS:
         return None
     xy = state.tie_point[seen, :2]
@@ -168,13 +172,18 @@ def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -
     return Stiffness(modes, shared[:count, :count], ground.own[singled, singled])
 
 
+def _intersection_sigmas_m(problem: Problem, state: State, points: IntArray) -> FloatArray:
+    """Return the sigmas (P, 3) of tie points, numbers sorted, with the cameras taken as known: east, north, up."""
+    o = problem.tie.select(np.isin(problem.tie.point, points))
+    linear = linearise(o, state.parameters, state.rotation, state.position, state.tie_point)
+    V = np.zeros((len(points), 3, 3))
+    np.add.at(V, np.searchsorted(points, o.point), np.einsum("nri,nrj->nij", linear.point, linear.point))
+    return np.asarray(np.sqrt(np.einsum("pii->pi", np.linalg.inv(V))))
+
+
 def intersection_sigma_m(problem: Problem, state: State, places: Places) -> FloatArray:
     """Return the median sigmas (3,) of tie points with the cameras taken as known: east, north, up."""
-    o = problem.tie.select(np.isin(problem.tie.point, places.points))
-    linear = linearise(o, state.parameters, state.rotation, state.position, state.tie_point)
-    V = np.zeros((len(places.points), 3, 3))
-    np.add.at(V, np.searchsorted(places.points, o.point), np.einsum("nri,nrj->nij", linear.point, linear.point))
-    return np.asarray(np.median(np.sqrt(np.einsum("pii->pi", np.linalg.inv(V))), axis=0))
+    return np.asarray(np.median(_intersection_sigmas_m(problem, state, places.points), axis=0))
 
 
 def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places) -> Deformation:

@@ -15,7 +15,17 @@ import numpy as np
 from photogram.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.camera import PARAMETERS, Pose, project
 from photogram.courses import Course, flown
-from photogram.deformation import Places, Stiffness, deformation, given_parameters, places_of, stiffness
+from photogram.deformation import (
+    DOME,
+    GROUND,
+    SLOPES,
+    Places,
+    Stiffness,
+    deformation,
+    given_parameters,
+    places_of,
+    stiffness,
+)
 from photogram.factors.bundle import limited_threads
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
@@ -32,7 +42,7 @@ RTK_BETTER = 3.0  # times that GNSS sigmas must exceed those of RTK to make it a
 OBLIQUE_DEG, HIGHER = 25.0, 1.3  # of the strips tried: tilt of the one, height above ground of the other
 FEWEST_SEEN = 12  # tie points that a photograph must see to be of use
 MOST_PHOTOGRAPHS = 40  # of a strip that is tried
-WEAK = 1.0  # times the precision of intersection that heights over a block must exceed for strips to be tried
+HEIGHT_MODES = [GROUND.stop - 1, *range(SLOPES.start, SLOPES.stop), DOME]
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +221,7 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
     """Return how a block may be deformed as a whole, and what would help.
 
     Control points in the middle, and in the corners and the middle, are always tried; strips and better GNSS, each the
-    work of another covariance, where heights over the block are much worse than the precision of intersection.
+    work of another covariance, where height, tilt or dome of the block are worse than the precision of intersection.
     """
     places = places_of(problem, state)
     if places is None:
@@ -223,7 +233,7 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
         "control_in_the_middle": stiff.surveyed(1, sigma),
         "control_in_corners_and_middle": stiff.surveyed(1 + len(places.corners), sigma),
     }
-    if stiff.summary[1:].max() > WEAK * known.intersection_sigma_m[2]:
+    if np.sqrt(np.diag(stiff.modes)[HEIGHT_MODES].max()) > known.intersection_sigma_m[2]:
         for name, course in strips(state, places).items():
             extended = with_strip(problem, state, course)
             tried[name] = None if extended is None else _predicted(*extended, places)
