@@ -213,6 +213,12 @@ def show_report(report: Mapping[str, Any]) -> None:
     for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):
         also = "" if n == 0 else " (may be an effect of the first)"
         console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
+    for sentence in report["diagnosis"]["warnings"]:
+        console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
+    if report["diagnosis"]["warnings"] and report["diagnosis"]["remedies"]:
+        console.print(f"[bold]What would help most:[/bold] {escape(report['diagnosis']['remedies'][0]['sentence'])}")
+    for resections in report["diagnosis"]["resections"]:
+        console.print(escape(resections["sentence"]))
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
         table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
         for name, cloud in report["clouds"].items():

@@ -119,6 +119,7 @@ RolesOf = Annotated[Roles, PlainValidator(_roles)]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down")]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
+Place = Annotated[tuple[float, float], _vector("east", "north")]
 
 
 class CameraSigmas(Entry):

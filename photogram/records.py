@@ -29,6 +29,7 @@ from photogram.survey import (
     Adjustment,
     Block,
     ControlPoints,
+    Deformation,
     Features,
     Matches,
     Photograph,
@@ -298,11 +299,9 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for its tie points, its reliability and its variance components, which
-    have files of their own."""
-    arrays = record_arrays(
-        replace(result, block=None, flights=None, held_flights=None, reliability=None, components=None)  # type: ignore[arg-type]
-    )
+    """Return the arrays of an adjustment but for those of its parts that have files of their own."""
+    parts = dict.fromkeys(("block", "flights", "held_flights", "reliability", "components", "deformation"))
+    arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
@@ -331,6 +330,7 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         block=adjusted,
         reliability=read_record(folder / "reliability.npz", Reliability),
         components=read_record(folder / "components.npz", VarianceComponents),
+        deformation=read_record(folder / "deformation.npz", Deformation),
         **values,
     )
 

@@ -30,6 +30,7 @@ from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.preflight_positions import time_findings
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.remedies import block_deformation
 from photogram.retrieval import most_similar
 from photogram.self_calibration import Held, calibrate
 from photogram.structure import Structure
@@ -326,8 +327,11 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         return calibrated[-1][0]
 
     verdict = adjust_and_judge(block, adjusted)
-    result = verdict.result
-    held = next(held for found, held in calibrated if found is result)
+    held = next(held for found, held in calibrated if found is verdict.result)
+    progress(0, 0, "deformation of the block")
+    known_before = [camera.parameters for camera in block.cameras]
+    deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
+    result = replace(verdict.result, deformation=deformation)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = _cloud(frame, tie_points.position_world_m, tie_points.colour, sigma)
@@ -336,6 +340,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_record(folder / "reliability.npz", result.reliability)
     write_record(folder / "components.npz", result.components)
+    write_record(folder / "deformation.npz", result.deformation)
     write_json(folder / "held.json", held)
     write_json(
         folder / "verdict.json",

@@ -370,6 +370,51 @@ class VarianceComponents:
 
 
 @dataclass(frozen=True, eq=False)
+class Deformation:
+    """How a block may be bent, shifted or scaled as a whole without its measurements showing it, a priori.
+
+    Errors in height of the tie points are a + b x/R + c y/R + d ((x² + y²)/R² − mean), x and y from ``centre_world_m``
+    (2,), R = ``radius_m``: d is the dome. ``covariance`` (K, K) is joint of: mean error of the ground (east, north,
+    up), b, c, d; mean error of the projection centres (east, north, up), all in m; per camera the mean rotations of its
+    photographs about its x and y axes, rad; per camera its 11 parameters, zero where held; per flight the GNSS offset
+    (east, north, up), m. ``intersection_sigma_m`` (3,) is the median sigma of tie points with the cameras taken as
+    known, ``height_sigma_m`` (Q,) what the cameras add to it in height at places over the block. ``given_parameters``
+    (cameras, 11) are the interior orientations before the adjustment. ``remedy`` (R,) names what was tried by
+    covariance, ``remedy_sigma_m`` (R, 2, 3) holds before and after: sigma in height in the middle, root mean square
+    over the block, sigma of d. ``freed_prior`` and ``freed_sigma`` (cameras, 11) are the sigmas to which held
+    parameters were freed and those that they would have after the adjustment, 0 for the others;
+    ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``.
+    """
+
+    centre_world_m: FloatArray
+    radius_m: float
+    covariance: FloatArray
+    intersection_sigma_m: FloatArray
+    height_sigma_m: FloatArray
+    given_parameters: FloatArray
+    remedy: NDArray[np.str_]
+    remedy_sigma_m: FloatArray
+    freed_prior: FloatArray
+    freed_sigma: FloatArray
+    freed_height_sigma_m: FloatArray
+
+    @staticmethod
+    def unknown(given_parameters: FloatArray | None = None) -> Deformation:
+        """Return what is known of a block without tie points enough to say anything."""
+        nothing = np.full(3, np.nan)
+        given = np.zeros((0, 0)) if given_parameters is None else given_parameters
+        return Deformation(
+            nothing[:2], float("nan"), np.zeros((0, 0)), nothing, np.zeros(0), given, np.zeros(0, np.str_),
+            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing,
+        )  # fmt: skip
+
+    @property
+    def known(self) -> bool:
+        """Return whether there are tie points enough to say anything."""
+        return bool(len(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result of the joint adjustment.
 
@@ -379,7 +424,8 @@ class Adjustment:
     ``tie_point_covariance_m2`` (P, 3, 3). Ground points, control and check, in the order of ``block.control_points``:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
-    ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions.
+    ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions;
+    ``deformation`` of the block as a whole, unknown until it is asked for.
     ``ground_joint_covariance_m2`` (3 G, 3 G) is that of all ground points together: they share the errors of the
     photographs. ``tie_point_ray_covariance_m2`` (P, 3, 3) is the part of the tie points' covariances that is their own;
     neighbours share the rest, which comes from the photographs. ``components``: what groups of observations scatter by.
@@ -418,3 +464,4 @@ class Adjustment:
     left_arm_camera_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     left_arm_p: float = float("nan")
+    deformation: Deformation = field(default_factory=Deformation.unknown)

@@ -42,6 +42,23 @@ def check_resections(photographs: Json) -> None:
         assert resection["check_px"] == pytest.approx(NEXT_MARK_PX[name], abs=0.1), name
 
 
+def check_explanation(diagnosis: Json) -> None:
+    """The 0.3 m by which resections are too high come from the focal length and the GNSS offset; what three photographs
+    from nearly one place do not tell is where they are against how the block is tilted."""
+    (difference,) = diagnosis["resections"]
+    up_m = difference["mean_m"][2]
+    assert 0.25 < up_m < 0.40
+    assert difference["focal_m"] == pytest.approx(0.18, abs=0.04)
+    assert difference["focal_m"] + difference["offset_m"][2] == pytest.approx(up_m, abs=0.05)
+    assert "focal length of 3674.2 px" in difference["sentence"]
+    assert "0.39 to 0.46 m" in difference["sentence"]
+    said = "\n".join(diagnosis["undetermined"])
+    for axis, way in (("easting", "east"), ("northing", "north")):
+        together = next(line for line in said.splitlines() if f"GNSS offset in {axis}" in line)
+        assert f"tilt of the block to the {way}" in together
+    assert "held at the given values, which nothing tests: principal point in x" in said
+
+
 def test_founding_survey(
     project: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
 ) -> None:
@@ -54,6 +71,8 @@ def test_founding_survey(
     check_resections(report["photographs"])
     for distance_m in P3P_TO_GNSS_M.values():
         assert any(f"{d:.3f}" in outcome.out for d in (distance_m, distance_m - 0.001, distance_m + 0.001))
+
+    check_explanation(report["diagnosis"])
 
     camera = report["cameras"]["phantom4"]
     assert camera["focal_px"] == pytest.approx(3661.6, rel=0.002)

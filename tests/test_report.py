@@ -130,6 +130,25 @@ def test_keys_of_reliability(report: Json) -> None:
         assert photograph["gnss_suspect"] is False
 
 
+def test_keys_of_the_diagnosis(report: Json) -> None:
+    diagnosis = report["diagnosis"]
+    camera = diagnosis["cameras"]["simulated"]
+    assert camera["parameters"] == ["focal_px", "cx_px", "cy_px", "k1"]
+    assert camera["sigma"] == [report["cameras"]["simulated"]["sigma"][name] for name in camera["parameters"]]
+    assert all(numbers(row, 4) for row in camera["correlation"])
+    focal = diagnosis["focal_height_correlation"]["simulated"]
+    assert all(-1 <= focal[key] <= 1 for key in ("projection_centres", "ground"))
+    assert set(focal["gnss_offset"]) == set(report["adjustment"]["gnss_offsets"])
+    assert diagnosis["dome"]["predicted_sigma_m"] > 0
+    assert diagnosis["dome"]["points"] == diagnosis["dome"]["control_points"] + report["check_points"]["n"]
+    assert [r["what"] for r in diagnosis["remedies"]]
+    assert all(type(sentence) is str for sentence in diagnosis["warnings"] + diagnosis["undetermined"])
+    assert numbers(diagnosis["intersection_sigma_m"], 3)
+    for resections in diagnosis["resections"]:
+        assert numbers(resections["offset_m"], 3)
+        assert f"{resections['focal_m']:+.2f} m of it" in resections["sentence"]
+
+
 def test_keys_of_adjustment(report: Json) -> None:
     adjustment = report["adjustment"]
     for key in ("sigma0", "reprojection_rms_px", "seconds"):
@@ -405,7 +424,7 @@ def test_check_points_never_enter_the_adjustment(
     own = {f"/control_points/{index}/{key}/{axis}" for key in ("surveyed_map_m", "residual_m") for axis in range(3)}
     own |= {f"/control_points/{index}/z/{axis}" for axis in range(3)} | {f"/control_points/{index}/mahalanobis"}
     assert own <= changed
-    summaries = ("/check_points/", "/predicted_against_achieved/")
+    summaries = ("/check_points/", "/predicted_against_achieved/", "/diagnosis/dome/")
     assert all(key in own or key.startswith(summaries) for key in changed), changed - own
     assert report["predicted_against_achieved"]["consistent"]
     assert not moved["predicted_against_achieved"]["consistent"]

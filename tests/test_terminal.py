@@ -33,6 +33,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         "suspects": [], "blunders": [], "blunders_effect": None,
         "gnss": {"flights": {}},
         "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
+        "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip
 
 
@@ -123,3 +124,19 @@ def test_what_is_refuted_is_said(shown: Console) -> None:
     lines = shown.export_text().splitlines()
     assert "Predicted against achieved, 9 check points: as large as [predicted]" in lines
     assert [line for line in lines if line.startswith("Stated sigmas")] == ["Stated sigmas: marks scatter twice"]
+
+
+def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> None:
+    diagnosis = {
+        "warnings": ["The block may be bent to a dome of 0.061 m"],
+        "remedies": [{"sentence": "RTK instead of these"}, {"sentence": "One strip across"}],
+        "resections": [{"sentence": "Resection with the given focal length [px]"}],
+    }
+    terminal.show_report({**report(), "diagnosis": diagnosis})
+    text = shown.export_text()
+    assert "Weak: The block may be bent to a dome of 0.061 m" in text
+    assert "What would help most: RTK instead of these" in text
+    assert "One strip across" not in text
+    assert "Resection with the given focal length [px]" in text
+    terminal.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
+    assert "What would help" not in shown.export_text()

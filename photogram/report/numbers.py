@@ -15,6 +15,7 @@ from photogram.comparison import Comparison
 from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.reliability import CRITICAL, minimal_detectable_blunder
+from photogram.report.diagnosis_numbers import diagnosis_numbers
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.statistics import consistency_numbers
 from photogram.report.verdicts import control_test, control_verdict, effect_sentence
@@ -363,6 +364,7 @@ def report_numbers(
         "blunders_effect": effect and {**effect, "sentence": effect_sentence(*effect.values())},
         **consistency_numbers(result, points),
         "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
+        "diagnosis": diagnosis_numbers(result, orientation.resections),
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),
     }

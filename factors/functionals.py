@@ -1,0 +1,189 @@
+"""Covariances of linear functions of many variables at once: mean heights, domes, shifts of a whole block.
+
+A point with its own normal matrix V and the block W towards the cameras follows them by −V⁻¹ Wᵀ δ and scatters by V⁻¹
+of its own. The function Σ aᵀX of points hence has the column u = −Σ W V⁻¹ a on the reduced system S, and two of them
+the covariance Σ aᵀ V⁻¹ b + uᵀ S⁻¹ v (Förstner & Wrobel 2016, sec. 15.4): one column each, however many points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array
+
+from photogram.factors.bundle import limited_threads
+from photogram.factors.graph import Problem
+from photogram.factors.ground_terms import bundle_of, eliminated
+from photogram.factors.loss import RobustLoss, steer
+from photogram.factors.reduced import Factor, Layout
+from photogram.factors.reprojection import Linearisation, Observations, linearise
+from photogram.factors.state import State
+from photogram.survey import FloatArray, IntArray
+
+POINTS_AT_ONCE = 64  # whose three columns each are solved for together
+
+
+class Solvable(Protocol):
+    """A factored reduced system S."""
+
+    @property
+    def layout(self) -> Layout:
+        """Return where variables sit."""
+
+    def solve(self, columns: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """A reduced system whose rows were divided by ``scale``, factored for a few solutions and nothing else."""
+
+    layout: Layout
+    factor: Factor
+    scale: FloatArray
+
+    def solve(self, columns: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
+        m, scale = self.layout.columns, self.scale[:, None]
+        return np.concatenate(self.factor.solve(columns[:m] / scale[:m], columns[m:] / scale[m:])) / scale
+
+
+def factored(problem: Problem, state: State) -> Factored:
+    """Factor the reduced system at ``state``: what covariances of functions need, without those of all points.
+
+    Raises IndeterminateError or SingularError where it has no unique solution.
+    """
+    bundle = bundle_of(problem, state)
+    bundle = replace(bundle, loss=bundle.loss.weights_alone())
+    with limited_threads(len(bundle.tie)) as pool:
+        normal = eliminated(bundle, state, bundle.ground.linearise(state), pool)
+        scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+        return Factored(bundle.layout, normal.factor(scale=scale), scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """K linear functions of all variables: ``columns`` (6 free + border, K) on the reduced system in its own units, and
+    ``own`` (K, K), the covariance that the points' own measurements add."""
+
+    columns: FloatArray
+    own: FloatArray
+
+    def shared(self, found: Solvable) -> FloatArray:
+        """Return the joint covariance (K, K) of the functions that comes from the cameras."""
+        covariance = self.columns.T @ found.solve(self.columns)
+        return np.asarray(0.5 * (covariance + covariance.T))
+
+    def covariance(self, found: Solvable) -> FloatArray:
+        """Return the joint covariance (K, K) of the functions."""
+        return self.own + self.shared(found)
+
+
+def joined(parts: Sequence[Functions]) -> Functions:
+    """Return functions of different variables as one list."""
+    return Functions(np.concatenate([p.columns for p in parts], axis=1), block_diag(*[p.own for p in parts]))
+
+
+def _weighted(
+    observations: Observations, state: State, points: FloatArray, loss: RobustLoss, limit: float
+) -> Linearisation:
+    """Return the linearisation of observations under the weights of a robust loss, calibration in natural units."""
+    linear = linearise(observations, state.parameters, state.rotation, state.position, points)
+    turn, residual = steer(linear.residual, loss, limit, 1.0)
+    return Linearisation(residual, turn @ linear.pose, turn @ linear.calibration, turn @ linear.point)
+
+
+def _normal(observations: Observations, linear: Linearisation, count: int) -> FloatArray:
+    V = np.zeros((count, 3, 3))
+    np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    return V
+
+
+def _camera_rows(layout: Layout, observations: Observations, linear: Linearisation) -> csr_array:
+    """Return the Jacobians of observations on the reduced system (2 N, 6 free + border), u and v in turn."""
+    o, n = observations, len(observations)
+    free = layout.unit > 0
+    border = np.full(free.shape, -1)
+    border[free] = layout.columns + np.arange(layout.offset_column)
+    pose = np.broadcast_to((6 * layout.place[o.photograph][:, None] + np.arange(6))[:, None], (n, 2, 6))
+    lens = np.broadcast_to(border[o.camera][:, None], (n, 2, free.shape[1]))
+    values = np.concatenate([linear.pose, linear.calibration * layout.unit[o.camera][:, None]], axis=2)
+    columns = np.concatenate([pose, lens], axis=2)
+    rows = np.broadcast_to(np.arange(2 * n).reshape(n, 2, 1), columns.shape)
+    used = columns >= 0
+    return csr_array((values[used], (rows[used], columns[used])), shape=(2 * n, layout.columns + layout.border))
+
+
+def functions_of_tie_points(
+    problem: Problem, state: State, layout: Layout, points: IntArray, a: FloatArray
+) -> Functions:
+    """Return the functions Σ aᵀX of tie points with the numbers ``points`` (P,), sorted; ``a`` (P, 3, K).
+
+    The weights of their observations are those of the robust loss. Points need rays that fix them.
+    """
+    o = problem.tie.select(np.isin(problem.tie.point, points))
+    o = Observations(o.photograph, np.searchsorted(points, o.point), o.pixel, o.sigma_px, o.camera, o.model)
+    linear = _weighted(o, state, state.tie_point[points], problem.robust_loss, problem.robust_threshold)
+    b = np.linalg.solve(_normal(o, linear, len(points)), a)
+    moved = np.einsum("nri,nik->nrk", linear.point, b[o.point]).reshape(2 * len(o), -1)
+    columns = -np.asarray(_camera_rows(layout, o, linear).T @ moved)
+    return Functions(columns, np.einsum("pik,pil->kl", a, b))
+
+
+def functions_of_positions(state: State, layout: Layout, weight: FloatArray) -> Functions:
+    """Return the weighted sums (N,) of projection centres: east, north, up of the world, m."""
+    columns = np.zeros((layout.columns + layout.border, 3))
+    rows = 6 * layout.place[:, None] + np.arange(3, 6)
+    columns[rows] = weight[:, None, None] * state.rotation.transpose(0, 2, 1)
+    return Functions(columns, np.zeros((3, 3)))
+
+
+def functions_of_attitudes(layout: Layout, weight: FloatArray) -> Functions:
+    """Return the weighted sums (N,) of rotations about the cameras' own x and y axes, rad."""
+    columns = np.zeros((layout.columns + layout.border, 2))
+    for axis in range(2):
+        columns[6 * layout.place + axis, axis] = weight
+    return Functions(columns, np.zeros((2, 2)))
+
+
+def functions_of_border(layout: Layout) -> Functions:
+    """Return every parameter (cameras, 11) of all calibrations in natural units, zero where held, then the GNSS offsets
+    (flights, 3), each flattened."""
+    cameras, parameters = layout.unit.shape
+    offsets = layout.border - layout.offset_column
+    columns = np.zeros((layout.columns + layout.border, cameras * parameters + offsets))
+    owner, parameter = layout.free_parameters
+    of = np.concatenate([owner * parameters + parameter, cameras * parameters + np.arange(offsets)])
+    columns[layout.columns + np.arange(layout.border), of] = layout.border_unit
+    return Functions(columns, np.zeros((columns.shape[1],) * 2))
+
+
+def intersected_covariances(
+    observations: Observations, points_world_m: FloatArray, state: State, found: Solvable
+) -> FloatArray:
+    """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
+    took no part in the adjustment; infinite where the rays do not fix a point."""
+    count, layout = len(points_world_m), found.layout
+    linear = linearise(observations, state.parameters, state.rotation, state.position, points_world_m)
+    V = _normal(observations, linear, count)
+    known = np.bincount(observations.point, minlength=count) >= 2
+    known[known] = np.linalg.cond(V[known]) < 1e12
+    covariance = np.full((count, 3, 3), np.inf)
+    inverse = np.zeros((count, 3, 3))
+    inverse[known] = np.linalg.inv(V[known])
+    rows, ray = _camera_rows(layout, observations, linear), np.arange(2 * len(observations))
+    at = 3 * np.repeat(observations.point, 2)[:, None] + np.arange(3)
+    moved = (linear.point @ inverse[observations.point]).reshape(-1, 3)
+    shape = len(ray), 3 * count
+    W = (rows.T @ csr_array((moved.ravel(), (np.repeat(ray, 3), at.ravel())), shape=shape)).tocsc()
+    for start in range(0, count, POINTS_AT_ONCE):
+        end = min(count, start + POINTS_AT_ONCE)
+        columns = W[:, 3 * start : 3 * end].toarray()
+        each = columns.shape[0], end - start, 3
+        shared = np.einsum("cpi,cpj->pij", columns.reshape(each), found.solve(columns).reshape(each))
+        covariance[start:end] = np.where(known[start:end, None, None], inverse[start:end] + shared, np.inf)
+    return covariance

@@ -1,0 +1,73 @@
+"""The diagnosis in report.json: calibration, dome, weak geometry, what would help, why resections miss GNSS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from photogram.camera import PARAMETER_NAMES
+from photogram.diagnosis import Diagnosis, diagnose
+from photogram.resection import Resection
+from photogram.resection_difference import resection_differences
+from photogram.survey import Adjustment
+
+Json = dict[str, Any]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _cameras(result: Adjustment, found: Diagnosis) -> Json:
+    """Return the free parameters of every camera with their sigmas and correlations."""
+    numbers: Json = {}
+    for c, camera in enumerate(result.block.cameras):
+        sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
+        free = np.flatnonzero(sigma > 0)
+        numbers[camera.name] = {
+            "parameters": [PARAMETER_NAMES[k] for k in free],
+            "value": camera.parameters[free].tolist(),
+            "sigma": sigma[free].tolist(),
+            "correlation": found.correlation[camera.name][np.ix_(free, free)].tolist(),
+        }
+    return numbers
+
+
+def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> Json:
+    """Return what a finished block is weak in, and what would help."""
+    found = diagnose(result)
+    differences = resection_differences(result, resections)
+    return {
+        "cameras": _cameras(result, found),
+        "focal_height_correlation": {
+            name: {
+                "projection_centres": _finite(focal.centres),
+                "ground": _finite(focal.ground),
+                "gnss_offset": {flight: _finite(r) for flight, r in focal.offset.items()},
+                "sigma_height_m": _finite(focal.height_sigma_m),
+            }
+            for name, focal in found.focal_height.items()
+        },
+        "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
+        "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
+        "warnings": list(found.warnings),
+        "remedies": [{**asdict(remedy), "sentence": remedy.sentence} for remedy in found.remedies],
+        "undetermined": list(found.undetermined),
+        "resections": [
+            {
+                "camera": d.camera,
+                "flight": d.flight,
+                "photographs": len(d.distance_m),
+                "mean_m": d.mean_m.tolist(),
+                "focal_m": d.focal_m,
+                "offset_m": d.offset_m.tolist(),
+                "rest_m": d.rest_m.tolist(),
+                "scatter_m": d.scatter_m,
+                "sentence": d.sentence,
+            }
+            for d in differences
+        ],
+    }
