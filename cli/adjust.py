@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.report import Pdf, say_printed
 from photogram.cli.terminal import Terminal, bars, console, show_report
 from photogram.pipeline import STAGES, load_project, run_pipeline
 
@@ -33,6 +34,7 @@ def adjust(
         str | None, typer.Option("--from", callback=_stage, help="Repeat this stage and all after it.")
     ] = None,
     until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
+    pdf: Pdf = False,
 ) -> None:
     """Orient, match and adjust the photographs of a project jointly, and make its point clouds and surface model."""
     survey = load_project(project, photographs)
@@ -41,3 +43,5 @@ def adjust(
     if report:
         show_report(report)
         console.print(f"Results: {survey.results}")
+        if pdf:
+            say_printed(survey)

@@ -8,7 +8,7 @@ is (0, 0).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.adjustment import AdjustmentSettings
+from photogram.asprs import ReportSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
@@ -128,6 +129,7 @@ class Project:
     reference: Path | None
     results: Path
     work: Path
+    report: ReportSettings = field(default_factory=ReportSettings)
 
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
         """Return the control and check points with their marks, positions in the world of ``frame``.
@@ -167,6 +169,7 @@ def read_project(
     transfer = read_settings(document, "transfer", TransferSettings)
     adjustment = read_settings(document, "adjustment", AdjustmentSettings)
     surface = read_settings(document, "surface", SurfaceSettings)
+    report = read_settings(document, "report", ReportSettings)
     folder = photographs_folder
     if folder is None and file.photographs.folder is not None:
         folder = base / file.photographs.folder
@@ -205,6 +208,7 @@ def read_project(
         None if file.comparison.reference is None else base / file.comparison.reference,
         base / file.results,
         base / file.work,
+        _given(report),
     )
 
 

@@ -235,6 +235,7 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                 "name": name,
                 "role": points.role[g],
                 "surveyed_map_m": surveyed.tolist(),
+                "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
                 "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])
