@@ -1,8 +1,8 @@
 """The last stage: everything a surveyor takes away, written beside the project file.
 
 Numbers in report.json and as a page in report.html, exterior orientation as CSV and GeoJSON, point clouds as text and
-LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written whole or not at all; the stage is complete only when all of them are
-there.
+LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written whole or not at all; the stage is complete
+only when all of them are there.
 """
 
 from __future__ import annotations

@@ -25,10 +25,10 @@ from photogram.asprs import (
     statement_v,
     systematic,
 )
-from photogram.report.verdicts import number, verdicts
+from photogram.report.verdicts import AXES, number, verdicts
 
 Json = dict[str, Any]
-AXES = ("easting", "northing", "height")
+CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
 
 
 def complete(report: Mapping[str, Any], settings: ReportSettings) -> Json:
@@ -149,7 +149,7 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
         add(what, int(adjustment.get(key) or 0), reason)
     for name, cloud in report["clouds"].items():
         reason = "taken away by the statistical outlier filter before the comparison"
-        add(f"points of the cloud {name}", int(cloud.get("removed_by_sor") or 0), reason)
+        add(f"points of the {CLOUDS.get(name, name)} cloud", int(cloud.get("removed_by_sor") or 0), reason)
     return found
 
 

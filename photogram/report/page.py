@@ -12,14 +12,14 @@ from typing import Any
 from jinja2 import ChainableUndefined, Environment, PackageLoader
 from markupsafe import Markup, escape
 
-from photogram.report.completion import AXES, axis_roles
-from photogram.report.verdicts import number
+from photogram.report.completion import axis_roles
+from photogram.report.verdicts import AXES, number
 
 Json = dict[str, Any]
 
 GRADES = {"good": ("●", "Good"), "attention": ("▲", "Attention"), "bad": ("■", "Bad"), "unknown": ("○", "Not tested")}
 MAXIMUM_PHOTOGRAPHS = 60
-MAXIMUM_MARKS = 60
+MAXIMUM_MARKS = 40
 STRONG, VERY_STRONG = 0.8, 0.95
 NO_FIGURE = "–"
 THIN_SPACE = "\u202f"
@@ -34,6 +34,15 @@ STAGE_TITLES = {
     "adjustment": "Joint adjustment",
     "surface": "Surface model",
     "comparison": "Comparison",
+}
+LIBRARY_TITLES = {
+    "python": "Python",
+    "gtsam": "GTSAM",
+    "opencv": "OpenCV",
+    "proj": "PROJ",
+    "numpy": "NumPy",
+    "scipy": "SciPy",
+    "numba": "Numba",
 }
 CLOUD_TITLES = {"linear_2view": "Two views, linear", "linear_3view": "Three views, linear", "adjusted": "Adjusted"}
 
@@ -50,7 +59,7 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
     environment.filters.update(
         fixed=fixed, signed=signed, share=share, whole=whole, rich=rich, memory=memory, plain=plain, small=small
     )
-    environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES)
+    environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
     template = environment.get_template("report.html.jinja")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(

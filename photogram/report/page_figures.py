@@ -39,7 +39,7 @@ from photogram.report.pictures import (
 from photogram.report.plan import plan_contents, plan_figure
 from photogram.survey import Adjustment, FloatArray, PointCloud, Raster
 
-WIDTH_IN = 6.6
+PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40
 IMAGE_DPI = 170
 CLOUD_TITLES = {"linear_2view": "two views", "linear_3view": "three views", "adjusted": "adjusted"}
@@ -89,7 +89,7 @@ def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
         f"surveyed, enlarged as written above the map; Δh is the residual in height.{enough}"
     )
     alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
-    return PageFigure("plan", caption, alternative, _embedded(plan_figure(contents, widest_in=WIDTH_IN)))
+    return PageFigure("plan", caption, alternative, _embedded(plan_figure(contents, widest_in=PLAN_IN)))
 
 
 # ---- error ellipses ------------------------------------------------------------------------------------------------
@@ -133,43 +133,75 @@ def _ellipses(result: Adjustment) -> PageFigure | None:
     groups = [g for g in groups if len(g.place_map_m) and np.isfinite(g.covariance_m2).all()]
     if not groups:
         return None
-    figure, scale = _ellipse_figure(groups)
+    figure, scales = _ellipse_figure(groups)
+    enlarged = ", ".join(f"{title} {scale:g} times" for title, scale in scales.items())
     caption = (
         "Predicted standard ellipses in plan (1 sigma: 39 % lie within) and standard deviations in height as upright "
-        f"bars, all enlarged {scale:g} times. They follow from the stated sigmas of all measurements, not from their "
-        "residuals."
+        f"bars, enlarged: {enlarged}. They follow from the stated sigmas of all measurements, not from their residuals."
     )
     return PageFigure("ellipses", caption, "Error ellipses of projection centres and ground points", _embedded(figure))
 
 
-def _ellipse_figure(groups: list[_Uncertain]) -> tuple[Figure, float]:
+def _ellipse_figure(groups: list[_Uncertain]) -> tuple[Figure, dict[str, float]]:
+    """Draw ellipses, those of photographs and of ground points on a scale each; return the scales by title."""
     places = np.vstack([group.place_map_m[:, :2] for group in groups])
     low, high = places.min(axis=0), places.max(axis=0)
     span = float(max((high - low).max(), 1.0))
     low, high = low - 0.12 * span, high + 0.12 * span
     high = np.maximum(high, low + 0.4 * (high - low).max())
-    sigma = np.concatenate([np.sqrt(np.einsum("nii->ni", c)).max(axis=1) for c in (g.covariance_m2 for g in groups)])
-    scale = round_length(0.05 * span / max(float(np.percentile(sigma, 90)), 1e-9))
     aspect = float((high - low)[1] / (high - low)[0])
-    width_in = float(min(WIDTH_IN, 7.5 / aspect))
-    figure = new_figure(width_in + 0.6, width_in * aspect + 1.1)
+    width_in = float(min(WIDTH_IN, 6.0 / aspect))
+    figure = new_figure(width_in + 0.6, width_in * aspect + 1.5)
     axes = figure.add_subplot(facecolor="#fafafa")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     map_axes(axes)
     axes.grid(visible=True, color="#dddddd", linewidth=0.5)
     axes.set_axisbelow(True)
-    handles = []
     named = sum(len(group.names) for group in groups) <= MAXIMUM_ELLIPSE_NAMES
+    handles, scales = [], dict[str, float]()
     for group in groups:
+        alike = [g for g in groups if bool(g.names) == bool(group.names)]
+        scales[group.title] = scale = _ellipse_scale(alike, span)
         _draw_ellipses(axes, group.colour, group.place_map_m, group.covariance_m2, scale)
-        label = f"{group.title} ({len(group.place_map_m)})"
+        label = f"{group.title} ({len(group.place_map_m)}), × {scale:g}"
         handles.append(Line2D([], [], marker="o", linestyle="", mfc="none", mec=group.colour, label=label))
         for name, (east, north, _) in zip(group.names, group.place_map_m, strict=False):
             if named:
-                axes.annotate(name, (east, north), (5, 5), textcoords="offset points", fontsize=7, color=GREY)
-    _sigma_key(axes, scale, span)
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return figure, scale
+                axes.annotate(name, (east, north), (6, 5), textcoords="offset points", fontsize=7, color=GREY)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    _sigma_keys(axes, groups, scales, span)
+    return figure, scales
+
+
+def _ellipse_scale(groups: list[_Uncertain], span_m: float) -> float:
+    """Return the round enlargement that draws a large but usual sigma of these groups as a twentieth of the plan."""
+    sigma = np.concatenate([np.sqrt(np.einsum("nii->ni", g.covariance_m2)).max(axis=1) for g in groups])
+    return round_length(0.05 * span_m / max(float(np.percentile(sigma, 90)), 1e-9))
+
+
+def _sigma_keys(axes: Axes, groups: list[_Uncertain], scales: Mapping[str, float], span: float) -> None:
+    """Draw above the map how long a round sigma is on each scale."""
+    west, north = axes.get_xlim()[0], axes.get_ylim()[1]
+    place = west
+    for scale in dict.fromkeys(scales.values()):
+        key_m = round_length(0.07 * span / scale)
+        titles = [group for group in groups if scales[group.title] == scale]
+        height = north + 0.035 * span
+        axes.plot(
+            [place, place + scale * key_m], [height] * 2, color=titles[0].colour, linewidth=2, clip_on=False,
+            solid_capstyle="butt",
+        )  # fmt: skip
+        what = "projection centres" if not titles[0].names else "ground points"
+        axes.annotate(
+            f"1 sigma of {length_label(key_m)}, {what}",
+            (place + scale * key_m, height),
+            (5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            annotation_clip=False,
+        )
+        place += 0.62 * span
 
 
 def _draw_ellipses(axes: Axes, colour: str, place: FloatArray, covariance_m2: FloatArray, scale: float) -> None:
@@ -196,22 +228,6 @@ def _draw_ellipses(axes: Axes, colour: str, place: FloatArray, covariance_m2: Fl
     axes.plot(*place[:, :2].T, ".", color=colour, markersize=2.5, zorder=5)
 
 
-def _sigma_key(axes: Axes, scale: float, span: float) -> None:
-    """Draw beside the north arrow how long a round sigma is on this scale."""
-    key_m = round_length(0.08 * span / scale)
-    right, top = axes.get_xlim()[1] - 0.14 * span, axes.get_ylim()[1] - 0.05 * span
-    axes.plot([right - scale * key_m, right], [top, top], color="black", linewidth=1.6, solid_capstyle="butt")
-    axes.annotate(
-        f"1 sigma of {length_label(key_m)}",
-        (right - scale * key_m / 2, top),
-        (0, -4),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-        fontsize=8,
-    )
-
-
 # ---- image residuals -----------------------------------------------------------------------------------------------
 
 
@@ -220,7 +236,7 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
-            figure = residual_figure(camera, block.tie_points.pixel[seen], result.residual_px[seen], width_in=WIDTH_IN)
+            figure = residual_figure(camera, block.tie_points.pixel[seen], result.residual_px[seen], width_in=PLAN_IN)
             caption = (
                 f"Residuals of tie points in {camera.name} by their place in the photograph, projected minus measured. "
                 "Without a pattern the camera model fits; arrows that point outwards, inwards or around the principal "
@@ -236,11 +252,11 @@ def _histograms(result: Adjustment) -> PageFigure | None:
     tie = result.block.tie_points
     if not len(tie.photograph):
         return None
-    figure = new_figure(WIDTH_IN + 0.6, 2.9)
+    figure = new_figure(PLAN_IN + 0.6, 2.7)
     left, right = figure.subplots(1, 2)
     values = result.residual_px
-    spread = float(1.4826 * np.median(np.abs(values - np.median(values, axis=0))))
-    reach = 5.0 * max(spread, 1e-3)
+    spread = max(float(np.sqrt(np.mean(values**2))), 1e-3)
+    reach = 3.5 * spread
     for k, (name, colour) in enumerate((("u", BLUE), ("v", VERMILION))):
         left.hist(
             values[:, k], bins=61, range=(-reach, reach), histtype="step", color=colour, label=name, linewidth=1.2
@@ -260,7 +276,7 @@ def _histograms(result: Adjustment) -> PageFigure | None:
         axes.yaxis.label.set_size(9)
         axes.spines[["top", "right"]].set_visible(False)
     caption = (
-        f"Left: residuals of {len(values)} tie-point observations; their robust standard deviation is {spread:.2f} px, "
+        f"Left: residuals of {len(values)} tie-point observations; their RMS is {spread:.2f} px per coordinate, "
         f"the median of the stated sigmas {stated:.2f} px. Right: how many photographs see a tie point; two rays "
         "cannot show most mismatches."
     )
@@ -287,7 +303,7 @@ def _height_sigma(cloud: PointCloud) -> PageFigure | None:
     sigma_m = binned_statistic_2d(easting, northing, cloud.sigma_m[:, 2], "median", bins=edges).statistic.T[::-1]
     known = sigma_m[np.isfinite(sigma_m)]
     tint = ScalarMappable(Normalize(float(known.min()), float(np.percentile(known, 98)) + 1e-6), "cividis_r")
-    width_in = float(min(WIDTH_IN, 7.5 * span[0] / span[1]))
+    width_in = float(min(WIDTH_IN, 6.0 * span[0] / span[1]))
     figure = new_figure(width_in + 1.4, max(width_in * span[1] / span[0], 2.0) + 0.9)
     axes = figure.add_subplot(facecolor="#dddddd")
     colours = tint.to_rgba(np.ma.masked_invalid(sigma_m))
@@ -298,8 +314,8 @@ def _height_sigma(cloud: PointCloud) -> PageFigure | None:
     bar.ax.tick_params(labelsize=8)
     caption = (
         f"Predicted standard deviation of the heights of {len(cloud)} tie points: the median of each cell, whose "
-        f"median is {float(np.median(known)):.3f} m. Heights are weakest where few photographs see the ground, and at the "
-        "margin."
+        f"median is {float(np.median(known)):.3f} m. Heights are weakest where few photographs see the ground, and "
+        "at the margin."
     )
     return PageFigure("height sigma", caption, "Map of the predicted standard deviation of heights", _embedded(figure))
 
@@ -318,7 +334,7 @@ def _comparison(comparisons: Mapping[str, Comparison]) -> PageFigure | None:
     if not comparisons:
         return None
     titled = {CLOUD_TITLES[name]: comparison for name, comparison in comparisons.items()}
-    figure = comparison_figure(titled, 2.7)
+    figure = comparison_figure(titled, upright=True)
     caption = (
         "Heights of the clouds over the reference surface, after the statistical outlier filter: maps and histograms "
         "on one scale. It is accuracy only where the reference is known to be better than the cloud."

@@ -208,10 +208,11 @@ def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> Non
     save_picture(comparison_figure(comparisons), path)
 
 
-def comparison_figure(comparisons: Mapping[str, Comparison], panel_in: float = 4.3) -> Figure:
+def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = False) -> Figure:
     """Draw height differences of clouds to their reference: a map and a histogram each, on one scale for all.
 
-    Every panel is ``panel_in`` inches wide. Raises ValueError without a comparison.
+    The clouds stand side by side, or one below the other for a page that is ``upright``. Raises ValueError without a
+    comparison.
     """
     if not comparisons:
         raise ValueError("no comparison to draw")
@@ -222,9 +223,13 @@ def comparison_figure(comparisons: Mapping[str, Comparison], panel_in: float = 4
     margin = 0.03 * (high - low).max() + 1e-3
     aspect = float(np.clip((high - low + 2 * margin)[1] / (high - low + 2 * margin)[0], 0.4, 1.8))
 
-    map_in = panel_in - 0.3
-    figure = new_figure(panel_in * len(comparisons) + 1.0, map_in * aspect + 3.8)
-    panels = figure.subplots(2, len(comparisons), squeeze=False, height_ratios=[map_in * aspect, 2.4])
+    count = len(comparisons)
+    if upright:
+        figure = new_figure(7.2, min(3.4 * aspect + 0.6, 3.2) * count)
+        panels = figure.subplots(count, 2, squeeze=False, width_ratios=[1.35, 1.0]).T
+    else:
+        figure = new_figure(4.3 * count + 1.0, 4.0 * aspect + 3.8)
+        panels = figure.subplots(2, count, squeeze=False, height_ratios=[4.0 * aspect, 2.4])
     scale = ScalarMappable(Normalize(-limit_m, limit_m), "RdBu_r")
     for column, (name, comparison) in enumerate(comparisons.items()):
         top, bottom = panels[:, column]
@@ -233,9 +238,15 @@ def comparison_figure(comparisons: Mapping[str, Comparison], panel_in: float = 4
         map_axes(top)
         top.set_title(name, fontsize=12)
         _difference_histogram(bottom, comparison, limit_m)
-        if column:
+        if column and not upright:
             top.set_ylabel("")
             bottom.set_ylabel("")
+        if upright:
+            top.yaxis.set_major_locator(MaxNLocator(nbins=2, steps=[1, 2, 5, 10], integer=True))
+            bottom.set_ylim(top=1.55 * bottom.get_ylim()[1])  # the statistics stand above the bars
+        if upright and column < count - 1:
+            top.set_xlabel("")
+            bottom.set_xlabel("")
     bar = figure.colorbar(scale, ax=panels[0, :].tolist(), extend="both", shrink=0.85, pad=0.02)
     bar.set_label("cloud minus reference, m", fontsize=9)
     bar.ax.tick_params(labelsize=8)

@@ -13,13 +13,14 @@ from typing import Any, Literal
 Report = Mapping[str, Any]
 Grade = Literal["good", "attention", "bad", "unknown"]
 
+AXES = ("easting", "northing", "height")
 FEW_POINTS = 5
 PLAN_GSD, HEIGHT_GSD = (1.5, 3.0), (2.0, 4.0)
 SIGMA0 = (0.7, 1.3, 2.0)
 REGISTERED = (0.98, 0.90)
 SIGNIFICANT, DOUBTFUL = 0.01, 0.05
 GNSS_RATIO = (1.5, 3.0)
-REDUNDANCY = (0.3, 0.1)
+REDUNDANCY = (0.3, 0.01)  # of a coordinate that is well controlled, and of one that is not at all
 OVERLAP = (0.6, 0.4)
 CORRELATION = 0.95
 
@@ -127,20 +128,22 @@ def _blunders(report: Report) -> Verdict:
 
 def _control(report: Report) -> Verdict:
     rule = (
-        f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} of a blunder in its own residual "
-        f"(redundancy number); attention: {REDUNDANCY[1]:.0%}; bad: less, nobody would notice one"
+        f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} or more of a blunder in its own residual "
+        f"(redundancy number); attention: less, a blunder must be large to be found; bad: {REDUNDANCY[1]:.0%} or less, "
+        "none is found"
     )
     shares = [
-        (number(r), point["name"])
+        (number(r), f"{axis} of {point['name']}", number(mdb))
         for point in report["control_points"]
-        for r in point.get("redundancy") or []
+        for axis, r, mdb in zip(AXES, point.get("redundancy") or [], point.get("mdb_m") or [], strict=False)
         if r is not None
     ]
     if not shares:
         return Verdict("Would a blunder show?", "unknown", "no control points", rule)
-    least, name = min(shares)
-    grade: Grade = "good" if least >= REDUNDANCY[0] else "attention" if least >= REDUNDANCY[1] else "bad"
-    return Verdict("Would a blunder show?", grade, f"least redundancy {least:.2f}, of {name}", rule)
+    least, name, mdb_m = min(shares)
+    grade: Grade = "good" if least >= REDUNDANCY[0] else "attention" if least > REDUNDANCY[1] else "bad"
+    found = f": one of {mdb_m:.3f} m is found with 80 % probability" if math.isfinite(mdb_m) else ""
+    return Verdict("Would a blunder show?", grade, f"least redundancy {least:.2f}, {name}{found}", rule)
 
 
 def _sigma0(report: Report) -> Verdict:
