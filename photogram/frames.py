@@ -248,7 +248,7 @@ class LocalFrame:
         return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)
 
 
-def crs_name(crs: str) -> str:
+def crs_title(crs: str) -> str:
     """Return what a CRS is called: `ETRS89 / UTM zone 32N` for EPSG:25832. Raises FrameError for an unknown one."""
     return str(projected_crs(crs).name)
 

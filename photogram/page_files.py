@@ -8,7 +8,7 @@ from typing import Any
 
 from photogram.errors import ReportError
 from photogram.files.atomic import replacing
-from photogram.frames import crs_name
+from photogram.frames import crs_title
 from photogram.project import Project
 from photogram.records import Run
 from photogram.report.completion import complete
@@ -29,7 +29,7 @@ def run_facts(run: Run, stages: Sequence[str]) -> dict[str, Any]:
         "survey": {
             "flown_first": days[0] if days else None,
             "flown_last": days[-1] if days else None,
-            "crs_name": crs_name(run.project.crs),
+            "crs_name": crs_title(run.project.crs),
         },
         "versions": versions(),
         "peak_memory_bytes": {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages},

@@ -25,7 +25,7 @@ from photogram.asprs import (
     statement_v,
     systematic,
 )
-from photogram.report.verdicts import AXES, number, verdicts
+from photogram.report.traffic_lights import AXES, number, traffic_lights
 
 Json = dict[str, Any]
 CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
@@ -38,7 +38,7 @@ def complete(report: Mapping[str, Any], settings: ReportSettings) -> Json:
     whole["asprs"] = asprs_numbers(report["control_points"], settings)
     whole["discarded"] = discarded(whole)
     whole["warnings"] = warnings(whole)
-    whole["summary"] = [asdict(verdict) for verdict in verdicts(whole)]
+    whole["summary"] = [asdict(light) for light in traffic_lights(whole)]
     return whole
 
 
@@ -166,7 +166,7 @@ def warnings(report: Mapping[str, Any]) -> list[Json]:
     if not report["adjustment"]["converged"]:
         add("adjustment", "the adjustment did not converge: use nothing of this result")
     add("heights", *_sentences((report.get("heights") or {}).get("warnings")))
-    add("blunders", *_sentences(report.get("blunders")))
+    add("blunders", *_sentences(report.get("blunders")), *_sentences([report.get("blunders_effect") or ""]))
     add("suspects", *_sentences(report.get("suspects")))
     asprs = report["asprs"]
     add("check points", *asprs["blunders"], *asprs["systematic"], *asprs["survey"])
@@ -175,7 +175,9 @@ def warnings(report: Mapping[str, Any]) -> list[Json]:
     if predicted.get("consistent") is False:
         add("prediction", predicted.get("sentence") or "differences of check points contradict their predicted sigmas")
     add("geometry", *_sentences((report.get("diagnosis") or {}).get("warnings")))
+    add("geometry", *_sentences((report.get("diagnosis") or {}).get("undetermined")))
     add("GNSS", *_sentences((report.get("gnss") or {}).get("warnings")))
+    add("stated sigmas", *_sentences(list((report.get("variance_components") or {}).values())))
     add("photographs", *_block(report["block"]))
     for name, camera in report["cameras"].items():
         held = [parameter for parameter in camera.get("held") or {} if (camera["prior_sigma"].get(parameter) != 0)]

@@ -13,7 +13,7 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from photogram.report.completion import axis_roles
-from photogram.report.verdicts import AXES, number
+from photogram.report.traffic_lights import AXES, number
 
 Json = dict[str, Any]
 
@@ -198,6 +198,7 @@ def _ground_rows(report: Mapping[str, Any], role: str) -> list[Json]:
             "marks": len(p.get("marks") or []),
             "suspect": bool(p.get("suspect")),
             "verdict": p.get("verdict"),
+            "p": (p.get("chi2") or {}).get("p") if isinstance(p.get("chi2"), Mapping) else None,
             "rows": [_axis_row(p, k) for k in range(3)],
         }
         for p in points
