@@ -1,28 +1,33 @@
-"""Blunders in simulated surveys: how many are found, how often the right measurement is named, how many false alarms.
+"""Blunders in simulated surveys: how many are found, how often the right point is named, how many false alarms.
 
     python benchmarks/blunders.py [SURVEYS]                 default: 300
 
 Observations are simulated on blocks of different shape, with 5 to 10 control points and an RTK receiver. Each survey is
-adjusted as it is (a suspect is a false alarm), and with one blunder: in a surveyed height or plan coordinate, or in one
-mark. Its size is drawn between 0.5 and 6 times its minimal detectable blunder. Found: something is suspected. Named:
-the worst suspect is the point, or a mark of the point, that the blunder is in.
+adjusted and judged as it is (a suspect is a false alarm), and with one blunder: a surveyed height or plan coordinate
+off by 0.2 to 5 m, one mark off by 5 to 500 px, or two points exchanged. Its size is stated in minimal detectable
+blunders. Found: something is blamed. Named: what is blamed first is in the point, or the two points, of the blunder.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from photogram.accuracy import suspects
 from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.reliability import minimal_detectable_blunder
+from photogram.blunder_names import Blunder
+from photogram.errors import PhotogramError
+from photogram.ground_check import GrossBlunderError, adjust_and_judge
+from photogram.reliability import NONCENTRALITY, minimal_detectable_blunder
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
-KINDS = ("height", "plan", "mark")
+KINDS = ("height", "plan", "mark", "exchanged")
+COORDINATE_M, MARK_PX = (0.2, 5.0), (5.0, 500.0)
 CERTAIN = 1.5  # minimal detectable blunders, from which all should be found
 
 
@@ -35,6 +40,7 @@ class Trial:
     false_alarm: bool
     found: bool
     named: bool
+    what: str
 
 
 def survey(seed: int) -> Block:
@@ -51,49 +57,75 @@ def survey(seed: int) -> Block:
     ).block
 
 
+def _size(limits: tuple[float, float], rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(*np.log(limits))))
+
+
 def with_blunder(block: Block, clean: Adjustment, kind: str, rng: np.random.Generator) -> tuple[Block, set[str], float]:
     """Return the survey with a blunder, the names of the points that it is in, and its size in minimal detectable
     ones."""
     points, r = block.control_points, clean.reliability
     controls = np.flatnonzero(np.array(points.role) == "control")
-    times, sign = float(rng.uniform(0.5, 6.0)), float(rng.choice([-1.0, 1.0]))
     position, pixel = points.position_world_m.copy(), points.mark_pixel.copy()
     if kind == "mark":
-        m = int(rng.choice(np.flatnonzero(np.isin(points.mark_point, controls))))
-        axis = int(rng.integers(2))
-        pixel[m, axis] += (
-            sign * times * minimal_detectable_blunder(np.full(2, points.mark_sigma_px[m]), r.mark_redundancy[m])[axis]
-        )
-        return (
-            replace(block, control_points=replace(points, mark_pixel=pixel)),
-            {points.name[points.mark_point[m]]},
-            times,
-        )
-    g, axis = int(rng.choice(controls)), 2 if kind == "height" else int(rng.integers(2))
-    axes = block.frame.rotation_world_from_map(np.zeros(3))
-    position[g] += (
-        sign * times * minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])[axis] * axes[:, axis]
+        m, turn = int(rng.choice(np.flatnonzero(np.isin(points.mark_point, controls)))), rng.uniform(0.0, 2.0 * np.pi)
+        blunder = _size(MARK_PX, rng) * np.array([np.cos(turn), np.sin(turn)])
+        pixel[m] += blunder
+        # of a blunder b, b' C⁻¹ b is the square of its noncentrality, with C the covariance of what all others predict
+        times = np.sqrt(blunder @ np.linalg.solve(r.mark_left_out_covariance_px2[m], blunder)) / NONCENTRALITY
+        spoilt = replace(points, mark_pixel=pixel)
+        return replace(block, control_points=spoilt), {points.name[points.mark_point[m]]}, float(times)
+    if kind == "exchanged":
+        a, b = rng.choice(controls, 2, replace=False).tolist()
+        position[[a, b]] = position[[b, a]]
+        least = minimal_detectable_blunder(points.sigma_m[a], r.ground_redundancy[a]).max()
+        names, times = {points.name[a], points.name[b]}, float(np.linalg.norm(position[a] - position[b]) / least)
+    else:
+        g, axis = int(rng.choice(controls)), 2 if kind == "height" else int(rng.integers(2))
+        size, axes = _size(COORDINATE_M, rng), block.frame.rotation_world_from_map(np.zeros(3))
+        position[g] += size * float(rng.choice([-1.0, 1.0])) * axes[:, axis]
+        least = minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])[axis]
+        names, times = {points.name[g]}, float(size / least)
+    return replace(block, control_points=replace(points, position_world_m=position)), names, times
+
+
+def blamed(block: Block) -> tuple[Blunder, ...]:
+    """Return what the verdict on a survey blames, whether the adjustment bears it or not."""
+    try:
+        return adjust_and_judge(block, lambda given: adjust(given, AdjustmentSettings())).blunders
+    except GrossBlunderError as fault:
+        return fault.blunders
+    except PhotogramError as fault:
+        return (Blunder("not adjusted", (), None, str(fault)),)
+
+
+def trial(seed: int) -> Trial:
+    """Adjust and judge a survey without and with its blunder."""
+    kind, rng = KINDS[seed % len(KINDS)], np.random.default_rng([seed, 8])
+    block = survey(seed)
+    clean = adjust(block, AdjustmentSettings())
+    spoilt, names, times = with_blunder(block, clean, kind, rng)
+    found = blamed(spoilt)
+    named = (
+        bool(found) and bool(names & set(found[0].points)) and (kind != "exchanged" or names == set(found[0].points))
     )
-    return replace(block, control_points=replace(points, position_world_m=position)), {points.name[g]}, times
+    return Trial(kind, times, bool(suspects(clean)), bool(found), named, f"{seed}: {sorted(names)}: {found}")
 
 
-def trials(count: int) -> Iterator[Trial]:
-    """Adjust every survey without and with its blunder."""
-    for seed in range(count):
-        kind, rng = KINDS[seed % len(KINDS)], np.random.default_rng([seed, 8])
-        block = survey(seed)
-        clean = adjust(block, AdjustmentSettings())
-        spoilt, names, times = with_blunder(block, clean, kind, rng)
-        found = suspects(adjust(spoilt, AdjustmentSettings()))
-        named = bool(found) and any(found[0].name == n or found[0].name.startswith(f"of {n} in ") for n in names)
-        yield Trial(kind, times, bool(suspects(clean)), bool(found), named)
+def trials(count: int, workers: int) -> Iterator[Trial]:
+    """Judge so many surveys."""
+    with ProcessPoolExecutor(workers) as pool:
+        yield from pool.map(trial, range(count))
 
 
 def main() -> None:
     """Print one row for each kind of blunder."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("surveys", nargs="?", type=int, default=300)
-    done = list(trials(parser.parse_args().surveys))
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--show", action="store_true", help="print every blunder that was not named")
+    given = parser.parse_args()
+    done = list(trials(given.surveys, given.workers))
     print(
         f"simulated; {len(done)} surveys; false alarms without a blunder: {np.mean([t.false_alarm for t in done]):.1%}"
     )
@@ -106,6 +138,9 @@ def main() -> None:
                 f"{np.mean([t.found for t in part]):8.1%}{np.mean([t.named for t in part]):8.1%}" if part else " " * 16
             )
         print(row)
+    for t in done if given.show else ():
+        if t.false_alarm or (not t.named and t.times_mdb >= CERTAIN):
+            print("false alarm" if t.false_alarm else t.kind, f"{t.times_mdb:.1f}", t.what)
 
 
 if __name__ == "__main__":

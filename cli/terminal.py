@@ -169,7 +169,14 @@ def show_report(report: Mapping[str, Any]) -> None:
     if unused:
         table.add_row("check points with fewer than two marks", ", ".join(unused))
     console.print(table)
-    for n, suspect in enumerate(report["suspects"][:MAXIMUM_SUSPECTS]):
+    for blunder in report["blunders"]:
+        console.print(f"[bold]Blunder:[/bold] {escape(blunder['sentence'])}")
+    if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
+        sentence = report["blunders_effect"]["sentence"]
+        console.print(escape(sentence[0].upper() + sentence[1:]))
+    # what one blunder spreads to its neighbours is suspected too
+    suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]
+    for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):
         also = "" if n == 0 else " (may be an effect of the first)"
         console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):

@@ -56,8 +56,8 @@ class IndeterminateError(ArithmeticError):
 class Problem:
     """What is adjusted: observations of tie points and of control points, and the block with its priors.
 
-    All photographs of ``block`` are oriented; ``control`` are its points of role control; ``flights`` names the GNSS
-    offsets.
+    All photographs of ``block`` are oriented; ``control`` are its points of role control, ``control_sigma_m`` (G, 3)
+    along ``control_axes`` (G, 3, 3), infinite along those that are checks; ``flights`` names the GNSS offsets.
     """
 
     block: Block
@@ -65,6 +65,7 @@ class Problem:
     marks: Observations
     control_world_m: FloatArray
     control_sigma_m: FloatArray
+    control_axes: FloatArray
     flights: tuple[str, ...]
     robust_loss: RobustLoss
     robust_threshold: float
@@ -90,7 +91,8 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
     block = problem.block
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     for g in range(len(problem.control_world_m)):
-        graph.add(surveyed_position(g, problem.control_world_m[g], problem.control_sigma_m[g], axes))
+        sigma_m, along = problem.control_sigma_m[g], problem.control_axes[g]
+        graph.add(surveyed_position(g, problem.control_world_m[g], sigma_m, along))
     for i, photograph in enumerate(block.photographs):
         if photograph.gnss_world_m is not None and photograph.gnss_sigma_m is not None:
             flight = problem.flights.index(photograph.flight) if problem.flights else None

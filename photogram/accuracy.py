@@ -17,11 +17,13 @@ class CheckAccuracy:
     """Differences adjusted − surveyed of ``n`` check points, in m: per axis easting, northing, height, in plan and in
     height.
 
-    With Δ the differences: RMSE = sqrt(ΣΔ²/n) per axis, RMSE_H = sqrt(RMSE_E² + RMSE_N²), RMSE_V that of heights
-    (ASPRS 2024, Edition 2, sec. 7.11). Not a number where there are no check points.
+    ``n_axis`` of them test each axis: a point may be a check in plan or in height alone. With Δ the differences: RMSE =
+    sqrt(ΣΔ²/n) per axis, RMSE_H = sqrt(RMSE_E² + RMSE_N²), RMSE_V that of heights (ASPRS 2024, Edition 2, sec. 7.11).
+    Not a number where there are no check points.
     """
 
     n: int
+    n_axis: tuple[int, int, int]
     rmse_m: tuple[float, float, float]
     mean_m: tuple[float, float, float]
     rmse_h_m: float
@@ -29,18 +31,21 @@ class CheckAccuracy:
 
 
 def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
-    """Summarise differences adjusted − surveyed (n, 3) of check points in the map frame, m; rows with NaN are left
-    out."""
-    known = difference_map_m[np.isfinite(difference_map_m).all(axis=1)]
-    if not len(known):
-        nothing = (float("nan"),) * 3
-        return CheckAccuracy(0, nothing, nothing, float("nan"), float("nan"))
-    e, n, h = np.sqrt(np.mean(known**2, axis=0)).tolist()
-    mean = known.mean(axis=0).tolist()
-    return CheckAccuracy(len(known), (e, n, h), (mean[0], mean[1], mean[2]), float(np.hypot(e, n)), h)
+    """Summarise differences adjusted − surveyed (n, 3) of check points in the map frame, m; NaN is left out."""
+    known = np.isfinite(difference_map_m)
+    count = known.sum(axis=0)
+    total = np.where(count > 0, count, np.nan)
+    difference = np.where(known, difference_map_m, 0.0)
+    e, n, h = np.sqrt(np.sum(difference**2, axis=0) / total).tolist()
+    mean = (difference.sum(axis=0) / total).tolist()
+    axes = count.tolist()
+    return CheckAccuracy(
+        int(known.any(axis=1).sum()), (axes[0], axes[1], axes[2]), (e, n, h), (mean[0], mean[1], mean[2]),
+        float(np.hypot(e, n)), h,
+    )  # fmt: skip
 
 
-FALSE_ALARMS = 0.01  # of a survey without a blunder, in which something is suspected all the same
+FALSE_ALARMS = 0.002  # of surveys without a blunder, in which something is suspected all the same
 AXES = ("easting", "northing", "height")
 Kind = Literal["control point", "mark", "GNSS position"]
 

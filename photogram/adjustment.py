@@ -17,14 +17,22 @@ from photogram.camera import PARAMETERS, Pose, models_of
 from photogram.determinacy import check_determined, check_in_front, undetermined
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import IndeterminateError, Problem, ground_graph
+from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
 from photogram.factors.levenberg_marquardt import Minimum
 from photogram.factors.loss import robust_terms
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.factors.state import State
 from photogram.ground_points import ground_points, mark_residuals_px
-from photogram.outliers import agreeing_observations, first_agreement, noise_scale, outlier_limit_px, settled
+from photogram.outliers import (
+    agreeing_observations,
+    first_agreement,
+    noise_scale,
+    outlier_limit_px,
+    settled,
+    without_narrow,
+)
+from photogram.partial_control import control_positions
 from photogram.registration import registered_block, with_all_photographs
 from photogram.reliability import reliability
 from photogram.survey import Adjustment, Block, FloatArray, check_range
@@ -65,8 +73,8 @@ def minimise(
     Raises IndeterminateError when the linear system has no unique solution.
     """
 
-    def watch(iteration: int, cost: float) -> None:
-        progress(f"iteration {iteration}: cost {cost:.6g}")
+    def watch(iteration: int, value: float) -> None:
+        progress(f"iteration {iteration}: cost {value:.6g}")
 
     limits = settings.maximum_iterations, settings.relative_tolerance
     if settings.engine == "reference":
@@ -76,14 +84,13 @@ def minimise(
 
 def start_state(block: Block, flights: tuple[str, ...]) -> State:
     """Return the starting values of a block whose photographs are all oriented."""
-    control = block.control_points.with_role("control")
     poses = [pose for pose in block.poses if pose is not None]
     return State(
         np.array([pose.rotation_world_from_camera for pose in poses]).reshape(-1, 3, 3),
         np.array([pose.position_world_m for pose in poses]).reshape(-1, 3),
         np.array([camera.parameters for camera in block.cameras]).reshape(-1, PARAMETERS),
         block.tie_points.position_world_m.copy(),
-        control.position_world_m.copy(),
+        control_positions(block)[0],
         np.zeros((len(flights), 3)),
     )
 
@@ -91,7 +98,7 @@ def start_state(block: Block, flights: tuple[str, ...]) -> State:
 def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     """Return the problem of a block, with all its tie-point observations.
 
-    Raises AdjustmentError naming every photograph that has no pose.
+    Raises AdjustmentError naming every photograph that has no pose, or a control point that nothing places.
     """
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
@@ -100,6 +107,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
     models = models_of(block.cameras)
+    position, axes = control_positions(block)
     if np.any(block.gnss_offset_sigma_m > 0):
         flights = tuple(sorted({p.flight for p in block.photographs if p.gnss_world_m is not None}))
     return Problem(
@@ -113,8 +121,9 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
             camera_of[control.mark_photograph],
             models,
         ),
-        control.position_world_m,
-        control.sigma_m,
+        position,
+        np.where(control.controlled, control.sigma_m, np.inf),
+        axes,
         flights,
         settings.robust_loss,
         settings.robust_threshold,
@@ -162,21 +171,21 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
         chosen, points = agreeing_observations(whole, state, limit, angle)
     check_in_front(problem, minimum.state)
-    return Solved(problem, minimum, used, number, iterations)
+    return Solved(problem, minimum, without_narrow(tie, minimum.state, used, angle), number, iterations)
 
 
-def sigma0_and_redundancy(problem: Problem, minimum: Minimum) -> tuple[float, int]:
+def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     """Return sigma0 = sqrt(vᵀPv / r) of the minimised squares, and the redundancy r."""
-    block, state = problem.block, minimum.state
+    block = problem.block
     graph = ground_graph(problem)
     image = 2 * (len(problem.tie) + len(problem.marks))
-    ground = sum(graph.at(i).dim() for i in range(graph.size()))
+    ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
     points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
     unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
     robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
-    squares = 2.0 * (minimum.cost - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
+    squares = 2.0 * (cost(problem, graph, state) - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 
 
@@ -230,7 +239,7 @@ def _adjust_oriented(
         found = covariances(final, final_state)
     except IndeterminateError as fault:
         raise undetermined(whole, fault) from fault
-    sigma0, redundancy = sigma0_and_redundancy(final, replace(solved.minimum, state=final_state))
+    sigma0, redundancy = sigma0_and_redundancy(final, final_state)
     ground, ground_covariance = ground_points(final, final_state, found)
     poses, R = found.poses, state.rotation
     tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)

@@ -26,9 +26,12 @@ def check_determined(problem: Problem) -> None:
                 "match it with more overlap, mark control points in it, or leave it out"
             )
     positions = sum(p.gnss_world_m is not None for p in block.photographs)
-    if len(problem.control_world_m) < 3 and positions < 3:
+    plan, height = np.isfinite(problem.control_sigma_m).sum(axis=0)[1:].tolist()
+    if min(plan, height) < 3 and positions < 3:
+        count = len(problem.control_world_m)
+        part = "" if plan == height == count else f" ({plan} of them in plan, {height} in height)"
         raise AdjustmentError(
-            f"nothing fixes the block in {block.frame.crs}: {len(problem.control_world_m)} control points "
+            f"nothing fixes the block in {block.frame.crs}: {count} control points{part} "
             f"and {positions} GNSS positions; three of either, not in one line, are needed"
         )
     used = set(problem.tie.camera.tolist()) | set(problem.marks.camera.tolist())

@@ -98,7 +98,7 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
     is hardly known bends the rays more than control points could contradict each other: its photographs are left out,
     unless ``any_camera`` is wanted.
     """
-    points = block.control_points.with_role("control")
+    points = block.control_points.fully_controlled()
     known = [any_camera or _distortion_sigma_px(camera) < DISTORTION_PX for camera in block.cameras]
     found: list[Resection | None] = []
     faults: list[str] = []
@@ -164,7 +164,7 @@ def georeference(structure: Structure, block: Block) -> Similarity:
 
     Raises OrientationError when neither is enough.
     """
-    points = block.control_points.with_role("control")
+    points = block.control_points.fully_controlled()
     source = intersected_control(structure, points)
     known = np.isfinite(source).all(axis=1)
     if not straight(points.position_world_m[known]):

@@ -16,6 +16,7 @@ from photogram.survey import FloatArray, IntArray, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
 TWO_RAY_ALLOWANCE = 1.5
+NARROWED = 0.5  # of the least ray angle: points that meet it may fall short of it by their noise
 ENOUGH = 0.7  # of all observations, that must agree for poses to be good enough to tell mismatches
 
 
@@ -82,6 +83,15 @@ def agreeing_observations(
     used &= ~narrow[tie.point]
     points[np.bincount(tie.point[used], minlength=len(tie)) < 2] = np.nan
     return used, points
+
+
+def without_narrow(
+    tie: TiePoints, state: State, used: NDArray[np.bool_], minimum_ray_angle_rad: float
+) -> NDArray[np.bool_]:
+    """Return the observations (N,) without those of points that the last round has moved so far away that their rays,
+    nearly parallel, do not tell where."""
+    narrow = ray_angles(tie, used, state.position, state.tie_point) < NARROWED * minimum_ray_angle_rad
+    return used & ~narrow[tie.point]
 
 
 def first_agreement(

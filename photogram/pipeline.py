@@ -73,7 +73,7 @@ STAGES = (
             run.project.matching,
             run.project.cameras,
             run.project.world_kind,
-            [p.position_map_m for p in run.project.control_points if p.role == "control"],
+            [p.control_map_m for p in run.project.control_points if p.role == "control"],
         ],
         match_photographs,
     ),

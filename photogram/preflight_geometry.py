@@ -226,7 +226,7 @@ def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
     """Return whether control points and GNSS positions together can hold the block."""
     points, positions = survey.control, int(survey.positioned.sum())
     marks = np.bincount(survey.control.mark_point, minlength=len(points))
-    control = np.array([r == "control" for r in points.role], dtype=bool) & (marks > 0)
+    control = points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
     count = int(control.sum())
     remedy = "mark at least three control points, not in one line, or give photographs with GNSS tags"
     if positions < 3 and count < 3:

@@ -39,7 +39,7 @@ from photogram.project_schema import (
     Quality,
 )
 from photogram.surface_model import SurfaceSettings
-from photogram.survey import ControlPoints, Role, check_shape
+from photogram.survey import ControlPoints, Role, Roles, check_shape
 from photogram.transfer import TransferSettings
 
 FloatArray = NDArray[np.float64]
@@ -77,13 +77,13 @@ class ProjectPhotograph:
 
 @dataclass(frozen=True, eq=False)
 class ProjectControlPoint:
-    """One surveyed point: ``position_map_m`` (3,) with ``sigma_m`` (3,), and its marks.
+    """One surveyed point: its role in plan and in height, ``position_map_m`` (3,) with ``sigma_m`` (3,), its marks.
 
     ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
     """
 
     name: str
-    role: Role
+    roles: Roles
     position_map_m: FloatArray
     sigma_m: FloatArray
     mark_photograph: NDArray[np.int64]
@@ -96,6 +96,22 @@ class ProjectControlPoint:
         check_shape("sigma_m", self.sigma_m, (3,))
         check_shape("mark_pixel", self.mark_pixel, (marks, 2))
         check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+
+    @property
+    def role(self) -> Role:
+        """Return ``control`` if any of its coordinates is, else ``check``."""
+        return "control" if "control" in self.roles else "check"
+
+    @property
+    def controlled(self) -> NDArray[np.bool_]:
+        """Return which of easting, northing and height (3,) are control."""
+        plan, height = (role == "control" for role in self.roles)
+        return np.array([plan, plan, height], dtype=bool)
+
+    @property
+    def control_map_m(self) -> FloatArray:
+        """Return the position (3,), NaN where a coordinate is a check: those must not touch what is adjusted."""
+        return np.where(self.controlled, self.position_map_m, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +164,7 @@ class Project:
             np.repeat(np.arange(len(points), dtype=np.int64), marks),
             np.concatenate([np.zeros((0, 2)), *(p.mark_pixel for p in points)]),
             np.concatenate([np.zeros(0), *(p.mark_sigma_px for p in points)]),
+            np.array([p.controlled for p in points], dtype=bool).reshape(-1, 3),
         )
 
 

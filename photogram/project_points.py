@@ -20,7 +20,7 @@ from photogram.frames import map_from_crs, projected_crs
 from photogram.project_checks import Located, camera_of
 from photogram.project_file import Document, Key, suggestion
 from photogram.project_schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
-from photogram.survey import FloatArray, Role
+from photogram.survey import FloatArray, Roles
 
 ReadT = TypeVar("ReadT")
 
@@ -33,13 +33,14 @@ _SMALLEST_ENLARGEMENT, _LARGEST_ENLARGEMENT = 1.2, 20.0
 
 @dataclass(frozen=True, eq=False)
 class GroundPoint:
-    """A point of a file, complete: ``position_map_m`` (3,), ``sigma_m`` (3,), its marks in photogram's pixels.
+    """A point of a file, complete: ``role`` in plan and in height, ``position_map_m`` (3,), ``sigma_m`` (3,), and its
+    marks in photogram's pixels.
 
     ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
     """
 
     name: str
-    role: Role
+    role: Roles
     position_map_m: FloatArray
     sigma_m: FloatArray
     mark_photograph: tuple[str, ...]

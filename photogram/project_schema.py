@@ -13,13 +13,15 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator
 
 from photogram.camera import Model
-from photogram.project_file import Entry, Needed, found
-from photogram.survey import Role
+from photogram.project_file import Entry, Needed, found, suggestion
+from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
 
 Quality = Literal["high", "medium", "low"]
 Calibration = Literal["given", "auto"]
+
+_ROLES: tuple[Role, ...] = ("control", "check")
 
 PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
 """Coordinate of the centre of the top-left pixel, in both directions, in each convention."""
@@ -76,6 +78,23 @@ def _freedom(value: object) -> float:
     return number
 
 
+def _role(value: object) -> Role:
+    for role in _ROLES:
+        if value == role:
+            return role
+    near = f": {suggestion(value, _ROLES)}" if isinstance(value, str) else ""
+    raise ValueError(f"must be control or check, found {found(value)}{near}")
+
+
+def _roles(value: object) -> Roles:
+    if not isinstance(value, dict):
+        role = _role(value)
+        return role, role
+    if set(value) != {"plan", "height"}:
+        raise ValueError("needs both axes, {plan: control, height: check} for example")
+    return _role(value["plan"]), _role(value["height"])
+
+
 def _picture_size(value: object) -> tuple[int, int]:
     whole = [v for v in value if isinstance(v, int) and v is not True and v > 0] if isinstance(value, list) else []
     if not isinstance(value, list) or len(value) != 2 or len(whole) != 2:
@@ -92,6 +111,7 @@ _MAP = ("easting", "northing", "height")
 Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
+RolesOf = Annotated[Roles, PlainValidator(_roles)]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
 
@@ -172,7 +192,7 @@ class ControlPointEntry(Entry):
     """One ground point."""
 
     name: Annotated[Text | None, Needed("the point's name")] = None
-    role: Role = "control"
+    role: RolesOf = ("control", "control")
     position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: Positive | None = None
@@ -183,7 +203,7 @@ class ControlFileEntry(Entry):
     """A file of ground points, and what it does not say itself."""
 
     path: Annotated[Text | None, Needed("the file with the points, relative to this file")] = None
-    role: Role = "control"
+    role: RolesOf = ("control", "control")
     marks: Text | None = None
     crs: Text | None = None
     picture_size_px: PictureSize | None = None

@@ -174,6 +174,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
         version=__version__,
         seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
         held=run.held(),
+        verdict=run.verdict(),
         sources=run.project.camera_source,
     )
     value = {**value, **run_facts(run, stages)}

@@ -113,6 +113,11 @@ class Run:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
 
+    def verdict(self) -> dict[str, Any]:
+        """Return the blunders in the ground points, and the accuracy of the check points with them and without. Needs
+        the stage `adjustment`."""
+        return dict(read_json(self.workspace.stage("adjustment") / "verdict.json"))
+
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
         path = self.workspace.stage("surface") / "dsm.tif"
@@ -134,14 +139,16 @@ class Run:
 
 def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
     # not the check points: they take no part in anything, the origin of the frame included
-    positions = [p.position_map_m for p in project.control_points if p.role == "control"]
+    positions = [p.control_map_m for p in project.control_points if p.role == "control"]
     positions += [np.array(t["gnss_map_m"]) for t in tags if t["gnss_map_m"] is not None]
-    if not positions:
+    known = np.isfinite(positions).reshape(-1, 3)
+    if not known.any(axis=0).all():
         raise ProjectError(
             f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
             "give control_points, or photographs with GNSS tags"
         )
-    return LocalFrame.near(project.crs, np.array(positions), project.world_kind)
+    middle = np.nanmean(positions, axis=0)
+    return LocalFrame.near(project.crs, np.where(known, positions, middle), project.world_kind)
 
 
 def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:

@@ -74,6 +74,8 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             known,
             mark_redundancy=_spread(known.mark_redundancy, seen, len(seen)),
             mark_w=_spread(known.mark_w, seen, len(seen)),
+            mark_left_out_px=_spread(known.mark_left_out_px, seen, len(seen)),
+            mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, seen, len(seen)),
             gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
             gnss_w=_spread(known.gnss_w, kept, count),
         ),

@@ -78,23 +78,33 @@ def reliability(problem: Problem, state: State, found: Covariances) -> Reliabili
     """Return the reliability of control points, their marks and GNSS positions on the final linearisation."""
     block, points = problem.block, problem.block.control_points
     axes = block.frame.rotation_world_from_map(np.zeros(3))
+    own = problem.control_axes
     controls = np.flatnonzero(np.array(points.role) == "control")
     marks = np.flatnonzero(np.isin(points.mark_point, controls))
     ground_redundancy, ground_w, ground_left_out = (np.full((len(points), 3), np.nan) for _ in range(3))
     covariance = np.full((len(points), 3, 3), np.nan)
     sigma = problem.control_sigma_m
     if len(controls):
-        whitened = (state.control - problem.control_world_m) @ axes / sigma
-        adjusted = axes.T @ found.control_point @ axes / (sigma[:, :, None] * sigma[:, None, :])
-        ground_redundancy[controls], ground_w[controls] = w_tests(whitened, adjusted)
+        tested = np.isfinite(sigma)
+        whitened = np.einsum("gji,gj->gi", own, state.control - problem.control_world_m) / sigma
+        adjusted = own.transpose(0, 2, 1) @ found.control_point @ own / (sigma[:, :, None] * sigma[:, None, :])
+        redundancy, w = w_tests(whitened, adjusted)
+        ground_redundancy[controls], ground_w[controls] = np.where(tested, [redundancy, w], np.nan)
         residual, spread = left_out(whitened, adjusted)
-        ground_left_out[controls] = residual * sigma
-        covariance[controls] = spread * sigma[:, :, None] * sigma[:, None, :]
-    mark_redundancy, mark_w = (np.full((len(points.mark_point), 2), np.nan) for _ in range(2))
+        scale = np.where(tested, sigma, np.nan)
+        ground_left_out[controls] = residual * scale
+        covariance[controls] = spread * scale[:, :, None] * scale[:, None, :]
+    mark_redundancy, mark_w, mark_left_out = (np.full((len(points.mark_point), 2), np.nan) for _ in range(3))
+    mark_covariance = np.full((len(points.mark_point), 2, 2), np.nan)
     if len(marks):
         v = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
-        mark_redundancy[marks], mark_w[marks] = w_tests(v, mark_covariances(problem, state, found))
+        adjusted_marks, sigma_px = mark_covariances(problem, state, found), problem.marks.sigma_px
+        mark_redundancy[marks], mark_w[marks] = w_tests(v, adjusted_marks)
+        residual, spread = left_out(v, adjusted_marks)
+        mark_left_out[marks] = residual * sigma_px[:, None]
+        mark_covariance[marks] = spread * sigma_px[:, None, None] ** 2
     gnss_redundancy, gnss_w = _gnss(problem, state, found, axes)
     return Reliability(
-        ground_redundancy, ground_w, ground_left_out, covariance, mark_redundancy, mark_w, gnss_redundancy, gnss_w
-    )
+        ground_redundancy, ground_w, ground_left_out, covariance,
+        mark_redundancy, mark_w, mark_left_out, mark_covariance, gnss_redundancy, gnss_w,
+    )  # fmt: skip

@@ -78,14 +78,14 @@ def _told_by_heights(given: Camera, result: Adjustment) -> bool:
     """Return whether control points and GNSS heights tell the flying height, and so the focal length, much better than
     the source of the calibration does."""
     block = result.block
-    control = block.control_points.with_role("control")
+    height_m = block.control_points.position_world_m[block.control_points.controlled[:, 2], 2]
     sigma = [p.gnss_sigma_m[2] for p in block.photographs if p.gnss_sigma_m is not None]
     heights = [pose.position_world_m[2] for pose in block.poses if pose is not None]
-    if len(control) < 3 or not sigma:
+    if len(height_m) < 3 or not sigma:
         return False
-    height_m = float(np.median(heights) - np.median(control.position_world_m[:, 2]))
+    flying_m = float(np.median(heights) - np.median(height_m))
     known_m = float(np.hypot(np.median(sigma) / np.sqrt(len(sigma)), block.gnss_offset_sigma_m[2]))
-    return known_m / max(height_m, 1e-9) < TOLD_BY_HEIGHTS * float(given.sigmas[0]) / given.focal_px
+    return known_m / max(flying_m, 1e-9) < TOLD_BY_HEIGHTS * float(given.sigmas[0]) / given.focal_px
 
 
 def _run_away(given: Camera, result: Adjustment, c: int) -> str | None:

@@ -21,16 +21,19 @@ from photogram.files.images import PhotographTags, check_photograph, read_grey, 
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
 from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
 from photogram.retrieval import most_similar
-from photogram.self_calibration import calibrate
+from photogram.self_calibration import Held, calibrate
 from photogram.structure import Structure
 from photogram.surface_model import surface_from_points
 from photogram.survey import (
+    Adjustment,
+    Block,
     Features,
     FloatArray,
     Matches,
@@ -310,10 +313,20 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     measured = block.photographs
     if orientation.method != "control":
         block = replace(block, photographs=believed_attitudes(block, orientation.poses))
-    result, held = calibrate(
-        block, run.project.adjustment, run.project.calibration, orientation.parameters,
-        lambda text: progress(0, 0, text),
-    )  # fmt: skip
+    calibrated: list[tuple[Adjustment, Held]] = []
+
+    def adjusted(given: Block) -> Adjustment:
+        calibrated.append(
+            calibrate(
+                given, run.project.adjustment, run.project.calibration, orientation.parameters,
+                lambda text: progress(0, 0, text),
+            )
+        )  # fmt: skip
+        return calibrated[-1][0]
+
+    verdict = adjust_and_judge(block, adjusted)
+    result = verdict.result
+    held = next(held for found, held in calibrated if found is result)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
@@ -322,9 +335,18 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
     write_record(folder / "reliability.npz", result.reliability)
     write_json(folder / "held.json", held)
+    write_json(
+        folder / "verdict.json",
+        {
+            "blunders": verdict.blunders,
+            "check_points": verdict.check_before,
+            "check_points_without": verdict.check_after,
+        },
+    )
     return {
         "sigma0": result.sigma0,
         "converged": result.converged,
+        "blunders": len(verdict.blunders),
         "iterations": result.iterations,
         "disbelieved_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(

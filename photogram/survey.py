@@ -7,7 +7,7 @@ their index in the block.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -19,9 +19,12 @@ from photogram.camera import Camera, Pose
 from photogram.frames import LocalFrame
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 Role = Literal["control", "check"]
+Roles = tuple[Role, Role]
+"""The role of a ground point in plan and in height."""
 
 
 def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
@@ -171,6 +174,9 @@ class ControlPoints:
 
     ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3) along the axes of the map;
     marks: ``mark_photograph`` (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    ``controlled`` (G, 3) says which of easting, northing and height are control: all those of a control point and none
+    of a check point where it is not given. A point with the role control has one at least; its other coordinates are
+    checks.
     """
 
     name: tuple[str, ...]
@@ -181,11 +187,18 @@ class ControlPoints:
     mark_point: IntArray
     mark_pixel: FloatArray
     mark_sigma_px: FloatArray
+    controlled: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
 
     def __post_init__(self) -> None:
         g, m = len(self.name), len(self.mark_photograph)
         if len(self.role) != g:
             raise ValueError("every ground point needs a role")
+        is_control = np.array([role == "control" for role in self.role], dtype=bool)
+        if g and not len(self.controlled):
+            object.__setattr__(self, "controlled", np.repeat(is_control[:, None], 3, axis=1))
+        check_shape("controlled", self.controlled, (g, 3))
+        if np.any(self.controlled.any(axis=1) != is_control):
+            raise ValueError("a control point has one controlled coordinate at least, a check point none")
         check_shape("position_world_m", self.position_world_m, (g, 3))
         check_shape("sigma_m", self.sigma_m, (g, 3))
         check_shape("mark_point", self.mark_point, (m,))
@@ -209,7 +222,14 @@ class ControlPoints:
             renumbered[self.mark_point[marks]].astype(np.int64) if len(keep) else self.mark_point[marks],
             self.mark_pixel[marks],
             self.mark_sigma_px[marks],
+            self.controlled[keep],
         )
+
+    def fully_controlled(self) -> ControlPoints:
+        """Return the points whose three coordinates are control: those that can say where something is."""
+        whole: NDArray[np.bool_] = np.asarray(self.controlled.all(axis=1))
+        roles: tuple[Role, ...] = tuple("control" if w else "check" for w in whole)
+        return replace(self, role=roles, controlled=np.repeat(whole[:, None], 3, axis=1)).with_role("control")
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +301,8 @@ class Reliability:
     Redundancy numbers and w-tests (Baarda 1968): ``ground_redundancy``, ``ground_w`` (G, 3) of the surveyed coordinates
     of control points, ``mark_redundancy``, ``mark_w`` (marks, 2) of their marks, ``gnss_redundancy``, ``gnss_w`` (N, 3)
     of GNSS positions. ``ground_left_out_m`` (G, 3) is predicted minus surveyed for a control point whose survey took no
-    part, ``ground_left_out_covariance_m2`` (G, 3, 3) what it would scatter by. NaN for check points, for what is not
+    part, ``ground_left_out_covariance_m2`` (G, 3, 3) what it would scatter by; ``mark_left_out_px`` (marks, 2) and
+    ``mark_left_out_covariance_px2`` (marks, 2, 2) the same for a mark. NaN for check points, for what is not
     there, and where nothing else determines an observation.
     """
 
@@ -291,6 +312,8 @@ class Reliability:
     ground_left_out_covariance_m2: FloatArray
     mark_redundancy: FloatArray
     mark_w: FloatArray
+    mark_left_out_px: FloatArray
+    mark_left_out_covariance_px2: FloatArray
     gnss_redundancy: FloatArray
     gnss_w: FloatArray
 
@@ -299,7 +322,16 @@ class Reliability:
         """Return what is known of so many ground points, marks and photographs when nothing is."""
         points, pixels, positions = (np.full((n, d), np.nan) for n, d in ((ground, 3), (marks, 2), (photographs, 3)))
         return Reliability(
-            points, points, points, np.full((ground, 3, 3), np.nan), pixels, pixels, positions, positions
+            points,
+            points,
+            points,
+            np.full((ground, 3, 3), np.nan),
+            pixels,
+            pixels,
+            pixels,
+            np.full((marks, 2, 2), np.nan),
+            positions,
+            positions,
         )
 
 

@@ -33,8 +33,16 @@ def test_noise_of_many_points_is_found_again() -> None:
 
 def test_points_that_could_not_be_measured_are_left_out() -> None:
     known = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
-    unknown = np.array([[np.nan, np.nan, np.nan], [0.1, np.nan, 0.1], [np.inf, 0.0, 0.0]])
+    unknown = np.full((3, 3), np.nan)
     assert check_accuracy(np.vstack([unknown, known])) == check_accuracy(known)
+
+
+def test_a_point_may_be_a_check_along_some_axes() -> None:
+    accuracy = check_accuracy(np.array([[0.3, -0.4, np.nan], [np.nan, np.nan, 0.2], [np.nan, np.nan, 0.4]]))
+    assert (accuracy.n, accuracy.n_axis) == (3, (1, 1, 2))
+    np.testing.assert_allclose(accuracy.rmse_m, [0.3, 0.4, np.sqrt(0.1)])
+    np.testing.assert_allclose(accuracy.mean_m, [0.3, -0.4, 0.3])
+    np.testing.assert_allclose((accuracy.rmse_h_m, accuracy.rmse_v_m), [0.5, np.sqrt(0.1)])
 
 
 @pytest.mark.parametrize("nothing", [np.zeros((0, 3)), np.full((2, 3), np.nan)])

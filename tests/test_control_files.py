@@ -211,7 +211,7 @@ def test_table_of_points(tmp_path: Path, separator: str) -> None:
     read = points(tmp_path, "\ufeff# list\n" + "\n".join(separator.join(row) for row in rows), "points.csv")
     assert (read.crs, read.geographic, read.holds_marks, read.marks) == (None, False, False, ())
     assert [(p.name, p.position, p.sigma_m, p.role, p.line) for p in read.points] == [
-        ("P1", (500000.25, 6.1e6, -3.0), (0.01, 0.01, 0.02), "check", 3),
+        ("P1", (500000.25, 6.1e6, -3.0), (0.01, 0.01, 0.02), ("check", "check"), 3),
         ("upper, corner", (1.0, 2.0, 3.0), (0.05, 0.05, 0.05), None, 4),
         ("P3", (1.0, 2.0, 3.0), (None, None, None), None, 6),
     ]
@@ -247,15 +247,8 @@ def test_columns_by_any_of_their_names(tmp_path: Path, header: str, geographic: 
         ("name,x,y,z\n", ["1: no rows after the first line"]),
         ("name,x,y,z,sigma\nA,1,2,3,0\n", ["2: sigma must be greater than 0, found 0: give the standard deviation"]),
         ("name,x,y,z,role\nA,1,2,3,chek\n", ["2: role must be control or check, found 'chek'"]),
-        (
-            "name,x,y,z,role_plan,role_height\nA,1,2,3,control,check\n",
-            ["2: role_plan control, role_height check: one role for each axis is for a later version"],
-        ),
         ("name,x,y,z,role_plan\nA,1,2,3,control\n", ["2: role_height is empty: give both, or one column role"]),
-        (
-            "name,x,y,z,role,role_height\nA,1,2,3,check,control\n",
-            ["2: role check, role_height control: one role for each axis is for a later version"],
-        ),
+        ("name,x,y,z,role_height\nA,1,2,3,controll\n", ["2: role_height must be control or check, found 'controll'"]),
     ],
 )
 def test_faults_of_a_table_of_points(tmp_path: Path, text: str, expected: list[str]) -> None:
@@ -265,9 +258,11 @@ def test_faults_of_a_table_of_points(tmp_path: Path, text: str, expected: list[s
         assert line.startswith(start)
 
 
-def test_equal_roles_of_both_axes_are_one_role(tmp_path: Path) -> None:
-    text = "name,x,y,z,role_plan,role_height\nA,1,2,3,check,Check\nB,1,2,3,,\n"
-    assert [p.role for p in points(tmp_path, text, "points.csv").points] == ["check", None]
+def test_roles_in_plan_and_in_height(tmp_path: Path) -> None:
+    text = "name,x,y,z,role,role_plan,role_height\nA,1,2,3,,control,Check\nB,1,2,3,,,\nC,1,2,3,check,,control\n"
+    assert [p.role for p in points(tmp_path, text, "points.csv").points] == [
+        ("control", "check"), None, ("check", "control"),
+    ]  # fmt: skip
 
 
 def test_table_of_marks(tmp_path: Path) -> None:

@@ -61,8 +61,8 @@ def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
         for name, unit in sigma.items():
             error = np.abs(getattr(found.state, name) - getattr(reference.state, name))
             assert np.all(error <= 1e-6 * unit), (solver, name, float((error / np.maximum(unit, 1e-30)).max()))
-        expected, redundancy = sigma0_and_redundancy(problem, reference)
-        assert sigma0_and_redundancy(problem, found) == (pytest.approx(expected, rel=1e-6), redundancy)
+        expected, redundancy = sigma0_and_redundancy(problem, reference.state)
+        assert sigma0_and_redundancy(problem, found.state) == (pytest.approx(expected, rel=1e-6), redundancy)
 
 
 def test_solvers_take_the_same_steps_on_a_band() -> None:

@@ -90,7 +90,13 @@ def ground_point(name: str, role: Any, position: np.ndarray[Any, np.dtype[np.flo
     pixels = [project(CAMERA, Pose(rotation, c), world)[0] for c in FRAME.world_from_map(camera_positions())]
     seen = [i for i, pixel in enumerate(pixels) if CAMERA.contains(pixel[None])[0]]
     return ProjectControlPoint(
-        name, role, position, np.full(3, 0.02), np.array(seen), np.array([pixels[i] for i in seen]), np.ones(len(seen))
+        name,
+        (role, role),
+        position,
+        np.full(3, 0.02),
+        np.array(seen),
+        np.array([pixels[i] for i in seen]),
+        np.ones(len(seen)),
     )
 
 

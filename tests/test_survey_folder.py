@@ -84,7 +84,7 @@ def test_lists_and_tables_hold_the_same_points(tmp_path: Path) -> None:
     table, marks = read_points(tmp_path / "points.csv"), read_marks(tmp_path / "marks.csv")
     lists = [read_points(tmp_path / name) for name in ("control.txt", "check.txt")]
     assert [p.name for p in table.points] == list(points.name)
-    assert [p.role for p in table.points] == list(points.role)
+    assert [p.role for p in table.points] == [(role, role) for role in points.role]
     np.testing.assert_allclose([p.position for p in table.points], place, atol=6e-5)
     np.testing.assert_allclose(np.array([p.sigma_m for p in table.points], dtype=float), points.sigma_m)
     assert [len(f.points) for f in lists] == [4, 2]

@@ -30,7 +30,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         },
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
-        "suspects": [],
+        "suspects": [], "blunders": [], "blunders_effect": None,
     }  # fmt: skip
 
 
@@ -79,9 +79,22 @@ def test_what_is_not_known_is_not_shown(shown: Console) -> None:
 
 def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console) -> None:
     sentences = [f"control point [{n}], height: everything else predicts +0.620 m, 14.0 sigma" for n in range(7)]
-    terminal.show_report({**report(), "suspects": [{"sentence": sentence} for sentence in sentences]})
+    found = [{"kind": "control point", "sentence": sentence} for sentence in sentences]
+    terminal.show_report({**report(), "suspects": found})
     text = shown.export_text()
     for sentence in sentences[: terminal.MAXIMUM_SUSPECTS]:
         assert f"Suspect: {sentence}" in text
     assert sentences[terminal.MAXIMUM_SUSPECTS] not in text
     assert text.count("may be an effect of the first") == terminal.MAXIMUM_SUSPECTS - 1
+
+
+def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console) -> None:
+    suspects = [{"kind": kind, "sentence": f"{kind} X is off"} for kind in ("control point", "mark", "GNSS position")]
+    blunders = [{"sentence": "control point [3]: everything else predicts another height (height -0.6 m, 13 sigma)"}]
+    effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
+    terminal.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
+    text = shown.export_text()
+    assert f"Blunder: {blunders[0]['sentence']}" in text
+    assert "Without that, the RMSE of 5 check points" in text
+    assert "Suspect: GNSS position X is off" in text
+    assert "control point X" not in text

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import get_args
 
 from photogram.errors import ControlPointError
-from photogram.survey import Role
+from photogram.survey import Role, Roles
 
 Sigma3 = tuple[float | None, float | None, float | None]
 Row = dict[str, str]
 
 _SEPARATORS = (";", "\t", ",")
-_ROLES = get_args(Role)
+_ROLES: tuple[Role, ...] = get_args(Role)
 _COMMENT = re.compile(r"(?:^|\s)#(?:\s.*)?$")
 _UTM = re.compile(r"'?WGS ?84\s+UTM\s+(?:zone\s+)?(\d{1,2})\s*([NS])'?", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -58,13 +58,13 @@ class FilePoint:
     """One surveyed point as its file gives it.
 
     ``position`` is easting or longitude, northing or latitude, and height, in the CRS of the file; ``sigma_m`` along
-    easting, northing and height, None where the file says nothing; so is ``role``.
+    easting, northing and height, None where the file says nothing; so is ``role``, in plan and in height.
     """
 
     name: str
     position: tuple[float, float, float]
     sigma_m: Sigma3
-    role: Role | None
+    role: Roles | None
     line: int
 
 
@@ -335,24 +335,24 @@ def _sigmas(row: Row, line: int, faults: _Faults) -> Sigma3:
     return plan if x is None else x, plan if y is None else y, whole if z is None else z
 
 
-def _role(row: Row, line: int, faults: _Faults) -> Role | None:
-    given = {column: row[column].lower() for column in ("role", "role_plan", "role_height") if row.get(column)}
-    for column, word in given.items():
-        if word not in _ROLES:
+def _role(row: Row, line: int, faults: _Faults) -> Roles | None:
+    given: dict[str, Role] = {}
+    for column in ("role", "role_plan", "role_height"):
+        if not row.get(column):
+            continue
+        role = next((r for r in _ROLES if r == row[column].lower()), None)
+        if role is None:
             faults.note(line, f"{column} must be control or check, found {row[column]!r}")
             return None
-    if ("role_plan" in given) != ("role_height" in given) and "role" not in given:
-        missing = "role_height" if "role_plan" in given else "role_plan"
+        given[column] = role
+    if not given:
+        return None
+    plan, height = (given.get(column, given.get("role")) for column in ("role_plan", "role_height"))
+    if plan is None or height is None:
+        missing = "role_plan" if plan is None else "role_height"
         faults.note(line, f"{missing} is empty: give both, or one column role")
         return None
-    if len(set(given.values())) > 1:
-        words = ", ".join(f"{column} {word}" for column, word in given.items())
-        faults.note(
-            line,
-            f"{words}: one role for each axis is for a later version of photogram: give the point one role for all",
-        )
-        return None
-    return next((role for role in _ROLES if role in given.values()), None)
+    return plan, height
 
 
 def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile:

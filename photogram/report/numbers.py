@@ -16,6 +16,7 @@ from photogram.frames import LocalFrame
 from photogram.orientation import Orientation
 from photogram.reliability import CRITICAL, minimal_detectable_blunder
 from photogram.report.overlap import Overlap, ground_sampling_distance_m
+from photogram.report.verdicts import control_test, control_verdict, effect_sentence
 from photogram.resection import Resection
 from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
 
@@ -93,7 +94,7 @@ def _exterior(result: Adjustment, index: int, pose: Pose) -> Json:
 def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
     """Return exterior orientation, sigmas and resection of every photograph; of those that are not registered, why."""
     block, frame = result.block, result.block.frame
-    control = block.control_points.with_role("control")
+    control = block.control_points.fully_controlled()
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
     gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
     numbers: Json = {}
@@ -188,19 +189,18 @@ def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Js
 def _tested(unit: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> Json:
     """Return redundancy numbers, w-tests and minimal detectable blunders along the axes of a measurement, null where
     it is not tested."""
-    if not np.isfinite(redundancy).all():
+    if not np.isfinite(redundancy).any():
         return {"redundancy": None, "w": None, f"mdb_{unit}": None, "suspect": None}
-    mdb = minimal_detectable_blunder(sigma, redundancy)
     return {
-        "redundancy": redundancy.tolist(),
-        "w": [_finite(value) for value in w],
-        f"mdb_{unit}": [_finite(value) for value in mdb],
+        "redundancy": _finites(redundancy),
+        "w": _finites(w),
+        f"mdb_{unit}": _finites(minimal_detectable_blunder(sigma, redundancy)),
         "suspect": bool(np.any(np.abs(w) > CRITICAL)),
     }
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _finites(values: FloatArray) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def _ground_reliability(result: Adjustment, g: int) -> Json:
@@ -212,16 +212,16 @@ def _ground_reliability(result: Adjustment, g: int) -> Json:
         return {**numbers, "effect_m": None, "left_out_m": None, "left_out_sigma_m": None}
     effect = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
     spread = np.sqrt(np.diag(r.ground_left_out_covariance_m2[g]))
-    predicted = bool(np.isfinite(spread).all())
+    predicted = bool(np.isfinite(spread).any())
     return {
         **numbers,
-        "effect_m": [_finite(value) for value in effect],
-        "left_out_m": r.ground_left_out_m[g].tolist() if predicted else None,
-        "left_out_sigma_m": spread.tolist() if predicted else None,
+        "effect_m": _finites(effect),
+        "left_out_m": _finites(r.ground_left_out_m[g]) if predicted else None,
+        "left_out_sigma_m": _finites(spread) if predicted else None,
     }
 
 
-def ground_numbers(result: Adjustment) -> list[Json]:
+def ground_numbers(result: Adjustment, blunders: Sequence[Mapping[str, Any]] = ()) -> list[Json]:
     """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment."""
     block, frame, points = result.block, result.block.frame, result.block.control_points
     r, numbers = result.reliability, list[Json]()
@@ -234,6 +234,7 @@ def ground_numbers(result: Adjustment) -> list[Json]:
             {
                 "name": name,
                 "role": points.role[g],
+                "axis_roles": ["control" if c else "check" for c in points.controlled[g]],
                 "surveyed_map_m": surveyed.tolist(),
                 "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
@@ -242,6 +243,8 @@ def ground_numbers(result: Adjustment) -> list[Json]:
                 if known
                 else None,
                 **_ground_reliability(result, g),
+                "chi2": control_test(r.ground_left_out_m[g], r.ground_left_out_covariance_m2[g]),
+                "verdict": control_verdict(result, g, blunders),
                 "marks": [
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,
@@ -260,9 +263,13 @@ def ground_numbers(result: Adjustment) -> list[Json]:
 
 def check_numbers(points: list[Json]) -> Json:
     """Summarise the differences of the check points: control points never enter here."""
-    rows = [p["residual_m"] for p in points if p["role"] == "check" and p["residual_m"] is not None]
+    rows = [
+        [d if role == "check" else np.nan for d, role in zip(p["residual_m"], p["axis_roles"], strict=True)]
+        for p in points
+        if p["residual_m"] is not None
+    ]
     accuracy = check_accuracy(np.array(rows).reshape(-1, 3))
-    return {name: getattr(accuracy, name) for name in ("n", "rmse_m", "mean_m", "rmse_h_m", "rmse_v_m")}
+    return {name: getattr(accuracy, name) for name in ("n", "n_axis", "rmse_m", "mean_m", "rmse_h_m", "rmse_v_m")}
 
 
 def adjustment_numbers(result: Adjustment, seconds: float) -> Json:
@@ -331,13 +338,16 @@ def report_numbers(
     seconds: Mapping[str, float],
     held: Held = MappingProxyType({}),
     sources: Sequence[str] = (),
+    verdict: Mapping[str, Any] = MappingProxyType({"blunders": ()}),
 ) -> Json:
     """Return the whole of report.json.
 
     ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
-    calibration of each camera comes from, empty texts where that is not known.
+    calibration of each camera comes from, empty texts where that is not known, ``verdict`` the blunders found.
     """
-    frame, points = result.block.frame, ground_numbers(result)
+    frame, blunders = result.block.frame, verdict["blunders"]
+    points = ground_numbers(result, blunders)
+    effect = {name: verdict[name] for name in ("check_points", "check_points_without")} if blunders else None
     return {
         "photogram": version,
         "crs": frame.crs,
@@ -348,6 +358,8 @@ def report_numbers(
         "adjustment": adjustment_numbers(result, seconds["adjustment"]),
         "control_points": points,
         "check_points": check_numbers(points),
+        "blunders": list(blunders),
+        "blunders_effect": effect and {**effect, "sentence": effect_sentence(*effect.values())},
         "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),

@@ -1,0 +1,167 @@
+"""What went wrong with a measurement that was left out, told from what the rest predicts for it.
+
+Two points exchanged, marks set on another point's target, easting and northing exchanged, one digit mistyped: each is
+named only where the prediction is sure enough to tell it from chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from photogram.accuracy import AXES
+from photogram.blunders import Accusation, Search
+from photogram.camera import project
+from photogram.survey import Adjustment, Block, FloatArray
+
+SURE = 4.0  # sigmas within which a prediction is said to be what was meant
+CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it
+ON_TARGET_PX = 2.0
+_DECIMALS = 3  # of coordinates that people type
+
+
+@dataclass(frozen=True)
+class Blunder:
+    """A blunder by its name: its ``kind``, the ``points`` it is in, the ``photograph`` of a mark, and a sentence."""
+
+    kind: str
+    points: tuple[str, ...]
+    photograph: str | None
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Surveyed and predicted positions (G, 3) in the map, and the sigmas (G, 3) of their differences."""
+
+    names: tuple[str, ...]
+    surveyed_m: FloatArray
+    predicted_m: FloatArray
+    sigma_m: FloatArray
+
+    def agree(self, predicted: int, surveyed: int) -> bool:
+        """Return whether one point is predicted where another, or itself, was surveyed."""
+        off = np.abs(self.predicted_m[predicted] - self.surveyed_m[surveyed])
+        return bool(np.all(off <= SURE * self.sigma_m[predicted]))
+
+
+def _ground(result: Adjustment) -> _Ground:
+    frame, points = result.block.frame, result.block.control_points
+    axes = frame.rotation_world_from_map(np.zeros(3))
+    variance = np.einsum("ji,gjk,ki->gi", axes, result.ground_covariance_m2, axes)
+    return _Ground(
+        points.name,
+        frame.map_from_world(points.position_world_m),
+        frame.map_from_world(result.ground_world_m),
+        np.sqrt(variance + points.sigma_m**2),
+    )
+
+
+def _exchanged(ground: _Ground, suspected: Sequence[int]) -> Iterator[tuple[str, str]]:
+    """Yield the names of pairs of suspected points that each lie where the other was surveyed."""
+    for a, b in combinations(suspected, 2):
+        if ground.agree(a, b) and ground.agree(b, a):
+            yield ground.names[a], ground.names[b]
+
+
+def _mistyped(surveyed: float, predicted: float, sigma: float) -> str | None:
+    """Return the figure that was meant, if one wrong digit or two neighbouring ones exchanged explain a coordinate.
+
+    None where the prediction is not sure enough: nearly every blunder is then near to some digit's.
+    """
+    off = abs(predicted - surveyed)
+    step = 10.0 ** np.floor(np.log10(off))
+    if 2.0 * SURE * sigma > CHANCE * step:
+        return None
+    text = f"{abs(surveyed):.{_DECIMALS}f}"
+    places = [i for i, c in enumerate(text) if c.isdigit()]
+    typed = {text[:i] + digit + text[i + 1 :] for i in places for digit in "0123456789"}
+    for i, j in pairwise(places):
+        other = list(text)
+        other[i], other[j] = text[j], text[i]
+        typed.add("".join(other))
+    meant = {float(np.copysign(float(other), surveyed)): other for other in sorted(typed - {text})}
+    best = min(meant, key=lambda value: abs(value - predicted))
+    return f"{best:.{_DECIMALS}f}" if abs(best - predicted) <= SURE * sigma else None
+
+
+def _of_ground(ground: _Ground, point: int, blamed: Sequence[Accusation]) -> Blunder:
+    """Return what went wrong with the coordinates of one point, by what the rest predicts for it."""
+    name, surveyed, predicted = ground.names[point], ground.surveyed_m[point], ground.predicted_m[point]
+    sigma, off = ground.sigma_m[point].copy(), predicted - surveyed
+    axes = sorted({axis for a in blamed for axis in a.axes})
+    if not np.isfinite(predicted).all():
+        for a in blamed:
+            off[list(a.axes)], sigma[list(a.axes)] = a.off, a.sigma
+        return _plain(name, axes, off, sigma)
+    axes = [axis for axis in axes if abs(off[axis]) > SURE * sigma[axis]] or axes
+    for other in range(len(ground.names)):
+        if other != point and ground.agree(point, other):
+            text = f"control point {name} is seen where {ground.names[other]} was surveyed: wrong point, or its marks"
+            return Blunder("wrong point", (name, ground.names[other]), None, text)
+    if np.all(np.abs(predicted[:2] - surveyed[1::-1]) <= SURE * sigma[:2]):
+        return Blunder("exchanged axes", (name,), None, f"control point {name}: easting and northing are exchanged")
+    meant = {axis: _mistyped(surveyed[axis], predicted[axis], sigma[axis]) for axis in axes}
+    if all(meant.values()):
+        figures = " and ".join(
+            f"{AXES[axis]} {surveyed[axis]:.{_DECIMALS}f} looks mistyped for {figure}" for axis, figure in meant.items()
+        )
+        text = f"control point {name}: {figures}: everything else predicts {_metres(off[axes])} m from it"
+        return Blunder("mistyped", (name,), None, text)
+    return _plain(name, axes, off, sigma)
+
+
+def _metres(values: Sequence[float] | FloatArray) -> str:
+    return ", ".join(f"{value:+.3f}" for value in values)
+
+
+def _plain(name: str, axes: Sequence[int], off: FloatArray, sigma: FloatArray) -> Blunder:
+    parts = [f"{AXES[axis]} {off[axis]:+.3f} m, {abs(off[axis]) / sigma[axis]:.0f} sigma" for axis in axes]
+    kind = {(2,): "height", (0, 1): "plan", (0, 1, 2): "position"}.get(
+        tuple(axes), "plan" if 2 not in axes else "position"
+    )
+    text = f"control point {name}: everything else predicts another {kind} ({'; '.join(parts)})"
+    return Blunder(kind, (name,), None, text)
+
+
+def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what went wrong with a mark: whose target it is on, if any, else how far it is off."""
+    photographs = [photograph.name for photograph in block.photographs]
+    points, i = block.control_points, photographs.index(str(blamed.photograph))
+    m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == points.name.index(blamed.point)))[0]
+    pose, camera = result.block.poses[i], result.block.cameras[block.photographs[i].camera]
+    u, v = blamed.off
+    if pose is not None:
+        place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
+        predicted = project(camera, pose, place) - points.mark_pixel[m]
+        u, v = predicted[points.name.index(blamed.point)].tolist()
+        distance = np.where(np.isfinite(predicted).all(axis=1), np.linalg.norm(predicted, axis=1), np.inf)
+        distance[points.name.index(blamed.point)] = np.inf
+        nearest = int(np.argmin(distance))
+        if distance[nearest] <= ON_TARGET_PX + SURE * points.mark_sigma_px[m]:
+            text = f"mark of {blamed.point} in {blamed.photograph} is on the target of {points.name[nearest]}"
+            return Blunder("wrong target", (blamed.point, points.name[nearest]), blamed.photograph, text)
+    text = (
+        f"mark of {blamed.point} in {blamed.photograph} is {np.hypot(u, v):.1f} px off: everything else predicts it "
+        f"{u:+.1f}, {v:+.1f} px from there"
+    )
+    return Blunder("mark", (blamed.point,), blamed.photograph, text)
+
+
+def name_blunders(block: Block, found: Search) -> list[Blunder]:
+    """Return what was blamed in ``block`` by its name, those in the ground first."""
+    ground = _ground(found.result)
+    blamed: dict[int, list[Accusation]] = {}
+    for a in found.accused:
+        if a.photograph is None:
+            blamed.setdefault(ground.names.index(a.point), []).append(a)
+    names: list[Blunder] = []
+    for first, second in _exchanged(ground, tuple(blamed)):
+        text = f"control points {first} and {second} are exchanged: each is seen where the other was surveyed"
+        names.append(Blunder("exchanged points", (first, second), None, text))
+    told = {name for blunder in names for name in blunder.points}
+    names += [_of_ground(ground, g, own) for g, own in blamed.items() if ground.names[g] not in told]
+    return names + [_of_mark(found.result, block, a) for a in found.accused if a.photograph is not None]
