@@ -18,7 +18,7 @@ import pytest
 from photogram.asprs import ReportSettings
 from photogram.errors import ReportError
 from photogram.report.completion import complete, discarded
-from photogram.report.page import fixed, plain, report_page, rich, share, signed, small
+from photogram.report.page import fixed, plain, probability, report_page, rich, share, signed, small
 from photogram.report.page_figures import standard_ellipses
 from photogram.report.printing import find_browser, print_pdf
 from photogram.report.traffic_lights import traffic_lights
@@ -312,6 +312,9 @@ def test_completing_twice_changes_nothing(full_report: Json) -> None:
         (signed(0.0123, 2), "+0.01"),
         (signed(0.0), "0.000"),
         (signed(-1.0, 1), "−1.0"),
+        (probability(0.0009), "< 0.001"),
+        (probability(0.0123, "= "), "= 0.012"),
+        (probability(None), "–"),
         (share(0.973), "97\u202f%"),
         (small(-0.000012345, 3), "−1.23·10^−5"),
         (plain({"fix": 3, "sigma_m": [0.02, None], "used": True}), "fix: 3; sigma m: 0.02, –; used: yes"),

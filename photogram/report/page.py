@@ -57,7 +57,15 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         lstrip_blocks=True,
     )
     environment.filters.update(
-        fixed=fixed, signed=signed, share=share, whole=whole, rich=rich, memory=memory, plain=plain, small=small
+        fixed=fixed,
+        signed=signed,
+        share=share,
+        whole=whole,
+        rich=rich,
+        memory=memory,
+        plain=plain,
+        small=small,
+        probability=probability,
     )
     environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
     template = environment.get_template("report.html.jinja")
@@ -114,6 +122,12 @@ def share(value: object) -> str:
     """Write a part of one in per cent."""
     figure = number(value)
     return f"{100 * figure:.0f}{THIN_SPACE}%" if math.isfinite(figure) else NO_FIGURE
+
+
+def probability(value: object, equals: str = "") -> str:
+    """Write a probability; of one that is tiny, only that it is."""
+    figure = number(value)
+    return "< 0.001" if figure < 0.001 else f"{equals}{fixed(figure)}"
 
 
 def memory(value: object) -> str:
