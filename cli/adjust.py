@@ -8,15 +8,24 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
-from photogram.cli.report import Pdf, say_printed
 from photogram.cli.terminal import Terminal, bars, console, show_report
+from photogram.page_files import print_report
 from photogram.pipeline import STAGES, load_project, run_pipeline
+from photogram.project import Project
 
 ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
 Photographs = Annotated[
     Path | None,
     typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file."),
 ]
+
+
+Pdf = Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by an installed Chromium, Chrome or Edge.")]
+
+
+def say_printed(survey: Project) -> None:
+    """Print the report as PDF and say where it is."""
+    console.print(f"Printed: {print_report(survey)}", soft_wrap=True)
 
 
 def _stage(name: str | None) -> str | None:

@@ -103,6 +103,15 @@ def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
         assert what in text, what
 
 
+def test_control_points_that_nothing_else_determines_are_not_left_out_one_by_one(bare: Json) -> None:
+    report = deepcopy(bare)
+    for point in report["control_points"]:
+        point["left_out_m"] = point["left_out_sigma_m"] = None
+    text = report_page(complete(report, ReportSettings()), [])
+    assert "nothing determines any of the control points" in text
+    assert "table-leave-one-out" not in text
+
+
 def test_sentences_of_all_parts_stand_on_the_page(full_report: Json) -> None:
     text = report_page(full_report, [])
     for sentence in (

@@ -69,13 +69,15 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
     )
     environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
     template = environment.get_template("report.html.jinja")
+    control = _ground_rows(report, "control")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(
         report=report,
         figures={figure["key"]: figure for figure in figures},
         residual_figures=residuals,
         datum=_datum(report),
-        control=_ground_rows(report, "control"),
+        control=control,
+        predicted_points=[p for p in control if any(row["left_out"] is not None for row in p["rows"])],
         check=_ground_rows(report, "check"),
         marks=_marks(report),
         marks_total=sum(len(p.get("marks") or []) for p in report["control_points"]),
