@@ -9,13 +9,23 @@ import typer
 
 from photogram.cli.app import app
 from photogram.cli.terminal import Terminal, bars, console, show_report
+from photogram.page_files import print_report
 from photogram.pipeline import STAGES, load_project, run_pipeline
+from photogram.project import Project
 
 ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
 Photographs = Annotated[
     Path | None,
     typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file."),
 ]
+
+
+Pdf = Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by an installed Chromium, Chrome or Edge.")]
+
+
+def say_printed(survey: Project) -> None:
+    """Print the report as PDF and say where it is."""
+    console.print(f"Printed: {print_report(survey)}", soft_wrap=True)
 
 
 def _stage(name: str | None) -> str | None:
@@ -33,6 +43,7 @@ def adjust(
         str | None, typer.Option("--from", callback=_stage, help="Repeat this stage and all after it.")
     ] = None,
     until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
+    pdf: Pdf = False,
 ) -> None:
     """Orient, match and adjust the photographs of a project jointly, and make its point clouds and surface model."""
     survey = load_project(project, photographs)
@@ -41,3 +52,5 @@ def adjust(
     if report:
         show_report(report)
         console.print(f"Results: {survey.results}")
+        if pdf:
+            say_printed(survey)

@@ -50,7 +50,9 @@ class Terminal:
 
 
 def _is_fact(name: str, value: object) -> bool:
-    return name not in {"stage", "fingerprint", "format", "seconds"} and isinstance(value, int | float | str | bool)
+    return name not in {"stage", "fingerprint", "format", "seconds", "peak_memory_bytes"} and isinstance(
+        value, int | float | str | bool
+    )
 
 
 def _short(value: object) -> str:

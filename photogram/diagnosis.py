@@ -110,7 +110,7 @@ def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, Fl
     """Return places (n, 2) in the world, predicted − surveyed heights (n,) and their sigmas (n,) of points that took no
     part: check points first, then control points as everything else predicts them, and how many these are."""
     points, frame = result.block.control_points, result.block.frame
-    check = np.flatnonzero((np.array(points.role) == "check") & np.isfinite(result.ground_world_m).all(axis=1))
+    check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.ground_world_m).all(axis=1))
     left = np.flatnonzero(np.isfinite(result.reliability.ground_left_out_m[:, 2]))
     adjusted = frame.map_from_world(result.ground_world_m[check])
     surveyed = frame.map_from_world(points.position_world_m[check])

@@ -7,7 +7,8 @@
     ├── FrameError          coordinate reference systems and positions that do not fit together
     ├── OrientationError    a photograph cannot be oriented
     ├── AdjustmentError     the adjustment cannot be solved, or did not converge
-    └── WorkspaceError      the folder of intermediate results cannot be used
+    ├── WorkspaceError      the folder of intermediate results cannot be used
+    └── ReportError         the report cannot be made or printed
 
 A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of
 photogram.
@@ -46,3 +47,7 @@ class AdjustmentError(PhotogramError, ArithmeticError):
 
 class WorkspaceError(PhotogramError, OSError):
     """The folder of intermediate results cannot be read or written."""
+
+
+class ReportError(PhotogramError, OSError):
+    """The report cannot be made or printed."""

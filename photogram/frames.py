@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import CRS, Proj, Transformer
+from pyproj import CRS, Proj, Transformer, proj_version_str
 from pyproj.exceptions import CRSError, ProjError
 
 from photogram.errors import FrameError
@@ -379,3 +379,13 @@ class LocalFrame:
         """Return the map's point scale factor at a position (3,), 1 for a true length."""
         lon, lat = self._plan_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
         return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)
+
+
+def crs_title(crs: str) -> str:
+    """Return what a CRS is called: `ETRS89 / UTM zone 32N` for EPSG:25832. Raises FrameError for an unknown one."""
+    return str(projected_crs(crs).name)
+
+
+def proj_version() -> str:
+    """Return the version of PROJ."""
+    return str(proj_version_str)

@@ -25,6 +25,7 @@ from photogram import __version__
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.matlab import read_camera
+from photogram.memory import peak_memory
 from photogram.preflight_heights import stop_at_contradictions
 from photogram.project import Project, read_project
 from photogram.publication import publish
@@ -123,7 +124,7 @@ STAGES = (
         "results",
         "Report",
         ("orientation", "matches", "intersection", "adjustment", "surface", "comparison"),
-        lambda run: str(run.project.results),
+        lambda run: [str(run.project.results), run.project.report],
         publish,
     ),
 )
@@ -236,7 +237,9 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
         run.workspace.discard(stage.name)
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark)
-    summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
+    with peak_memory() as peak:
+        summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
-    run.workspace.finish(stage.name, mark, {"seconds": round(seconds, 3), **summary})
+    measured = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}
+    run.workspace.finish(stage.name, mark, {**measured, **summary})
     watcher.end(stage, seconds, summary)

@@ -8,7 +8,7 @@ is (0, 0).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.adjustment import AdjustmentSettings
+from photogram.asprs import ReportSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
@@ -160,6 +161,7 @@ class Project:
     results: Path
     work: Path
     heights: DeclaredHeights = UNDECLARED
+    report: ReportSettings = field(default_factory=ReportSettings)
 
     @property
     def product_crs(self) -> str:
@@ -217,6 +219,7 @@ def read_project(
     transfer = read_settings(document, "transfer", TransferSettings)
     adjustment = read_settings(document, "adjustment", AdjustmentSettings)
     surface = read_settings(document, "surface", SurfaceSettings)
+    report = read_settings(document, "report", ReportSettings)
     folder = photographs_folder
     if folder is None and file.photographs.folder is not None:
         folder = base / file.photographs.folder
@@ -265,6 +268,7 @@ def read_project(
         base / file.results,
         base / file.work,
         heights,
+        _given(report),
     )
 
 

@@ -297,5 +297,6 @@ class ProjectFile(Entry):
     adjustment: Any = None
     surface: Any = None
     comparison: ComparisonEntry = ComparisonEntry()
+    report: Any = None
     results: Text = "results"
     work: Text = "work"

@@ -1,8 +1,8 @@
 """The last stage: everything a surveyor takes away, written beside the project file.
 
-Numbers in report.json, exterior orientation as CSV and GeoJSON, point clouds as text and LAZ, the DSM, tie points as
-npz and .mat, pictures. Every file is written whole or not at all; the stage is complete only when all of them are
-there.
+Numbers in report.json and as a page in report.html, exterior orientation as CSV and GeoJSON, point clouds as text and
+LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written whole or not at all; the stage is complete
+only when all of them are there.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.frames import crs_in_words, plan_of
+from photogram.page_files import disbelieved, run_facts, write_report
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.height_numbers import height_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
+from photogram.report.page_figures import page_figures
 from photogram.report.pictures import (
     candidate_and_verified_matches,
     comparison_picture,
@@ -39,7 +41,7 @@ from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
-from photogram.workspace import write_json, write_record
+from photogram.workspace import write_record
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {
@@ -52,22 +54,23 @@ MATCH_PICTURES = 3
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
-    """What is published: the run, what it found, and the folder of results."""
+    """What is published: the run, what it found, the folder of results, and that of the stage itself."""
 
     run: Run
     result: Adjustment
     overlap: Overlap | None
     results: Path
+    folder: Path
 
 
-def publish(run: Run, _: Path, progress: Progress) -> Mapping[str, object]:
-    """Write report.json, exterior orientation, clouds, DSM, tie points and pictures into the project's folder of
-    results."""
+def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
+    folder of results."""
     results = run.project.results
     make_folder(results / "pictures")
     products: list[str] = []
     result = run.adjustment()
-    outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results)
+    outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
     steps = (_clouds, _tables, _photographs, _pictures, _match_pictures, _numbers)
     for number, step in enumerate(steps):
         progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
@@ -188,5 +191,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
     )
     value["gnss"] = gnss_numbers(outcome.result, run.notes())
     value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
-    write_json(outcome.results / "report.json", value)
-    return ["report.json"]
+    value = {**value, **run_facts(run, stages)}
+    value["adjustment"].update(disbelieved(run))
+    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], run.surface(), run.comparisons())
+    return write_report(run.project, value, figures, outcome.folder)

@@ -228,7 +228,8 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
         return Deformation.unknown(given_parameters(problem))
     stiff = stiffness(problem, state, found, places)
     known = deformation(problem, state, stiff, places)
-    sigma = np.median(problem.control_sigma_m, axis=0) if len(problem.control_sigma_m) else CONTROL_SIGMA_M
+    stated = problem.control_sigma_m[np.isfinite(problem.control_sigma_m).all(axis=1)]
+    sigma = np.median(stated, axis=0) if len(stated) else CONTROL_SIGMA_M
     tried: dict[str, Stiffness | None] = {
         "control_in_the_middle": stiff.surveyed(1, sigma),
         "control_in_corners_and_middle": stiff.surveyed(1 + len(places.corners), sigma),

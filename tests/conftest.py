@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import shutil
 import struct
 import sys
@@ -18,9 +19,11 @@ import yaml
 from hypothesis import settings
 from pyproj import Transformer
 
+from photogram.asprs import ReportSettings
 from photogram.cli.main import main
 from photogram.demonstration import write_demonstration
 from photogram.pipeline import load_project, run_pipeline
+from photogram.report.completion import complete
 from photogram.simulation import SurveyPlan
 
 # The same examples on every run: a test must not fail by chance.
@@ -176,3 +179,25 @@ def photogram(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
         return Outcome(code, said.out, said.err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def full_report(finished_survey: Path) -> dict[str, Any]:
+    """A report with every key that a report may have: that of the small survey and, for what it does not show, figures
+    of no survey; completed as for a project with targets."""
+    report = json.loads((finished_survey / "results/report.json").read_text(encoding="utf-8"))
+    report |= json.loads((Path(__file__).parent / "data/report_additions.json").read_text(encoding="utf-8"))
+    point = report["control_points"][2]
+    point |= {
+        "suspect": True,
+        "axis_roles": ["control", "control", "check"],
+        "chi2": {"value": 201.6, "dof": 2, "p": 1e-9},
+        "z": [0.1, -0.2, 14.2],
+    }
+    point |= {"verdict": "without it the check RMSE falls from 0.31 m to 0.04 m"}
+    report["control_points"][-1] |= {"adjusted_map_m": None, "residual_m": None, "sigma_m": None}
+    left_out = {"registered": False, "reason": "shares too few tie points", "tie_points": 0, "gnss_residual_m": None}
+    report["photographs"]["sim_0099.JPG"] = {"camera": "simulated", **left_out}
+    report["block"] |= {"photographs": 5}
+    settings = ReportSettings("Quarry, stage 3", "The owner", "A. Surveyor", 0.05, 0.02, legacy_95=True)
+    return complete(report, settings)

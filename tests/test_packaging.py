@@ -70,6 +70,12 @@ def test_every_module_is_in_the_wheel(wheel: Path) -> None:
     assert "photogram/py.typed" in contents(wheel)
 
 
+def test_wheel_holds_the_templates_of_the_report(wheel: Path) -> None:
+    own = {f"photogram/report/templates/{p.name}" for p in (ROOT / "photogram/report/templates").iterdir()}
+    assert {"report.html.jinja", "page.css"} <= {Path(name).name for name in own}
+    assert own <= contents(wheel)
+
+
 def test_wheel_names_its_licence_and_its_command(wheel: Path) -> None:
     information = f"photogram-{photogram.__version__}.dist-info"
     with zipfile.ZipFile(wheel) as archive:

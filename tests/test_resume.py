@@ -68,17 +68,19 @@ def killed_at(survey: Path, *moments: str) -> None:
 
 def without_seconds(value: Any) -> Any:
     if isinstance(value, dict):
-        return {k: without_seconds(v) for k, v in value.items() if k != "seconds"}
+        return {k: without_seconds(v) for k, v in value.items() if k not in {"seconds", "peak_memory_bytes"}}
     return [without_seconds(v) for v in value] if isinstance(value, list) else value
 
 
 def contents(results: Path) -> dict[str, Any]:
-    """Return everything in a folder of results: the bytes of products, the report without its times."""
+    """Return everything in a folder of results: the bytes of products, the report without times and memory."""
     found: dict[str, Any] = {}
     for path in sorted(p for p in results.rglob("*") if p.is_file()):
         name = path.relative_to(results).as_posix()
         if name == "report.json":
             found[name] = without_seconds(json.loads(path.read_text()))
+        elif name == "report.html":
+            found[name] = path.read_text(encoding="utf-8").partition('<section id="computation">')[0]
         else:
             assert path.suffix in PRODUCTS, name
             found[name] = path.read_bytes()

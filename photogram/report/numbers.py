@@ -239,6 +239,7 @@ def ground_numbers(result: Adjustment, blunders: Sequence[Mapping[str, Any]] = (
                 "role": points.role[g],
                 "axis_roles": ["control" if c else "check" for c in points.controlled[g]],
                 "surveyed_map_m": surveyed.tolist(),
+                "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
                 "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])

@@ -155,9 +155,14 @@ def _reduced(rgb: ByteArray, scale: float) -> ByteArray:
 
 
 def shaded_surface(path: Path, raster: Raster, title: str) -> None:
+    """Write ``surface_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
+    save_picture(surface_figure(raster, title), path)
+
+
+def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> Figure:
     """Draw a surface lit from the north-west, tinted by height, with a colour bar; cells without data stay grey.
 
-    Raises WorkspaceError when the file cannot be written.
+    The map is ``widest_in`` inches wide at most.
     """
     values, cell_m = _thinned(raster)
     known = np.isfinite(values)
@@ -171,7 +176,7 @@ def shaded_surface(path: Path, raster: Raster, title: str) -> None:
     rows, columns = values.shape
     east, south = raster.west_map_m + columns * cell_m, raster.north_map_m - rows * cell_m
 
-    width = float(np.clip(9.0 * columns / rows, 3.0, 8.5))
+    width = float(np.clip(18 / 17 * widest_in * columns / rows, 3.0, widest_in))
     figure = new_figure(width + 1.6, max(width * rows / columns, 2.0) + 0.9)
     axes = figure.add_subplot(facecolor="#dddddd")
     picture = np.dstack([shaded, known.astype(np.float64)])
@@ -181,7 +186,7 @@ def shaded_surface(path: Path, raster: Raster, title: str) -> None:
     bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02)
     bar.set_label("height, m (grey: no data)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    save_picture(figure, path)
+    return figure
 
 
 def _thinned(raster: Raster) -> tuple[FloatArray, float]:
@@ -199,9 +204,15 @@ def _thinned(raster: Raster) -> tuple[FloatArray, float]:
 
 
 def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> None:
+    """Write ``comparison_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
+    save_picture(comparison_figure(comparisons), path)
+
+
+def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = False) -> Figure:
     """Draw height differences of clouds to their reference: a map and a histogram each, on one scale for all.
 
-    Raises ValueError without a comparison, WorkspaceError when the file cannot be written.
+    The clouds stand side by side, or one below the other for a page that is ``upright``. Raises ValueError without a
+    comparison.
     """
     if not comparisons:
         raise ValueError("no comparison to draw")
@@ -212,8 +223,13 @@ def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> Non
     margin = 0.03 * (high - low).max() + 1e-3
     aspect = float(np.clip((high - low + 2 * margin)[1] / (high - low + 2 * margin)[0], 0.4, 1.8))
 
-    figure = new_figure(4.3 * len(comparisons) + 1.0, 4.0 * aspect + 3.8)
-    panels = figure.subplots(2, len(comparisons), squeeze=False, height_ratios=[4.0 * aspect, 2.4])
+    count = len(comparisons)
+    if upright:
+        figure = new_figure(7.2, min(3.4 * aspect + 0.6, 3.2) * count)
+        panels = figure.subplots(count, 2, squeeze=False, width_ratios=[1.35, 1.0]).T
+    else:
+        figure = new_figure(4.3 * count + 1.0, 4.0 * aspect + 3.8)
+        panels = figure.subplots(2, count, squeeze=False, height_ratios=[4.0 * aspect, 2.4])
     scale = ScalarMappable(Normalize(-limit_m, limit_m), "RdBu_r")
     for column, (name, comparison) in enumerate(comparisons.items()):
         top, bottom = panels[:, column]
@@ -222,13 +238,19 @@ def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> Non
         map_axes(top)
         top.set_title(name, fontsize=12)
         _difference_histogram(bottom, comparison, limit_m)
-        if column:
+        if column and not upright:
             top.set_ylabel("")
             bottom.set_ylabel("")
+        if upright:
+            top.yaxis.set_major_locator(MaxNLocator(nbins=2, steps=[1, 2, 5, 10], integer=True))
+            bottom.set_ylim(top=1.55 * bottom.get_ylim()[1])  # the statistics stand above the bars
+        if upright and column < count - 1:
+            top.set_xlabel("")
+            bottom.set_xlabel("")
     bar = figure.colorbar(scale, ax=panels[0, :].tolist(), extend="both", shrink=0.85, pad=0.02)
     bar.set_label("cloud minus reference, m", fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    save_picture(figure, path)
+    return figure
 
 
 def _round_up(length: float) -> float:
@@ -244,7 +266,7 @@ def _difference_map(axes: Axes, comparison: Comparison, scale: ScalarMappable) -
     axes.set_facecolor("#c8c8c8")
     easting, northing = comparison.position_map_m[shown, :2].T
     colours = scale.to_rgba(comparison.surface_difference_m[shown])
-    axes.scatter(easting, northing, s=size, color=colours, linewidths=0)
+    axes.scatter(easting, northing, s=size, color=colours, linewidths=0, rasterized=True)
 
 
 def _difference_histogram(axes: Axes, comparison: Comparison, limit_m: float) -> None:
@@ -267,16 +289,23 @@ def _difference_histogram(axes: Axes, comparison: Comparison, limit_m: float) ->
 
 
 def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px: FloatArray, title: str) -> None:
+    """Write ``residual_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
+    save_picture(residual_figure(camera, pixel, residual_px, title), path)
+
+
+def residual_figure(
+    camera: Camera, pixel: FloatArray, residual_px: FloatArray, title: str = "", width_in: float = 9.5
+) -> Figure:
     """Draw residuals (N, 2) px at their pixels (N, 2) over the camera's picture plane, enlarged, with a scale arrow.
 
     More than MAXIMUM_ARROWS residuals are averaged over a grid, which shows what the camera model leaves and hides
-    the noise. Raises WorkspaceError when the file cannot be written.
+    the noise.
     """
     side_px, averaged = camera.width_px / 24, len(pixel) > MAXIMUM_ARROWS
     root, vector, count = _grid_means(pixel, residual_px, side_px) if averaged else (pixel, residual_px, np.ones(1))
     typical_px = float(np.percentile(np.hypot(*vector.T), 95)) if len(vector) else 0.0
     enlargement = round_length((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
-    figure = new_figure(9.5, 9.2 * camera.height_px / camera.width_px + 1.5)
+    figure = new_figure(width_in, (width_in - 0.3) * camera.height_px / camera.width_px + 1.5)
     axes = figure.add_subplot()
     axes.add_patch(Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY))
     arrows = axes.quiver(
@@ -290,13 +319,14 @@ def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px:
     axes.set_ylabel("v, px", fontsize=9)
     rms_px = float(np.sqrt(np.mean(residual_px**2))) if len(residual_px) else 0.0
     drawn = f"means on a grid of {side_px:.0f} px, about {np.median(count):.0f} each" if averaged else "each drawn"
-    figure.suptitle(title, fontsize=12)
+    if title:
+        figure.suptitle(title, fontsize=12)
     axes.set_title(f"{len(pixel)} residuals, RMS {rms_px:.2f} px per coordinate; {drawn}", fontsize=9, pad=24)
     key_px = round_length(1.5 * side_px / enlargement)
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
-    save_picture(figure, path)
+    return figure
 
 
 def _grid_means(

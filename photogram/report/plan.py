@@ -128,17 +128,22 @@ class _Sheet:
 
 
 def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
+    """Write ``plan_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
+    save_picture(plan_figure(contents, title), path)
+
+
+def plan_figure(contents: PlanContents, title: str = "", widest_in: float = 9.0) -> Figure:
     """Draw the survey in plan: photographs by flight, ground points, residuals as enlarged arrows, and the overlap.
 
     GNSS residuals and ground residuals have a scale each; the height residual stands beside the name of a ground
     point. Photographs are named when they are few. Names that find no free place are left out, and counted, as are
-    photographs that are not registered and lie far off. Raises ValueError when there is neither a registered
-    photograph nor a ground point, WorkspaceError when the file cannot be written.
+    photographs that are not registered and lie far off. The map is ``widest_in`` inches wide at most. Raises
+    ValueError when there is neither a registered photograph nor a ground point.
     """
     if not contents.registered.any() and not len(contents.ground_names):
         raise ValueError("no registered photograph and no ground point to draw")
     sheet = _sheet(contents)
-    width_in = float(min(9.0, 11.0 * sheet.span_m[0] / sheet.span_m[1]))
+    width_in = float(min(widest_in, 11 / 9 * widest_in * sheet.span_m[0] / sheet.span_m[1]))
     height_in = width_in * float(sheet.span_m[1] / sheet.span_m[0])
     figure = new_figure(width_in + 1.6, height_in + 1.8)
     axes = figure.add_subplot(facecolor="#fafafa")
@@ -151,11 +156,12 @@ def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
     _draw_photographs(axes, contents, sheet)
     _draw_ground(axes, contents)
     tips = _draw_residuals(axes, contents, sheet, 1 + 14 / (72 * height_in))
-    figure.suptitle(title, fontsize=12)
+    if title:
+        figure.suptitle(title, fontsize=12)
     axes.set_title(" ", fontsize=14)  # room for the scales of the arrows
     figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     _annotate(figure, axes, contents, sheet, tips)
-    save_picture(figure, path)
+    return figure
 
 
 def _sheet(contents: PlanContents) -> _Sheet:

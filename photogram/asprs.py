@@ -1,0 +1,223 @@
+"""Accuracy as the ASPRS Positional Accuracy Standards for Digital Geospatial Data state it (Edition 2, 2023 and 2024).
+
+With Δ the differences, product minus survey, of n check points: RMSE = √(ΣΔ²/n) per axis, RMSE_H = √(RMSE_X² + RMSE_Y²)
+(sec. 7.3), RMSE_V that of heights (sec. 7.4), RMSE_3D = √(RMSE_H² + RMSE_V²) (sec. 7.5). The check points' own
+uncertainty is part of the accuracy of the product (sec. 7.11): RMSE_H = √(RMSE_H1² + RMSE_H2²) with RMSE_H1 of the fit
+and RMSE_H2 = √2 c of a survey with the sigma c per axis in plan, and RMSE_V = √(RMSE_V1² + RMSE_V2²).
+Errors beyond three times the target are blunders to be explained, means beyond a quarter of it systematic (sec. 7.2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+STANDARD = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2 (2024)"
+MINIMUM_POINTS = 30
+BLUNDER_FACTOR = 3.0
+SYSTEMATIC_SHARE = 0.25
+SURVEY_FACTOR = 2.0  # how much more accurate than the target check points must be (sec. 7.12)
+NSSDA_H, NSSDA_V = 1.7308, 1.9600  # FGDC-STD-007.3-1998, app. 3-A, of the radial RMSE and of that of heights
+AXES = ("easting", "northing", "height")
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What the report says that no measurement tells: names, the accuracy that was agreed on, and its wording.
+
+    ``target_rmse_h_m`` and ``target_rmse_v_m`` are the accuracy classes, in m: the largest RMSE_H and RMSE_V; None
+    where none was agreed on. ``legacy_95`` adds the 95 % figures of older standards.
+    """
+
+    name: str = ""
+    client: str = ""
+    author: str = ""
+    target_rmse_h_m: float | None = None
+    target_rmse_v_m: float | None = None
+    legacy_95: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("target_rmse_h_m", "target_rmse_v_m"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} is {value:g}; it must be greater than 0")
+
+
+@dataclass(frozen=True)
+class AxisAccuracy:
+    """Differences along one axis, in m: how many, RMSE, mean and standard deviation (of n − 1), NaN where unknown."""
+
+    n: int
+    rmse_m: float
+    mean_m: float
+    sd_m: float
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy of a product in m: ``fit`` to the check points (RMSE_H1, RMSE_V1), uncertainty of their ``survey``
+    (RMSE_H2, RMSE_V2), and both together. ``n_h`` points tell the plan, ``n_v`` the height; NaN where none does."""
+
+    n_h: int
+    n_v: int
+    axes: tuple[AxisAccuracy, AxisAccuracy, AxisAccuracy]
+    fit_h_m: float
+    fit_v_m: float
+    survey_h_m: float
+    survey_v_m: float
+
+    @property
+    def rmse_h_m(self) -> float:
+        """Return RMSE_H, the survey's own uncertainty included."""
+        return math.hypot(self.fit_h_m, self.survey_h_m)
+
+    @property
+    def rmse_v_m(self) -> float:
+        """Return RMSE_V, the survey's own uncertainty included."""
+        return math.hypot(self.fit_v_m, self.survey_v_m)
+
+    @property
+    def rmse_3d_m(self) -> float:
+        """Return RMSE_3D, the survey's own uncertainty included."""
+        return math.hypot(self.rmse_h_m, self.rmse_v_m)
+
+    @property
+    def legacy_95_h_m(self) -> float:
+        """Return the horizontal accuracy at 95 % of the NSSDA, of the fit alone as that standard has it."""
+        return NSSDA_H * self.fit_h_m
+
+    @property
+    def legacy_95_v_m(self) -> float:
+        """Return the vertical accuracy at 95 % of the NSSDA, of the fit alone as that standard has it."""
+        return NSSDA_V * self.fit_v_m
+
+
+def _axis(difference_m: FloatArray) -> AxisAccuracy:
+    n = len(difference_m)
+    if not n:
+        return AxisAccuracy(0, math.nan, math.nan, math.nan)
+    sd_m = float(difference_m.std(ddof=1)) if n > 1 else math.nan
+    return AxisAccuracy(n, float(np.sqrt(np.mean(difference_m**2))), float(difference_m.mean()), sd_m)
+
+
+def accuracy(difference_m: FloatArray, sigma_m: FloatArray) -> Accuracy:
+    """Return the accuracy from differences, product minus survey (n, 3), of check points surveyed with ``sigma_m``
+    (n, 3): easting, northing, height, in m.
+
+    NaN where a point does not check an axis; a point tells the plan by both its axes or not at all.
+    """
+    plan = np.isfinite(difference_m[:, :2]).all(axis=1)
+    height = np.isfinite(difference_m[:, 2])
+    east, north, up = (_axis(difference_m[m, k]) for k, m in enumerate((plan, plan, height)))
+    known = bool(plan.any()), bool(height.any())
+    # the mean of σ_E² + σ_N², 2c² where all are alike
+    survey_h_m = float(np.sqrt(np.mean(np.sum(sigma_m[plan, :2] ** 2, axis=1)))) if known[0] else math.nan
+    survey_v_m = float(np.sqrt(np.mean(sigma_m[height, 2] ** 2))) if known[1] else math.nan
+    return Accuracy(
+        int(plan.sum()),
+        int(height.sum()),
+        (east, north, up),
+        math.hypot(east.rmse_m, north.rmse_m),
+        up.rmse_m,
+        survey_h_m,
+        survey_v_m,
+    )
+
+
+def axis_targets_m(settings: ReportSettings) -> tuple[float | None, float | None, float | None]:
+    """Return the target RMSE per axis in m: in plan the class over √2, since RMSE_H is that of both axes together."""
+    h = None if settings.target_rmse_h_m is None else settings.target_rmse_h_m / math.sqrt(2.0)
+    return h, h, settings.target_rmse_v_m
+
+
+def blunders(difference_m: FloatArray, names: Sequence[str], settings: ReportSettings) -> list[str]:
+    """Return a sentence for every difference (n, 3) beyond three times its target, to be explained."""
+    found = []
+    for k, target_m in enumerate(axis_targets_m(settings)):
+        if target_m is None:
+            continue
+        limit_m = BLUNDER_FACTOR * target_m
+        found += [
+            f"check point {names[i]}, {AXES[k]}: {difference_m[i, k]:+.3f} m is beyond three times the target RMSE "
+            f"({limit_m:.3f} m): a blunder to be explained"
+            for i in np.flatnonzero(np.abs(difference_m[:, k]) > limit_m).tolist()
+        ]
+    return found
+
+
+def systematic(found: Accuracy, settings: ReportSettings) -> list[str]:
+    """Return a sentence for every axis whose mean difference is beyond a quarter of its target."""
+    sentences = []
+    for name, axis, target_m in zip(AXES, found.axes, axis_targets_m(settings), strict=True):
+        if target_m is not None and abs(axis.mean_m) > SYSTEMATIC_SHARE * target_m:
+            sentences.append(
+                f"{name}: the mean difference of {axis.mean_m:+.3f} m ({axis.n} check points) is beyond 25 % of the "
+                f"target RMSE ({SYSTEMATIC_SHARE * target_m:.3f} m): a systematic error to be investigated"
+            )
+    return sentences
+
+
+def coarse_survey(found: Accuracy, settings: ReportSettings) -> list[str]:
+    """Return a sentence where the check points are not surveyed twice as accurately as the target (sec. 7.12)."""
+    rows = (
+        ("in plan", found.survey_h_m, settings.target_rmse_h_m),
+        ("in height", found.survey_v_m, settings.target_rmse_v_m),
+    )
+    return [
+        f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard asks for half the target RMSE or "
+        f"better ({target_m / SURVEY_FACTOR:.3f} m)"
+        for where, sigma_m, target_m in rows
+        if target_m is not None and sigma_m > target_m / SURVEY_FACTOR
+    ]
+
+
+def _centimetres(length_m: float) -> str:
+    return f"{length_m * 100:.1f} (cm)"
+
+
+def statement_h(found: Accuracy, target_m: float) -> str | None:
+    """Return the standard's statement of horizontal accuracy (sec. 7.16), None where it cannot be made: without check
+    points, or where the class is not met."""
+    if not found.n_h or found.rmse_h_m > target_m:
+        return None
+    grade, tested = _centimetres(target_m), _centimetres(found.rmse_h_m)
+    if found.n_h >= MINIMUM_POINTS:
+        return (
+            f"This data set was tested to meet {STANDARD} for a {grade} RMSE_H Horizontal Positional Accuracy Class. "
+            f"The tested horizontal positional accuracy was found to be RMSE_H = {tested}."
+        )
+    return (
+        f"{_reduced(found.n_h)} This data set was produced to meet a {grade} RMSE_H Horizontal Positional Accuracy "
+        f"Class. The tested horizontal positional accuracy was found to be RMSE_H = {tested} using the reduced number "
+        "of checkpoints."
+    )
+
+
+def statement_v(found: Accuracy, target_m: float) -> str | None:
+    """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16), None where it cannot be made."""
+    if not found.n_v or found.rmse_v_m > target_m:
+        return None
+    grade, tested = _centimetres(target_m), _centimetres(found.rmse_v_m)
+    if found.n_v >= MINIMUM_POINTS:
+        return (
+            f"This data set was tested to meet {STANDARD} for a {grade} RMSE_V Vertical Accuracy Class. The "
+            f"Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V = {tested}."
+        )
+    return (
+        f"{_reduced(found.n_v)} This data set was produced to meet a {grade} RMSE_V Vertical Accuracy Class. The "
+        f"Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V = {tested} using the reduced number of "
+        "checkpoints."
+    )
+
+
+def _reduced(count: int) -> str:
+    return (
+        f"This data set was tested as required by {STANDARD}. Although the Standards call for a minimum of thirty (30) "
+        f"checkpoints, this test was performed using ONLY {count} checkpoints."
+    )

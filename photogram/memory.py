@@ -1,0 +1,58 @@
+"""How much memory a stage of work takes at its highest."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+_RESET, _STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
+_UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss: bytes on macOS, KiB elsewhere
+
+
+@dataclass
+class Peak:
+    """The most memory that the process held during a measurement, in bytes; None where it cannot be told."""
+
+    bytes: int | None = None
+
+
+def _lifetime_peak() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT
+
+
+def _high_water() -> int | None:
+    """Return the resident set's high-water mark, which a reset brings down, None where the system has none."""
+    with suppress(OSError, ValueError, IndexError):
+        line = next((s for s in _STATUS.read_text().splitlines() if s.startswith("VmHWM:")), "")
+        return int(line.split()[1]) * 1024
+    return None
+
+
+def _reset() -> bool:
+    """Bring the high-water mark down to the present; False where the system cannot."""
+    try:
+        _RESET.write_text("5")
+    except OSError:
+        return False
+    return True
+
+
+@contextmanager
+def peak_memory() -> Iterator[Peak]:
+    """Measure the most memory that this process holds during the block, all its threads together.
+
+    On Linux the system's high-water mark is reset before. Elsewhere only a peak above all earlier ones can be told.
+    """
+    found, before, reset = Peak(), _lifetime_peak(), _reset()
+    try:
+        yield found
+    finally:
+        after = _lifetime_peak()
+        if reset:
+            found.bytes = _high_water()
+        elif after > before:
+            found.bytes = after

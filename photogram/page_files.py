@@ -1,0 +1,82 @@
+"""The report page on disk: written beside report.json, made again from it, and printed as PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from photogram.errors import ReportError
+from photogram.files.atomic import replacing
+from photogram.frames import crs_title
+from photogram.project import Project
+from photogram.records import Run
+from photogram.report.completion import complete
+from photogram.report.page import report_page
+from photogram.report.page_figures import PageFigure
+from photogram.report.printing import print_pdf
+from photogram.report.versions import versions
+from photogram.workspace import read_json, write_json
+
+PAGE, PRINTED, NUMBERS, FIGURES = "report.html", "report.pdf", "report.json", "figures.json"
+
+
+def run_facts(run: Run, stages: Sequence[str]) -> dict[str, Any]:
+    """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
+    tags = read_json(run.workspace.stage("photographs") / "tags.json")
+    days = sorted(tag["time"][:10] for tag in tags if tag.get("time"))
+    return {
+        "survey": {
+            "flown_first": days[0] if days else None,
+            "flown_last": days[-1] if days else None,
+            "crs_name": crs_title(run.project.crs),
+        },
+        "versions": versions(),
+        "peak_memory_bytes": {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages},
+    }
+
+
+def disbelieved(run: Run) -> dict[str, int]:
+    """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
+    summary = run.workspace.summary("adjustment")
+    return {name: int(summary.get(name, 0)) for name in ("disbelieved_attitudes", "disbelieved_headings")}
+
+
+def write_report(project: Project, numbers: dict[str, Any], figures: Sequence[PageFigure], kept: Path) -> list[str]:
+    """Complete the numbers, write report.json and report.html, and keep the figures in the folder ``kept``.
+
+    Returns what was written into the folder of results. Raises WorkspaceError where a file cannot be written.
+    """
+    write_json(kept / FIGURES, [figure.to_json() for figure in figures])
+    _write(project, numbers, [figure.to_json() for figure in figures])
+    return [NUMBERS, PAGE]
+
+
+def _write(project: Project, numbers: dict[str, Any], figures: Sequence[dict[str, str]]) -> None:
+    path = project.results / NUMBERS
+    write_json(path, complete(numbers, project.report))
+    # from the file itself, so that the page of today and one made again from it are the same
+    page = report_page(read_json(path), figures)
+    with replacing(project.results / PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def remake_report(project: Project) -> Path:
+    """Make report.html again from report.json, with what the project now asks of the report; returns its path.
+
+    Figures are those drawn with the results; without their folder the page says that they are left out. Raises
+    ReportError where there is no report.json.
+    """
+    path, figures = project.results / NUMBERS, project.work / "results" / FIGURES
+    if not path.is_file():
+        raise ReportError(f"{path}: there are no results yet: run photogram adjust {project.path} first")
+    _write(project, dict(read_json(path)), read_json(figures) if figures.is_file() else [])
+    return project.results / PAGE
+
+
+def print_report(project: Project) -> Path:
+    """Print report.html as report.pdf beside it; returns its path. Raises ReportError where no browser can."""
+    page, target = project.results / PAGE, project.results / PRINTED
+    with replacing(target) as temporary:
+        print_pdf(page, temporary)
+    return target

@@ -1,0 +1,213 @@
+"""What a report says of itself: accuracy by the standard, verdicts, warnings, and what was discarded.
+
+All of it follows from the other figures of report.json and from what the project asks of the report, so that it can be
+made anew whenever that changes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from photogram.asprs import (
+    MINIMUM_POINTS,
+    STANDARD,
+    Accuracy,
+    ReportSettings,
+    accuracy,
+    blunders,
+    coarse_survey,
+    statement_h,
+    statement_v,
+    systematic,
+)
+from photogram.report.traffic_lights import AXES, number, traffic_lights
+
+Json = dict[str, Any]
+CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
+
+
+def complete(report: Mapping[str, Any], settings: ReportSettings) -> Json:
+    """Return the report with `survey`, `asprs`, `discarded`, `warnings` and `summary` made from its other figures."""
+    whole = dict(report)
+    whole["survey"] = {**(report.get("survey") or {}), **_named(settings)}
+    whole["asprs"] = asprs_numbers(report["control_points"], settings)
+    whole["discarded"] = discarded(whole)
+    whole["warnings"] = warnings(whole)
+    whole["summary"] = [asdict(light) for light in traffic_lights(whole)]
+    return whole
+
+
+def _named(settings: ReportSettings) -> Json:
+    return {"name": settings.name or None, "client": settings.client or None, "author": settings.author or None}
+
+
+# ---- accuracy by the standard --------------------------------------------------------------------------------------
+
+
+def axis_roles(point: Mapping[str, Any]) -> list[str]:
+    """Return the role of a ground point along easting, northing and height."""
+    roles = point.get("axis_roles")
+    if isinstance(roles, Mapping):
+        return [str(roles.get(axis)) for axis in AXES]
+    return [str(role) for role in roles] if roles else [str(point["role"])] * 3
+
+
+def asprs_numbers(points: Sequence[Mapping[str, Any]], settings: ReportSettings) -> Json:
+    """Return accuracy and statements of the ASPRS standard from the check points of a report; control points never
+    enter here."""
+    rows = [p for p in points if "check" in axis_roles(p) and p.get("residual_m") and p.get("surveyed_sigma_m")]
+    checked = np.array([[role == "check" for role in axis_roles(p)] for p in rows], dtype=bool).reshape(-1, 3)
+    # None, where an axis has no figure, becomes NaN
+    difference_m = np.array([p["residual_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
+    difference_m = np.where(checked, difference_m, np.nan)
+    sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
+    found, names = accuracy(difference_m, sigma_m), [str(p["name"]) for p in rows]
+    return {
+        "standard": STANDARD,
+        "n_h": found.n_h,
+        "n_v": found.n_v,
+        "axes": {name: asdict(axis) for name, axis in zip(AXES, found.axes, strict=True)},
+        "fit_rmse_h_m": found.fit_h_m,
+        "fit_rmse_v_m": found.fit_v_m,
+        "survey_rmse_h_m": found.survey_h_m,
+        "survey_rmse_v_m": found.survey_v_m,
+        "rmse_h_m": found.rmse_h_m,
+        "rmse_v_m": found.rmse_v_m,
+        "rmse_3d_m": found.rmse_3d_m,
+        "target_rmse_h_m": settings.target_rmse_h_m,
+        "target_rmse_v_m": settings.target_rmse_v_m,
+        **_stated(found, settings),
+        "blunders": blunders(difference_m, names, settings),
+        "systematic": systematic(found, settings),
+        "survey": coarse_survey(found, settings),
+        "legacy_95": {"horizontal_m": found.legacy_95_h_m, "vertical_m": found.legacy_95_v_m}
+        if settings.legacy_95
+        else None,
+    }
+
+
+def _stated(found: Accuracy, settings: ReportSettings) -> Json:
+    """Return the standard's statements, and for each that cannot be made a sentence that says why."""
+    statements, missing = [], []
+    rows = (
+        ("horizontal", "h", found.n_h, found.rmse_h_m, settings.target_rmse_h_m, statement_h),
+        ("vertical", "v", found.n_v, found.rmse_v_m, settings.target_rmse_v_m, statement_v),
+    )
+    for name, letter, n, rmse_m, target_m, statement in rows:
+        text = None if target_m is None else statement(found, target_m)
+        if text is not None:
+            statements.append(text)
+        elif not n:
+            missing.append(f"No statement of {name} accuracy: no check points, the accuracy is not tested.")
+        elif target_m is None:
+            missing.append(
+                f"No statement of {name} accuracy: it names an accuracy class, and the project gives none; "
+                f"write report.target_rmse_{letter}_m."
+            )
+        else:
+            missing.append(
+                f"No statement of {name} accuracy: the tested RMSE of {rmse_m:.3f} m (n = {n}) does not meet the class "
+                f"of {target_m:.3f} m."
+            )
+    return {"statements": statements, "not_stated": missing}
+
+
+# ---- what was discarded --------------------------------------------------------------------------------------------
+
+
+def discarded(report: Mapping[str, Any]) -> list[Json]:
+    """Return what took no part in the result, and why: `{what, count, reason}`."""
+    adjustment, found = report["adjustment"], list[Json]()
+
+    def add(what: str, count: int, reason: str) -> None:
+        if count:
+            found.append({"what": what, "count": count, "reason": reason})
+
+    for name, photograph in report["photographs"].items():
+        if not photograph.get("registered", True):
+            add(f"photograph {name}", 1, photograph.get("reason") or "not registered")
+    add(
+        "tie-point observations",
+        adjustment["discarded_observations"],
+        "rejected in the outlier rounds: they disagree with the other rays of their point, or their rays meet too flat",
+    )
+    add("tie points", adjustment["discarded_tie_points"], "fewer than two observations were left of them")
+    for point in report["control_points"]:
+        if point.get("adjusted_map_m") is None:
+            add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs")
+    for entry in (report.get("gnss") or {}).get("not_used") or []:
+        add(f"GNSS position of {entry.get('photograph')}", 1, str(entry.get("reason")))
+    for key, what, reason in (
+        ("disbelieved_attitudes", "attitudes of the gimbal", "they contradict the tie points"),
+        ("disbelieved_headings", "headings of the gimbal", "they contradict the tie points; the tilt is used"),
+    ):
+        add(what, int(adjustment.get(key) or 0), reason)
+    for name, cloud in report["clouds"].items():
+        reason = "taken away by the statistical outlier filter before the comparison"
+        add(f"points of the {CLOUDS.get(name, name)} cloud", int(cloud.get("removed_by_sor") or 0), reason)
+    return found
+
+
+# ---- warnings ------------------------------------------------------------------------------------------------------
+
+
+def warnings(report: Mapping[str, Any]) -> list[Json]:
+    """Return what a reader must not overlook, from all parts of a report: `{part, sentence}`, the gravest first."""
+    found: list[Json] = []
+
+    def add(part: str, *sentences: str) -> None:
+        found.extend({"part": part, "sentence": s} for s in sentences if s)
+
+    if not report["adjustment"]["converged"]:
+        add("adjustment", "the adjustment did not converge: use nothing of this result")
+    add("heights", *_sentences((report.get("heights") or {}).get("warnings")))
+    add("blunders", *_sentences(report.get("blunders")), *_sentences([report.get("blunders_effect") or ""]))
+    add("suspects", *_sentences(report.get("suspects")))
+    asprs = report["asprs"]
+    add("check points", *asprs["blunders"], *asprs["systematic"], *asprs["survey"])
+    add("check points", *_too_few(asprs))
+    predicted = report.get("predicted_against_achieved") or {}
+    if predicted.get("consistent") is False:
+        add("prediction", predicted.get("sentence") or "differences of check points contradict their predicted sigmas")
+    add("geometry", *_sentences((report.get("diagnosis") or {}).get("warnings")))
+    add("geometry", *_sentences((report.get("diagnosis") or {}).get("undetermined")))
+    add("GNSS", *_sentences((report.get("gnss") or {}).get("warnings")))
+    add("stated sigmas", *_sentences(list((report.get("variance_components") or {}).values())))
+    add("photographs", *_block(report["block"]))
+    for name, camera in report["cameras"].items():
+        held = [parameter for parameter in camera.get("held") or {} if (camera["prior_sigma"].get(parameter) != 0)]
+        if held:
+            add("calibration", f"{name}: held at what was given: {', '.join(held)}")
+    return found
+
+
+def _sentences(values: object) -> list[str]:
+    """Return the sentences of a list of texts, or of entries that each have one."""
+    rows = values if isinstance(values, list) else []
+    return [str(row.get("sentence") or "") if isinstance(row, Mapping) else str(row) for row in rows]
+
+
+def _too_few(asprs: Mapping[str, Any]) -> list[str]:
+    n_h, n_v = asprs["n_h"], asprs["n_v"]
+    if n_h == n_v == 0:
+        return ["no check points: the accuracy of this survey is predicted, not tested"]
+    few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
+    return [f"{' and '.join(few)}: the standard asks for {MINIMUM_POINTS} check points or more"] if few else []
+
+
+def _block(block: Mapping[str, Any]) -> list[str]:
+    found, missing = [], block["photographs"] - block["registered"]
+    if missing:
+        found.append(f"{missing} of {block['photographs']} photographs are not in the result")
+    sizes = block["component_sizes"]
+    if len(sizes) > 1:
+        found.append(f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)")
+    share = number((block.get("overlap") or {}).get("share_2_or_more"))
+    if math.isfinite(share) and share < 0.9:
+        found.append(f"{1 - share:.0%} of the ground is seen by fewer than two photographs")
+    return found

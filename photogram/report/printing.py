@@ -1,0 +1,69 @@
+"""report.html printed as PDF, by a browser that is installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from photogram.errors import ReportError
+
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+    "msedge",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+    "/Applications/Microsoft Edge.app/Contents/MacOS/Microsoft Edge",
+)
+OFFLINE = (
+    "--headless",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+TIMEOUT_S = 180
+
+
+def find_browser() -> str | None:
+    """Return the browser named by the environment's CHROME, or the first of BROWSERS that is installed."""
+    named = os.environ.get("CHROME")
+    if named:
+        return shutil.which(named)
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def browser_options(profile: Path) -> list[str]:
+    """Return the options that keep a browser to itself: nothing on screen, no network, a profile of its own."""
+    # the sandbox of Chromium refuses to work for root
+    alone = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    return [*OFFLINE, *alone, f"--user-data-dir={profile}"]
+
+
+def print_pdf(page: Path, target: Path) -> None:
+    """Print a page as PDF. Raises ReportError where no browser is installed, or where it fails."""
+    browser = find_browser()
+    remedy = f"open {page} in a browser and print it there, or set CHROME to a Chromium, Chrome or Edge"
+    if browser is None:
+        raise ReportError(f"no browser found to print the report with: {remedy}")
+    with tempfile.TemporaryDirectory(prefix="photogram-", ignore_cleanup_errors=True) as profile:
+        options = [*browser_options(Path(profile)), "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}"]
+        command = [browser, *options, page.absolute().as_uri()]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        except (OSError, subprocess.TimeoutExpired) as fault:
+            raise ReportError(f"{browser} could not print the report ({fault}): {remedy}") from fault
+    if done.returncode or not target.is_file():
+        said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        raise ReportError(f"{browser} could not print the report ({said}): {remedy}")

@@ -1,0 +1,411 @@
+"""The report page: what it holds, verdicts by their rules, warnings, how figures are written, remaking, printing."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from copy import deepcopy
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photogram.asprs import ReportSettings
+from photogram.errors import ReportError
+from photogram.report.completion import complete, discarded
+from photogram.report.page import fixed, plain, probability, report_page, rich, share, signed, small
+from photogram.report.page_figures import standard_ellipses
+from photogram.report.printing import find_browser, print_pdf
+from photogram.report.traffic_lights import traffic_lights
+
+Json = dict[str, Any]
+VOID = {"meta", "link", "img", "br"}
+NOTHING_ASKED = ReportSettings()
+
+
+class Page(HTMLParser):
+    """Checks that every element is closed where it should be, and notes identifiers, pictures, and addresses."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.addresses: list[str] = []
+        self.alternatives: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        values = dict(attrs)
+        self.ids += [values["id"]] if values.get("id") else []  # type: ignore[list-item]
+        self.addresses += [v for k, v in attrs if k in {"src", "href"} and v]
+        self.alternatives += [values["alt"] or ""] if tag == "img" else []
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, self.getpos()
+
+
+@pytest.fixture(scope="module")
+def figures(finished_survey: Path) -> list[dict[str, str]]:
+    return list(json.loads((finished_survey / "work/results/figures.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def bare(finished_survey: Path) -> Json:
+    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+
+
+SECTIONS = ("summary", "accuracy", "plan", "ground", "photographs", "calibration", "prediction", "surface")
+TABLES = (
+    "accuracy", "product", "control", "check", "leave-one-out", "marks", "gnss", "photographs", "calibration-1",
+    "correlation-1", "focal", "remedies", "prediction", "variance", "clouds", "discarded", "heights", "stages",
+)  # fmt: skip
+
+
+def test_page_holds_every_section_table_and_figure(full_report: Json, figures: list[dict[str, str]]) -> None:
+    page = Page(report_page(full_report, figures))
+    assert {*SECTIONS, "discarded", "computation"} <= set(page.ids)
+    assert {f"table-{name}" for name in TABLES} <= set(page.ids)
+    assert {f"figure-{f['key'].replace(' ', '-')}" for f in figures} <= set(page.ids)
+    assert len(page.ids) == len(set(page.ids))
+    assert len(page.alternatives) == len(figures) == 7
+    assert all(page.alternatives)
+
+
+def test_page_asks_for_nothing_but_itself(full_report: Json, figures: list[dict[str, str]]) -> None:
+    text = report_page(full_report, figures)
+    assert all(a.startswith(("data:", "#")) for a in Page(text).addresses)
+    without = re.sub(r'"data:[^"]*"', '""', text)
+    assert "http" not in without
+    assert "url(" not in without
+    assert "<script" not in without
+
+
+def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
+    report = {**bare, "control_points": [], "versions": None}
+    report["block"] = {**bare["block"], "overlap": None}
+    report["block"]["gnss_residual_rms_m"] = {"plan": None, "height": None, "three_d": None}
+    text = report_page(complete(report, ReportSettings()), [])
+    Page(text)
+    for what in (
+        "there are no check points", "there are no control points", "there are no marks", "no GNSS positions",
+        "the tie points span no area", "no covariances to draw", "there are no sigmas of tie points",
+        "the report holds none for this camera", "the report holds no diagnosis", "Variance components left out",
+        "no check points with predicted sigmas", "run photogram adjust",
+    ):  # fmt: skip
+        assert what in text, what
+
+
+def test_control_points_that_nothing_else_determines_are_not_left_out_one_by_one(bare: Json) -> None:
+    report = deepcopy(bare)
+    for point in report["control_points"]:
+        point["left_out_m"] = point["left_out_sigma_m"] = None
+    text = report_page(complete(report, ReportSettings()), [])
+    assert "nothing determines any of the control points" in text
+    assert "table-leave-one-out" not in text
+
+
+def test_sentences_of_all_parts_stand_on_the_page(full_report: Json) -> None:
+    text = report_page(full_report, [])
+    for sentence in (
+        "Quarry, stage 3",
+        "A. Surveyor",
+        "Points G03 and G05 are swapped: exchanged, both fit within 1 sigma.",
+        "without it the check RMSE falls from 0.31 m to 0.04 m",
+        "1 of 4 GNSS positions is a float solution",
+        "single-point solution (RtkFlag 16)",
+        "A control point near 602340, 5794120 brings the heights from 0.081 to 0.034 m.",
+        "Heights are orthometric (DHHN2016)",
+        "heights orthometric, geoid de_bkg_gcg2016.tif",
+        "shares too few tie points",
+        "fix: 3; float: 1",
+        "4 GNSS positions and 8 control points took part.",
+        "length m: 0.192",
+        "Tie points scatter 0.21 ± 0.003 times as much as stated",
+        "Without that, the RMSE of 4 check points goes from 0.031",
+        "0.30 m of it is the focal length",
+        "Nothing but its prior determines the focal length",
+        "median 0.081 m, 95 % below 0.212 m",
+        "at 95 % confidence",
+    ):
+        assert sentence in text, sentence
+    assert "ONLY 4 checkpoints" in text or "does not meet the class" in text
+
+
+def test_names_from_the_project_are_text_not_markup(bare: Json) -> None:
+    text = report_page(complete(bare, ReportSettings(name="<b>A & B</b>")), [])
+    assert "<h1>&lt;b&gt;A &amp; B&lt;/b&gt;</h1>" in text
+
+
+def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dict[str, str]]) -> None:
+    assert [f["key"] for f in figures] == [
+        "plan", "ellipses", "residuals 0", "histograms", "height sigma", "surface", "comparison",
+    ]  # fmt: skip
+    for figure in figures:
+        head, _, body = figure["uri"].partition(",")
+        assert head == "data:image/svg+xml;base64"
+        picture = base64.b64decode(body, validate=True)
+        assert ET.fromstring(picture).tag.endswith("svg")
+        assert b"<dc:date>" not in picture
+        assert figure["caption"].endswith(".")
+
+
+# ---- verdicts ------------------------------------------------------------------------------------------------------
+
+
+def grade(report: Json, subject: str, settings: ReportSettings = NOTHING_ASKED) -> str:
+    (found,) = [v for v in traffic_lights(complete(report, settings)) if v.subject == subject]
+    assert found.rule
+    assert found.finding
+    return found.grade
+
+
+def changed(report: Json, **more: Any) -> Json:
+    return {**deepcopy(report), **more}
+
+
+def with_check_points(report: Json, error_m: float, count: int) -> Json:
+    template = next(p for p in report["control_points"] if p["role"] == "check")
+    new = {**template, "residual_m": [error_m / np.sqrt(2)] * 2 + [error_m], "surveyed_sigma_m": [0.0] * 3}
+    control = [p for p in report["control_points"] if p["role"] == "control"]
+    return changed(report, control_points=control + [{**new, "name": f"C{i}"} for i in range(count)])
+
+
+@pytest.mark.parametrize(
+    ("error", "count", "target", "expected"),
+    [
+        (0.0499, 30, 0.05, "good"),
+        (0.0499, 29, 0.05, "attention"),
+        (0.0501, 30, 0.05, "bad"),
+        (0.0501, 3, 0.05, "bad"),
+        (0.0, 0, 0.05, "unknown"),
+        (0.0, 0, None, "unknown"),
+    ],
+)
+def test_check_points_are_judged_by_the_target(
+    bare: Json, error: float, count: int, target: float | None, expected: str
+) -> None:
+    settings = ReportSettings(target_rmse_h_m=target, target_rmse_v_m=target)
+    report = with_check_points(bare, error, count)
+    for subject in ("Check points in plan", "Check points in height"):
+        assert grade(report, subject, settings) == expected, subject
+
+
+@pytest.mark.parametrize(
+    ("gsd", "count", "plan", "height"),
+    [(1.4, 5, "good", "good"), (1.4, 4, "attention", "attention"), (1.9, 5, "attention", "good"),
+     (2.9, 5, "attention", "attention"), (3.9, 5, "bad", "attention"), (4.1, 5, "bad", "bad")],
+)  # fmt: skip
+def test_without_a_target_check_points_are_judged_by_the_size_of_a_pixel(
+    bare: Json, gsd: float, count: int, plan: str, height: str
+) -> None:
+    report = with_check_points(bare, gsd * bare["block"]["gsd_m"], count)
+    assert grade(report, "Check points in plan") == plan
+    assert grade(report, "Check points in height") == height
+
+
+@pytest.mark.parametrize(
+    ("subject", "change", "expected"),
+    [
+        ("Stated sigmas", {"adjustment": {"sigma0": 1.0}}, "good"),
+        ("Stated sigmas", {"adjustment": {"sigma0": 0.2}}, "attention"),
+        ("Stated sigmas", {"adjustment": {"sigma0": 1.9}}, "attention"),
+        ("Stated sigmas", {"adjustment": {"sigma0": 2.1}}, "bad"),
+        ("Stated sigmas", {"adjustment": {"sigma0": None}}, "unknown"),
+        ("Adjustment", {"adjustment": {"converged": False}}, "bad"),
+        ("Adjustment", {}, "good"),
+        ("Photographs registered", {"block": {"registered": 98, "photographs": 100}}, "good"),
+        ("Photographs registered", {"block": {"registered": 97, "photographs": 100}}, "attention"),
+        ("Photographs registered", {"block": {"component_sizes": [3, 1]}}, "attention"),
+        ("Photographs registered", {"block": {"registered": 89, "photographs": 100}}, "bad"),
+        ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.61}}}, "good"),
+        ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.5}}}, "attention"),
+        ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.3}}}, "bad"),
+        ("Geometry", {"block": {"overlap": None}}, "unknown"),
+        ("Geometry", {"diagnosis": {"dome": {"significant": True}}, "block": {"overlap": {"share_3_or_more": 0.9}}},
+         "attention"),
+        ("Geometry", {"diagnosis": {"focal_height_correlation": -0.99}, "block": {"overlap": {"share_3_or_more": 0.9}}},
+         "attention"),
+        ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.2}}}, "good"),
+        ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.02}}}, "attention"),
+        ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.001}}}, "bad"),
+        ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.999}}}, "attention"),
+        ("Predicted against achieved", {"predicted_against_achieved": None}, "unknown"),
+        ("Geometry", {"diagnosis": {"focal_height_correlation": {"a": {"ground": 0.2}, "b": {"ground": None}}},
+                      "block": {"overlap": {"share_3_or_more": 0.9}}}, "good"),
+        ("Geometry", {"diagnosis": {"focal_height_correlation": {"a": {"ground": 0.2}, "b": {"ground": 0.99}}},
+                      "block": {"overlap": {"share_3_or_more": 0.9}}}, "attention"),
+        ("Blunders", {"suspects": []}, "good"),
+        ("Blunders", {"suspects": [{"kind": "GNSS position", "sentence": "s"}]}, "attention"),
+        ("Blunders", {"suspects": [{"kind": "mark", "sentence": "s"}]}, "bad"),
+        ("Blunders", {"blunders": [{"sentence": "s"}]}, "bad"),
+        ("GNSS", {"gnss": {"warnings": ["s"]}}, "attention"),
+        ("GNSS", {"block": {"gnss_residual_rms_m": {"plan": None, "height": None, "three_d": None}}}, "unknown"),
+    ],
+)  # fmt: skip
+def test_verdict_follows_its_rule(bare: Json, subject: str, change: Json, expected: str) -> None:
+    report = deepcopy(bare)
+    for key, value in change.items():
+        report[key] = {**report[key], **value} if isinstance(value, dict) and key in report else value
+    assert grade(report, subject) == expected
+
+
+@pytest.mark.parametrize(("w", "expected"), [(1.4, "good"), (2.9, "attention"), (3.1, "bad")])
+def test_gnss_is_judged_by_its_stated_sigmas(bare: Json, w: float, expected: str) -> None:
+    report = deepcopy(bare)
+    for photograph in report["photographs"].values():
+        photograph["gnss_w"] = [w, -w, w]
+    assert grade(report, "GNSS") == expected
+
+
+@pytest.mark.parametrize(("least", "expected"), [(0.3, "good"), (0.29, "attention"), (0.01, "bad")])
+def test_reliability_is_that_of_the_weakest_coordinate(bare: Json, least: float, expected: str) -> None:
+    report = deepcopy(bare)
+    for point in report["control_points"]:
+        point["redundancy"] = [0.9, 0.9, 0.8] if point["role"] == "control" else None
+    report["control_points"][3]["redundancy"][2] = least
+    assert grade(report, "Would a blunder show?") == expected
+
+
+# ---- warnings, and what was discarded ------------------------------------------------------------------------------
+
+
+def test_warnings_come_from_all_parts(full_report: Json) -> None:
+    parts = [w["part"] for w in full_report["warnings"]]
+    assert {"heights", "blunders", "suspects", "check points", "geometry", "GNSS", "photographs"} <= set(parts)
+    assert all(w["sentence"] for w in full_report["warnings"])
+    failed = changed(full_report, adjustment={**full_report["adjustment"], "converged": False})
+    assert complete(failed, ReportSettings())["warnings"][0]["part"] == "adjustment"
+
+
+def test_survey_without_check_points_is_warned_of(bare: Json) -> None:
+    report = complete(with_check_points(bare, 0.0, 0), ReportSettings())
+    assert {
+        "part": "check points",
+        "sentence": "no check points: the accuracy of this survey is predicted, not tested",
+    } in (report["warnings"])
+
+
+def test_everything_discarded_is_listed_with_its_reason(full_report: Json) -> None:
+    found = {entry["what"]: entry for entry in discarded(full_report)}
+    assert found["photograph sim_0099.JPG"]["reason"] == "shares too few tie points"
+    assert found["GNSS position of sim_0004.JPG"]["reason"] == "single-point solution (RtkFlag 16)"
+    assert found["check point C04"]["reason"].startswith("fewer than two marks")
+    assert found["tie-point observations"]["count"] == full_report["adjustment"]["discarded_observations"]
+    assert all(entry["count"] > 0 for entry in found.values())
+
+
+def test_completing_twice_changes_nothing(full_report: Json) -> None:
+    settings = ReportSettings("Quarry, stage 3", "The owner", "A. Surveyor", 0.05, 0.02, legacy_95=True)
+    assert json.dumps(complete(full_report, settings)) == json.dumps(full_report)
+
+
+# ---- figures as they are written -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (fixed(5794120.4567), "5\u202f794\u202f120.457"),
+        (fixed(-0.0004), "0.000"),
+        (fixed(-0.0006), "−0.001"),
+        (fixed(None), "–"),
+        (fixed(float("nan")), "–"),
+        (signed(0.0123, 2), "+0.01"),
+        (signed(0.0), "0.000"),
+        (signed(-1.0, 1), "−1.0"),
+        (probability(0.0009), "< 0.001"),
+        (probability(0.0123, "= "), "= 0.012"),
+        (probability(None), "–"),
+        (share(0.973), "97\u202f%"),
+        (small(-0.000012345, 3), "−1.23·10^−5"),
+        (plain({"fix": 3, "sigma_m": [0.02, None], "used": True}), "fix: 3; sigma m: 0.02, –; used: yes"),
+        (rich("RMSE_H1 < RMSE_3D"), "RMSE<sub>H1</sub> &lt; RMSE<sub>3D</sub>"),
+    ],
+)
+def test_figures_are_written_as_a_surveyor_writes_them(written: str, expected: str) -> None:
+    assert written == expected
+
+
+def test_ellipse_has_the_axes_and_the_direction_of_its_covariance() -> None:
+    angle = np.deg2rad(30.0)
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    major, minor, direction = standard_ellipses((R @ np.diag([0.09, 0.01]) @ R.T)[None])
+    assert major == pytest.approx([0.3])
+    assert minor == pytest.approx([0.1])
+    assert direction[0] % 180 == pytest.approx(30.0)
+
+
+# ---- on disk -------------------------------------------------------------------------------------------------------
+
+
+def test_page_is_made_again_with_what_the_project_now_says(
+    adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
+) -> None:
+    page, numbers = adjusted_survey / "results/report.html", adjusted_survey / "results/report.json"
+    before, project = page.read_bytes(), adjusted_survey / "project.yaml"
+    page.unlink()
+    assert photogram("report", project).code == 0
+    assert page.read_bytes() == before
+    wishes = {"name": "Pit 7", "author": "B. Chief", "target_rmse_h_m": 1.0, "target_rmse_v_m": 1.0}
+    edit(project, lambda values: values.update(report=wishes))
+    said = photogram("report", project)
+    assert said.code == 0, said.err
+    assert "report.html" in said.out
+    text = page.read_text(encoding="utf-8")
+    assert "<h1>Pit 7</h1>" in text
+    assert "ONLY 4 checkpoints" in text
+    asprs = json.loads(numbers.read_text())["asprs"]
+    assert asprs["target_rmse_h_m"] == 1.0
+    assert len(asprs["statements"]) == 2
+    assert text.count("<img ") == 7
+
+
+def test_page_without_the_work_folder_says_what_is_left_out(
+    adjusted_survey: Path, photogram: Callable[..., Any]
+) -> None:
+    (adjusted_survey / "work/results/figures.json").unlink()
+    assert photogram("report", adjusted_survey / "project.yaml").code == 0
+    text = (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    assert "<img " not in text
+    assert "it is drawn with the results; run photogram adjust" in text
+
+
+def test_report_before_the_survey_says_what_to_run(survey: Path, photogram: Callable[..., Any]) -> None:
+    said = photogram("report", survey / "project.yaml")
+    assert said.code == 1
+    assert "report.json: there are no results yet: run photogram adjust" in said.err
+
+
+def test_wrong_block_of_the_project_file_is_named(
+    survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
+) -> None:
+    edit(survey / "project.yaml", lambda values: values.update(report={"target_rmse_h": 0.05}))
+    said = photogram("report", survey / "project.yaml")
+    assert said.code == 1
+    assert "target_rmse_h" in said.err
+    assert "target_rmse_h_m" in said.err  # did you mean
+
+
+def test_without_a_browser_printing_says_how_to_print(
+    monkeypatch: pytest.MonkeyPatch, adjusted_survey: Path, photogram: Callable[..., Any]
+) -> None:
+    monkeypatch.setenv("CHROME", "/nowhere/chromium")
+    assert find_browser() is None
+    said = photogram("report", adjusted_survey / "project.yaml", "--pdf")
+    assert said.code == 1
+    assert "no browser found to print the report with: open" in said.err
+    assert not (adjusted_survey / "results/report.pdf").exists()
+
+
+def test_browser_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("CHROME", "false")
+    with pytest.raises(ReportError, match=r"false could not print the report .*print it there"):
+        print_pdf(tmp_path / "report.html", tmp_path / "report.pdf")

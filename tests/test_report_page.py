@@ -1,0 +1,210 @@
+"""report.html in a browser: on a screen, on a telephone, on paper; nothing asked of the network, nothing cut."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from photogram.report.page import report_page
+from photogram.report.printing import browser_options, find_browser, print_pdf
+
+selenium = pytest.importorskip("selenium", reason="selenium is not installed")
+pypdf = pytest.importorskip("pypdf", reason="pypdf is not installed")
+
+from selenium.webdriver import Chrome, ChromeOptions  # noqa: E402
+from selenium.webdriver.chrome.service import Service  # noqa: E402
+
+Json = dict[str, Any]
+A4_PT = (595, 842)
+PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
+TABLES = 18
+SMALLEST_PX = 12.0
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    binary, driver = find_browser(), shutil.which("chromedriver")
+    if binary is None or driver is None:
+        pytest.skip(f"no {'browser' if binary is None else 'chromedriver'} on this machine")
+    options = ChromeOptions()
+    options.binary_location = binary
+    for option in browser_options(tmp_path_factory.mktemp("profile")):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    chrome = Chrome(options=options, service=Service(driver))
+    yield chrome
+    chrome.quit()
+
+
+@pytest.fixture(scope="module")
+def pages(full_report: Json, finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The page of the small survey as it is written, and one of a report with everything."""
+    figures = json.loads((finished_survey / "work/results/figures.json").read_text())
+    full = tmp_path_factory.mktemp("page") / "full.html"
+    full.write_text(report_page(full_report, figures), encoding="utf-8")
+    return {"small survey": finished_survey / "results/report.html", "everything": full}
+
+
+def show(browser: Chrome, page: Path, width_px: int, media: str = "screen") -> None:
+    phone = width_px < 600
+    size = {"width": width_px, "height": 900, "deviceScaleFactor": 1, "mobile": phone}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media})
+    browser.get(page.as_uri())
+
+
+def requests(browser: Chrome) -> list[str]:
+    """Return the addresses that the page asked for since the last call."""
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    return [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+
+
+NAMES = pytest.mark.parametrize("name", ["small survey", "everything"])
+
+
+@NAMES
+def test_page_opens_without_a_complaint_and_without_the_network(
+    browser: Chrome, pages: dict[str, Path], name: str
+) -> None:
+    requests(browser)
+    browser.get_log("browser")
+    show(browser, pages[name], 1200)
+    assert browser.get_log("browser") == []
+    asked = requests(browser)
+    assert pages[name].as_uri() in asked
+    assert [url for url in asked if url != pages[name].as_uri() and not url.startswith("data:")] == []
+
+
+def test_complaints_and_requests_would_show(browser: Chrome, tmp_path: Path) -> None:
+    """The referee of the test above: a page that logs an error and asks for a picture beside it is found out."""
+    page = tmp_path / "bad.html"
+    page.write_text("<img src='absent.png'><script>console.error('fault')</script>")
+    requests(browser)
+    show(browser, page, 1200)
+    assert any("absent.png" in url for url in requests(browser))
+    assert any("fault" in entry["message"] for entry in browser.get_log("browser"))
+
+
+@NAMES
+def test_every_picture_is_drawn_and_every_table_is_filled(browser: Chrome, pages: dict[str, Path], name: str) -> None:
+    show(browser, pages[name], 1200)
+    pictures = browser.execute_script(
+        """return [...document.images].map(i => i.complete && i.naturalWidth > 100
+            && i.getBoundingClientRect().height > 100)"""
+    )
+    assert pictures == [True] * 7
+    rows = browser.execute_script(
+        "return [...document.querySelectorAll('table')].map(t => [t.id, t.tBodies.length && t.tBodies[0].rows.length])"
+    )
+    assert all(count > 0 for _, count in rows), rows
+    if name == "everything":
+        assert len(rows) == TABLES + 1  # and the verdicts
+    broken = browser.execute_script(
+        "return [...document.querySelectorAll('nav a')].filter(a => !document.querySelector(a.hash)).length"
+    )
+    assert broken == 0
+
+
+@NAMES
+@pytest.mark.parametrize("width_px", [400, 1200])
+def test_page_fits_the_screen_and_can_be_read(
+    browser: Chrome, pages: dict[str, Path], name: str, width_px: int
+) -> None:
+    show(browser, pages[name], width_px)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width_px
+    # what is wider than the screen stands in a box of its own that scrolls
+    wide = browser.execute_script(
+        """const limit = document.documentElement.clientWidth + 1;
+        return [...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > limit
+            && !e.closest('.scroll') && !e.closest('.picture')).map(e => e.outerHTML.slice(0, 80))"""
+    )
+    assert wide == []
+    sizes = browser.execute_script(
+        """const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), found = [];
+        for (let node = walk.nextNode(); node; node = walk.nextNode())
+          if (node.data.trim() && !node.parentElement.closest('sub'))
+            found.push(parseFloat(getComputedStyle(node.parentElement).fontSize));
+        return found"""
+    )
+    assert len(sizes) > 200
+    assert min(sizes) >= SMALLEST_PX
+    lines = browser.execute_script("return parseFloat(getComputedStyle(document.body).lineHeight)")
+    assert lines >= 1.4 * 16
+
+
+def test_verdict_is_told_by_word_and_shape_with_contrast(browser: Chrome, pages: dict[str, Path]) -> None:
+    """Not by colour alone; and the word stands out from its ground by 4.5 to 1 (WCAG 2.2, 1.4.3)."""
+    for scheme in ("light", "dark"):
+        show(browser, pages["everything"], 1200)
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+        grades = browser.execute_script(
+            """return [...document.querySelectorAll('.grade')].map(g => [g.innerText.trim(),
+                getComputedStyle(g).color, getComputedStyle(g).backgroundColor])"""
+        )
+        assert len(grades) == 10
+        assert {text for text, *_ in grades} <= {"● Good", "▲ Attention", "■ Bad", "○ Not tested"}
+        assert len({text for text, *_ in grades}) >= 3
+        for text, ink, ground in grades:
+            assert contrast(ink, ground) >= 4.5, (scheme, text)
+
+
+def contrast(one: str, other: str) -> float:
+    def luminance(colour: str) -> float:
+        parts = [int(v) / 255 for v in re.findall(r"\d+", colour)[:3]]
+        linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@NAMES
+def test_page_prints_on_a4_and_nothing_is_cut(browser: Chrome, pages: dict[str, Path], name: str) -> None:
+    show(browser, pages[name], PRINTED_WIDTH_PX, "print")
+    cut = browser.execute_script(
+        """const limit = document.body.getBoundingClientRect().right + 1;
+        return [...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right > limit)
+            .map(e => e.outerHTML.slice(0, 80))"""
+    )
+    assert cut == []
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
+    check_pages(base64.b64decode(printed["data"]), browser)
+
+
+def compact(text: str) -> str:
+    """Return a text without spaces, ligatures and capitals, which are the matter of font and style."""
+    return "".join(text.split()).replace("ﬁ", "fi").replace("ﬂ", "fl").casefold()
+
+
+def check_pages(document: bytes, browser: Chrome) -> None:
+    """Check size and number of pages, and that every word of the tables is on one, heads of long tables on each."""
+    reader = pypdf.PdfReader(io.BytesIO(document))
+    for page in reader.pages:
+        assert (float(page.mediabox.width), float(page.mediabox.height)) == pytest.approx(A4_PT, abs=2)
+    assert 5 <= len(reader.pages) <= 20
+    texts = [page.extract_text() for page in reader.pages]
+    whole = compact("".join(texts))
+    cells = browser.execute_script(
+        "return [...document.querySelectorAll('td, th, figcaption')].map(c => c.textContent)"
+    )
+    missing = [cell for cell in cells if compact(cell) not in whole and "RMSE" not in cell]
+    assert missing == []
+    heads = sum("Surveyed" in text and "Difference" in text for text in texts)
+    with_points = sum(bool(re.search(r"\b[GC]0\d\b", text)) and "northing" in text for text in texts)
+    assert heads >= with_points > 0
+
+
+def test_browser_prints_the_page_as_pdf(browser: Chrome, pages: dict[str, Path], tmp_path: Path) -> None:
+    target = tmp_path / "report.pdf"
+    print_pdf(pages["small survey"], target)
+    show(browser, pages["small survey"], 1200)
+    check_pages(target.read_bytes(), browser)
