@@ -11,11 +11,11 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import get_args
 
 from photogram.errors import ControlPointError
+from photogram.files.text_lines import NUMBER, Faults, lines_of
 from photogram.survey import Role, Roles
 
 Sigma3 = tuple[float | None, float | None, float | None]
@@ -25,8 +25,6 @@ _SEPARATORS = (";", "\t", ",")
 _ROLES: tuple[Role, ...] = get_args(Role)
 _COMMENT = re.compile(r"(?:^|\s)#(?:\s.*)?$")
 _UTM = re.compile(r"'?WGS ?84\s+UTM\s+(?:zone\s+)?(\d{1,2})\s*([NS])'?", re.IGNORECASE)
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_MOST_FAULTS = 20
 _GCP_LIST = "x y z u v photograph [name]"
 
 _POINT_COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -95,61 +93,13 @@ class PointFile:
     marks: tuple[FileMark, ...]
 
 
-class _Faults:
-    """The faults of one file, raised together."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._faults: list[tuple[int, str]] = []
-
-    def note(self, line: int, text: str) -> None:
-        self._faults.append((line, text))
-
-    def raise_all(self) -> None:
-        shown = [f"{self._path}:{line}: {text}" for line, text in sorted(self._faults)[:_MOST_FAULTS]]
-        more = len(self._faults) - len(shown)
-        if more:
-            line = sorted(self._faults)[_MOST_FAULTS][0]
-            shown.append(f"{self._path}:{line}: from this line on {more} more faults: mend the ones above first")
-        if shown:
-            raise ControlPointError("\n".join(shown))
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines that say something, with their numbers."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as fault:
-        raise ControlPointError(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
-    except UnicodeDecodeError as fault:
-        line = fault.object[: fault.start].count(b"\n") + 1
-        raise ControlPointError(
-            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
-    numbered = enumerate(re.split(r"\r\n|\n|\r", text), 1)
-    kept = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    if not kept:
-        raise ControlPointError(f"{path}:1: the file is empty: give the file with the points")
-    return kept
-
-
-def _number(text: str, what: str, line: int, faults: _Faults) -> float | None:
-    value = float(text) if _NUMBER.fullmatch(text) else float("nan")
-    if isfinite(value):
-        return value
-    comma = re.fullmatch(r"[-+]?\d+,\d+", text)
-    remedy = f"write {text.replace(',', '.')}, with a decimal point" if comma else "write a number with a decimal point"
-    faults.note(line, f"{what} must be a number, found {text!r}: {remedy}")
-    return None
-
-
-def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: _Faults) -> tuple[float, ...] | None:
-    values = [_number(text, what, line, faults) for text, what in zip(texts, whats, strict=True)]
+def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: Faults) -> tuple[float, ...] | None:
+    values = [faults.number(text, what, line) for text, what in zip(texts, whats, strict=True)]
     known = tuple(v for v in values if v is not None)
     return known if len(known) == len(values) else None
 
 
-def _check_marks(marks: Sequence[FileMark], faults: _Faults) -> None:
+def _check_marks(marks: Sequence[FileMark], faults: Faults) -> None:
     first: dict[tuple[str, str], int] = {}
     for mark in marks:
         line = first.setdefault((mark.point, mark.photograph), mark.line)
@@ -180,7 +130,7 @@ def _header_crs(header: str) -> str:
     return text.upper() if text.lower().startswith("epsg:") else text
 
 
-def _observation(line: int, text: str, faults: _Faults) -> _Observation | None:
+def _observation(line: int, text: str, faults: Faults) -> _Observation | None:
     text = _COMMENT.sub("", text).strip()
     fields = [field.strip() for field in text.split("\t")]
     if len(fields) < 6:
@@ -195,7 +145,7 @@ def _observation(line: int, text: str, faults: _Faults) -> _Observation | None:
     return _Observation(line, (x, y, z), (u, v), fields[5], " ".join(fields[6:]).strip() or None)
 
 
-def _named(rows: Sequence[_Observation], faults: _Faults) -> list[tuple[str, _Observation]]:
+def _named(rows: Sequence[_Observation], faults: Faults) -> list[tuple[str, _Observation]]:
     """Return the rows with the name of their point; those without one are joined by their position."""
     place: dict[str, _Observation] = {}
     names: dict[tuple[float, float, float], list[str]] = {}
@@ -227,10 +177,10 @@ def _named(rows: Sequence[_Observation], faults: _Faults) -> list[tuple[str, _Ob
     return named
 
 
-def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: _Faults) -> PointFile:
+def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: Faults) -> PointFile:
     first, header = lines[0]
     text = _COMMENT.sub("", header).strip()
-    headed = not _NUMBER.fullmatch(text.split()[0])
+    headed = not NUMBER.fullmatch(text.split()[0])
     crs = _header_crs(text) if headed else None
     found = [_observation(n, line, faults) for n, line in lines[1 if headed else 0 :]]
     rows = [row for row in found if row is not None]
@@ -263,7 +213,7 @@ def _meaning(column: str, known: Mapping[str, tuple[str, ...]]) -> str | None:
 
 
 def _columns(
-    header: Sequence[str], line: int, known: Mapping[str, tuple[str, ...]], needed: Sequence[str], faults: _Faults
+    header: Sequence[str], line: int, known: Mapping[str, tuple[str, ...]], needed: Sequence[str], faults: Faults
 ) -> dict[str, int]:
     places: dict[str, int] = {}
     for i, column in enumerate(header):
@@ -286,9 +236,9 @@ def _columns(
 
 def _table(
     path: Path, lines: Sequence[tuple[int, str]], known: Mapping[str, tuple[str, ...]], needed: Sequence[str]
-) -> tuple[list[str], list[tuple[int, Row]], _Faults]:
+) -> tuple[list[str], list[tuple[int, Row]], Faults]:
     """Return the header, and the rows with their line numbers by the meaning of their columns."""
-    faults = _Faults(path)
+    faults = Faults(path, ControlPointError)
     number, text = lines[0]
     separator = _separator(text)
     header = _fields(text, separator, number, faults)
@@ -309,7 +259,7 @@ def _table(
     return header, rows, faults
 
 
-def _fields(text: str, separator: str, line: int, faults: _Faults) -> list[str]:
+def _fields(text: str, separator: str, line: int, faults: Faults) -> list[str]:
     try:
         return [field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
     except csv.Error as fault:
@@ -317,7 +267,7 @@ def _fields(text: str, separator: str, line: int, faults: _Faults) -> list[str]:
         return []
 
 
-def _sigma(row: Row, column: str, line: int, faults: _Faults) -> float | None:
+def _sigma(row: Row, column: str, line: int, faults: Faults) -> float | None:
     text = row.get(column, "")
     if not text:
         return None
@@ -327,7 +277,7 @@ def _sigma(row: Row, column: str, line: int, faults: _Faults) -> float | None:
     return value
 
 
-def _sigmas(row: Row, line: int, faults: _Faults) -> Sigma3:
+def _sigmas(row: Row, line: int, faults: Faults) -> Sigma3:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
     whole, plan = (_sigma(row, column, line, faults) for column in ("sigma", "sigma_plan"))
     x, y, z = (_sigma(row, column, line, faults) for column in ("sigma_x", "sigma_y", "sigma_z"))
@@ -335,7 +285,7 @@ def _sigmas(row: Row, line: int, faults: _Faults) -> Sigma3:
     return plan if x is None else x, plan if y is None else y, whole if z is None else z
 
 
-def _role(row: Row, line: int, faults: _Faults) -> Roles | None:
+def _role(row: Row, line: int, faults: Faults) -> Roles | None:
     given: dict[str, Role] = {}
     for column in ("role", "role_plan", "role_height"):
         if not row.get(column):
@@ -384,12 +334,12 @@ def read_points(path: Path) -> PointFile:
     A table is told by its name, which ends in .csv, or by a first line that names its columns. Raises ControlPointError
     with one line for each fault, ``path:line: what is wrong: what to do``.
     """
-    lines = _lines(path)
+    lines = lines_of(path, ControlPointError, "points", "#")
     header = lines[0][1]
     meanings = {_meaning(column, _POINT_COLUMNS) for column in header.split(_separator(header))}
     if path.suffix.lower() == ".csv" or {"x", "y"} <= meanings:
         return _read_point_table(path, lines)
-    faults = _Faults(path)
+    faults = Faults(path, ControlPointError)
     points = _read_gcp_list(path, lines, faults)
     faults.raise_all()
     return points
@@ -400,7 +350,9 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
 
     Raises ControlPointError with one line for each fault, as read_points does.
     """
-    _, rows, faults = _table(path, _lines(path), _MARK_COLUMNS, ("name", "photograph", "u", "v"))
+    _, rows, faults = _table(
+        path, lines_of(path, ControlPointError, "points", "#"), _MARK_COLUMNS, ("name", "photograph", "u", "v")
+    )
     marks = []
     for line, row in rows:
         empty = [what for what in ("name", "photograph") if not row[what]]

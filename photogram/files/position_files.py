@@ -9,19 +9,18 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from math import isfinite
 from pathlib import Path
 from typing import Literal
 
 from photogram.errors import ProjectError
+from photogram.files.text_lines import Faults, lines_of
 from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
 
 Format = Literal["mrk", "pos", "csv"]
 Triple = tuple[float, float, float]
 
 GPS_EPOCH = datetime(1980, 1, 6)
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-MOST_FAULTS = 20
+HOLDING = "positions"
 
 _F = r"\s*([-+]?[\d.]+)\s*"
 _MRK_LINE = re.compile(
@@ -63,58 +62,6 @@ class PositionFile:
     format: Format
     geographic: bool
     rows: tuple[PositionRow, ...]
-
-
-class Faults:
-    """The faults of one file, raised together as a ProjectError with a line for each."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._faults: list[tuple[int, str]] = []
-
-    def note(self, line: int, text: str) -> None:
-        """Note what is wrong with a line."""
-        self._faults.append((line, text))
-
-    def raise_all(self) -> None:
-        """Raise a ProjectError with every fault noted; return if there is none."""
-        found = sorted(self._faults)
-        shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_FAULTS]]
-        if len(found) > MOST_FAULTS:
-            line, more = found[MOST_FAULTS][0], len(found) - MOST_FAULTS
-            shown.append(f"{self._path}:{line}: from this line on {more} more faults: mend the ones above first")
-        if shown:
-            raise ProjectError("\n".join(shown))
-
-    def number(self, text: str, what: str, line: int) -> float | None:
-        """Return the number that ``text`` holds, None with a fault noted where it holds none."""
-        value = float(text) if NUMBER.fullmatch(text) else float("nan")
-        if isfinite(value):
-            return value
-        comma = re.fullmatch(r"[-+]?\d+,\d+", text)
-        remedy = (
-            f"write {text.replace(',', '.')}, with a decimal point" if comma else "write a number with a decimal point"
-        )
-        self.note(line, f"{what} must be a number, found {text!r}: {remedy}")
-        return None
-
-
-def lines_of(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a text that say something, with their numbers. Raises ProjectError where it cannot be read or
-    is empty."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as fault:
-        raise ProjectError(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
-    except UnicodeDecodeError as fault:
-        line = fault.object[: fault.start].count(b"\n") + 1
-        raise ProjectError(
-            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
-    kept = [(n, line) for n, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
-    if not kept:
-        raise ProjectError(f"{path}:1: the file is empty: give the file with the positions")
-    return kept
 
 
 def check_on_globe(row: PositionRow, faults: Faults) -> None:
@@ -163,8 +110,10 @@ def read_mrk(path: Path) -> PositionFile:
     is north and east in mm, and down (DJI, Zenmuse P1 User Manual v1.4, "Image Log File"; Matrice 4 Series User Manual,
     the same). Standard deviations are along north, east and up. Raises ProjectError with every fault.
     """
-    faults = Faults(path)
-    rows = [row for line, text in lines_of(path) if (row := _mrk_row(line, text, faults)) is not None]
+    faults = Faults(path, ProjectError)
+    rows = [
+        row for line, text in lines_of(path, ProjectError, HOLDING) if (row := _mrk_row(line, text, faults)) is not None
+    ]
     first: dict[int | None, int] = {}
     for row in rows:
         if first.setdefault(row.number, row.line) != row.line:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from photogram.errors import ProjectError
 from photogram.files.position_files import (
-    Faults,
+    HOLDING,
     Format,
     PositionFile,
     PositionRow,
@@ -22,9 +22,9 @@ from photogram.files.position_files import (
     check_on_globe,
     format_of,
     gps_time,
-    lines_of,
     read_mrk,
 )
+from photogram.files.text_lines import Faults, lines_of
 from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
 
 Row = Mapping[str, str]
@@ -209,7 +209,7 @@ def _file(
     gps_times: Mapping[int, datetime],
 ) -> PositionFile:
     """Return the positions of a table that has been taken to pieces. Raises ProjectError with every fault."""
-    faults = Faults(path)
+    faults = Faults(path, ProjectError)
     number, names = header
     places = _columns(names, number, faults)
     first, second, geographic = _plan(places, number, faults)
@@ -243,7 +243,7 @@ def _file(
 def read_table(path: Path) -> PositionFile:
     """Read a table with a header, columns separated by commas, semicolons or tabs. Raises ProjectError with every
     fault."""
-    lines = lines_of(path)
+    lines = lines_of(path, ProjectError, HOLDING)
     while len(lines) > 1 and lines[0][1].lstrip().startswith("#") and not re.search(r"[,;\t]", lines[0][1]):
         lines = lines[1:]  # a remark above the header
     separator = next((s for s in (";", "\t", ",") if s in lines[0][1]), ",")
@@ -261,7 +261,7 @@ def read_pos(path: Path) -> PositionFile:
 
     It names no photographs: they are matched in their order. Raises ProjectError with every fault.
     """
-    lines = lines_of(path)
+    lines = lines_of(path, ProjectError, HOLDING)
     headers = [(n, text) for n, text in lines if text.lstrip().startswith("%") and "latitude" in text.lower()]
     body = [(n, text) for n, text in lines if not text.lstrip().startswith("%")]
     if not headers or "'" in headers[-1][1]:
