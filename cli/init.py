@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated
 
 import numpy as np
@@ -19,9 +19,13 @@ from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.control_files import read_points
 from photogram.files.images import inspect_photograph
+from photogram.files.position_files import read_mrk
+from photogram.heights import HeightSystem
 from photogram.pipeline import load_project
+from photogram.position_matching import match_rows
 from photogram.project_draft import (
     ControlFile,
+    DraftPositions,
     LeftOut,
     ProjectDraft,
     TaggedPhotograph,
@@ -108,6 +112,31 @@ def _control_file(
     )
 
 
+def _geoid(geoid: str | None, project: Path) -> str | None:
+    return geoid if geoid is None or not Path(geoid).is_file() else _relative(Path(geoid), project)
+
+
+def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
+    """Return the MRK files beside the photographs with their rows; those that cannot be used with the reason."""
+    found = folder.rglob("*") if recursive else folder.iterdir()
+    paths = sorted(
+        p for p in found if p.suffix.lower() == ".mrk" and p.is_file() and not _is_hidden(p.relative_to(folder))
+    )
+    files = []
+    for path in paths:
+        here = path.relative_to(folder).parent.as_posix()
+        beside = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
+        written = _relative(path, project)
+        try:
+            matching = match_rows(read_mrk(path), beside or names)
+            files.append(DraftPositions(written, matching.rows, matching.fault))
+        except ProjectError as fault:
+            lines = str(fault).splitlines()
+            more = f" and {len(lines) - 1} more faults" if len(lines) > 1 else ""
+            files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
+    return tuple(files)
+
+
 def _show(draft: ProjectDraft, project: Path) -> None:
     table = Table(title=escape(str(project)), show_header=False)
     flights = f" in {count(draft.flights, 'flight')}"
@@ -121,9 +150,14 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     table.add_row(
         "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
     )
+    for positions in draft.positions:
+        text = f"of {count(len(positions.rows))}" if positions.rows else f"not used: {positions.fault}"
+        table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
     attitudes = sum(p.has_attitude for p in draft.photographs)
     table.add_row("attitude", f"in the tags of {count(attitudes)}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
+    if not draft.height_systems.known:
+        table.add_row("heights", escape(f"say in {project} whether they are above the ellipsoid or a geoid"))
     for file in draft.control:
         table.add_row(file.role, f"{count(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
@@ -162,6 +196,13 @@ def init(
     control_sigma: Annotated[
         float | None, typer.Option("--control-sigma", min=1e-4, help="Accuracy of the ground points in m.")
     ] = None,
+    heights: Annotated[
+        HeightSystem | None, typer.Option("--heights", help="What the heights of the ground points are above.")
+    ] = None,
+    geoid: Annotated[
+        str | None,
+        typer.Option("--geoid", help="Geoid of orthometric heights: EGM96, EPSG:5799 or a grid (.gtx, .tif)."),
+    ] = None,
     focal_px: Annotated[
         float | None, typer.Option("--focal-px", min=1.0, help="Focal length in px, where the tags do not give it.")
     ] = None,
@@ -170,6 +211,8 @@ def init(
 ) -> None:
     """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags."""
     size = _picture_size(picture_size)
+    if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
+        raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
     if project.exists() and not force:
         raise ProjectError(
             f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
@@ -178,7 +221,9 @@ def init(
     roles: list[tuple[Path, Role]] = [*((p, "control") for p in control or ()), *((p, "check") for p in check or ())]
     files = tuple(_control_file(path, role, marks, project, size, control_sigma) for path, role in roles)
     tagged, unreadable = _inspect(photographs, names)
-    draft = draft_project(tagged, unreadable, Wishes(crs, focal_px, files))
+    positions = _positions(photographs, [p.name for p in tagged], recursive, project)
+    wishes = Wishes(crs, focal_px, files, heights, _geoid(geoid, project), positions)
+    draft = draft_project(tagged, unreadable, wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     _show(draft, project)

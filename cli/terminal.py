@@ -17,6 +17,7 @@ from photogram.stages import Stage
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
+MAXIMUM_SENTENCES = 4
 MAXIMUM_SUSPECTS = 5
 MAXIMUM_LEFT_OUT = 10
 _CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
@@ -135,6 +136,24 @@ def _left_out(report: Mapping[str, Any]) -> Table | None:
     return table
 
 
+def show_gnss(gnss: Mapping[str, Any]) -> None:
+    """Print what GNSS says of itself: who took part, offsets that are significant, warnings."""
+    if not gnss["flights"]:
+        return
+    kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
+    console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
+    said = [
+        f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
+    ]
+    for sentence in said[:MAXIMUM_SENTENCES]:
+        console.print(f"[bold]GNSS:[/bold] {escape(sentence)}")
+    for sentence in gnss["warnings"][:MAXIMUM_SENTENCES]:
+        console.print(f"[bold yellow]Warning:[/bold yellow] {escape(sentence)}")
+    more = len(said[MAXIMUM_SENTENCES:]) + len(gnss["warnings"][MAXIMUM_SENTENCES:])
+    if more:
+        console.print(f"and {more} more sentences, see gnss in report.json")
+
+
 def show_report(report: Mapping[str, Any]) -> None:
     """Print the essentials of report.json."""
     resections = _resections(report)
@@ -174,6 +193,7 @@ def show_report(report: Mapping[str, Any]) -> None:
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
+    show_gnss(report["gnss"])
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]
     for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):

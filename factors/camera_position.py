@@ -1,7 +1,8 @@
 """GNSS positions and attitudes of photographs.
 
-The projection centre is C = GNSS + offset. The offset (antenna, datum of the base station, height system) is one
-unknown per flight, with its own prior. The attitude of a gimbal is a rotation with one sigma about every axis.
+The projection centre is C = GNSS + R l + offset, with the lever arm l from the antenna in the camera's axes where it is
+known there. The offset (datum of the base station, height system) is one unknown per flight, with its own prior. The
+attitude of a gimbal is a rotation with one sigma about every axis.
 """
 
 from __future__ import annotations
@@ -14,28 +15,47 @@ from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.survey import FloatArray
 
 
+def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m: FloatArray | None) -> FloatArray:
+    """Return the Jacobian (3, 6) of the antenna's position C − R l on a pose's tangent (ω, v): [R [l]× R].
+
+    From (C + R v) − R Exp(ω) l = C − R l + R v − R (ω × l), and ω × l = −[l]× ω (Barfoot 2017, eq. 7.16).
+    """
+    R = rotation_world_from_camera
+    if lever_arm_camera_m is None:
+        return np.hstack([np.zeros((3, 3)), R])
+    x, y, z = lever_arm_camera_m
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.hstack([R @ across, R])
+
+
 def gnss_position(
     photograph: int,
     gnss_world_m: FloatArray,
     sigma_m: FloatArray,
     flight: int | None,
     axes: FloatArray | None = None,
+    lever_arm_camera_m: FloatArray | None = None,
 ) -> gtsam.NonlinearFactor:
     """Return the factor of a GNSS position (3,) in the world, m; ``flight`` names its offset, None when it has none.
 
-    Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world. Residual
-    C − offset − GNSS; Jacobians [0 R] on the pose's tangent (ω, v) and −I on the offset.
+    Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world; ``lever_arm_camera_m``
+    (3,) points from the antenna to the projection centre. Residual C − R l − offset − GNSS; Jacobians of
+    position_jacobian on the pose, and −I on the offset.
     """
     noise = along_axes(sigma_m, axes)
-    if flight is None:
+    arm = np.zeros(3) if lever_arm_camera_m is None else lever_arm_camera_m
+    if flight is None and lever_arm_camera_m is None:
         return gtsam.GPSFactor(key(POSE, photograph), gnss_world_m, noise)
+    if flight is None:
+        return gtsam.GPSFactorArm(key(POSE, photograph), gnss_world_m, -arm, noise)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
         pose = values.atPose3(factor.keys()[0])
+        R = pose.rotation().matrix()
         if jacobians is not None:
-            jacobians[0] = np.hstack([np.zeros((3, 3)), pose.rotation().matrix()])
+            jacobians[0] = position_jacobian(R, lever_arm_camera_m)
             jacobians[1] = -np.eye(3)
-        return np.asarray(pose.translation() - values.atPoint3(factor.keys()[1]) - gnss_world_m)
+        return np.asarray(pose.translation() - R @ arm - values.atPoint3(factor.keys()[1]) - gnss_world_m)
 
     return gtsam.CustomFactor(noise, [key(POSE, photograph), key(GNSS_OFFSET, flight)], error)
 

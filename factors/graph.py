@@ -96,7 +96,8 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
     for i, photograph in enumerate(block.photographs):
         if photograph.gnss_world_m is not None and photograph.gnss_sigma_m is not None:
             flight = problem.flights.index(photograph.flight) if problem.flights else None
-            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight, axes))
+            arm = photograph.lever_arm_camera_m
+            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight, axes, arm))
         if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
             attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
             graph.add(measured_attitude(i, attitude, sigma, heading_known=photograph.heading_known))

@@ -23,7 +23,9 @@ from photogram.factors.loss import robust_terms
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.factors.state import State
+from photogram.gnss_offsets import implied_offsets
 from photogram.ground_points import ground_points, mark_residuals_px
+from photogram.lever_arms import left_arm
 from photogram.outliers import (
     agreeing_observations,
     first_agreement,
@@ -242,6 +244,8 @@ def _adjust_oriented(
     sigma0, redundancy = sigma0_and_redundancy(final, final_state)
     ground, ground_covariance = ground_points(final, final_state, found)
     poses, R = found.poses, state.rotation
+    held, implied, implied_covariance = implied_offsets(final, final_state, found)
+    arm = left_arm(final, final_state, found)
     tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)
     return Adjustment(
         block=adjusted,
@@ -265,4 +269,10 @@ def _adjust_oriented(
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~kept)),
         reliability=reliability(final, final_state, found),
+        held_flights=held,
+        implied_offset_world_m=implied,
+        implied_offset_covariance_m2=implied_covariance,
+        left_arm_camera_m=arm.arm_camera_m,
+        left_arm_sigma_m=arm.sigma_m,
+        left_arm_p=arm.p,
     )

@@ -118,13 +118,11 @@ def _metres(values: Sequence[float] | FloatArray) -> str:
     return ", ".join(f"{value:+.3f}" for value in values)
 
 
-def _plain(name: str, axes: Sequence[int], off: FloatArray, sigma: FloatArray) -> Blunder:
+def _plain(name: str, axes: list[int], off: FloatArray, sigma: FloatArray) -> Blunder:
     parts = [f"{AXES[axis]} {off[axis]:+.3f} m, {abs(off[axis]) / sigma[axis]:.0f} sigma" for axis in axes]
-    kind = {(2,): "height", (0, 1): "plan", (0, 1, 2): "position"}.get(
-        tuple(axes), "plan" if 2 not in axes else "position"
-    )
-    text = f"control point {name}: everything else predicts another {kind} ({'; '.join(parts)})"
-    return Blunder(kind, (name,), None, text)
+    kind = "height" if axes == [2] else "position" if 2 in axes else "plan"
+    what = parts[0].replace(" ", ", ", 1) if len(parts) == 1 else f"{kind} ({'; '.join(parts)})"
+    return Blunder(kind, (name,), None, f"control point {name}: everything else predicts another {what}")
 
 
 def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:

@@ -81,6 +81,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
         "photogram: 1",
         "report: {name: Simulated survey of photogram demo}",
         f"crs: {survey.frame.crs}",
+        "heights: ellipsoidal # of the control points, the GNSS positions and all results",
         "cameras:",
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",

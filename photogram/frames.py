@@ -8,8 +8,10 @@ The `map` frame is the project's CRS (easting, northing, height). The `world` fr
 error is
   the map's scale factor (UTM: up to 0.4 ‰ at the central meridian); for exercises and small sites only.
 
-Heights go through unchanged as metres above the ellipsoid of the CRS; a geoid height left in them changes the scale by
-7e-6 for 44 m. This is the only module that uses PROJ.
+Heights of the world are always above the ellipsoid. Those of the map are too, unless the frame has a geoid: then they
+are above it, and each point's geoid height is added on the way to the world and taken off on the way back. Heights
+whose system nobody declares go through unchanged; a geoid height left in them changes the scale by 7e-6 for 44 m. This
+module and `heights` are the only ones that use PROJ.
 """
 
 from __future__ import annotations
@@ -24,20 +26,34 @@ from pyproj import CRS, Proj, Transformer, proj_version_str
 from pyproj.exceptions import CRSError, ProjError
 
 from photogram.errors import FrameError
+from photogram.heights import (
+    DeclaredHeights,
+    Geoid,
+    HeightSystem,
+    crs_name,
+    full_crs,
+    geoid_height_m,
+    is_gnss_ellipsoid,
+    vertical_crs,
+)
 
 FloatArray = NDArray[np.float64]
 WorldKind = Literal["tangent", "grid"]
 
 
-def projected_crs(name: str) -> CRS:
-    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in
-    metres."""
+def _any_crs(name: str) -> CRS:
     try:
-        crs = CRS.from_user_input(name)
+        return CRS.from_user_input(name)
     except CRSError as fault:
         raise FrameError(
             f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
         ) from fault
+
+
+def projected_crs(name: str) -> CRS:
+    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in
+    metres."""
+    crs = _any_crs(name)
     horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
     if not horizontal.is_projected:
         raise FrameError(
@@ -48,6 +64,65 @@ def projected_crs(name: str) -> CRS:
     if units != {"metre"}:
         raise FrameError(f"crs: {name!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres")
     return horizontal
+
+
+def vertical_of(name: str) -> str | None:
+    """Return the vertical CRS within the map ``name`` (EPSG:25832+5799), None where it has none.
+
+    Raises FrameError as projected_crs, and where its heights are not in metres upwards.
+    """
+    projected_crs(name)
+    found = height_system_of(name)[1]
+    if found is not None:
+        vertical_crs(found)
+    return found
+
+
+def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
+    """Return the system of the heights that a CRS of any kind names, None where it names none, and its vertical CRS
+    where it is compound. Raises FrameError where PROJ does not know the CRS."""
+    crs = _any_crs(name)
+    if crs.is_compound:
+        code = crs.sub_crs_list[1].to_epsg()
+        return "orthometric", f"EPSG:{code}" if code is not None else str(crs.sub_crs_list[1].to_wkt())
+    spatial = any(axis.direction == "up" for axis in crs.axis_info) and is_gnss_ellipsoid(crs)
+    return ("ellipsoidal" if spatial else None), None
+
+
+def plan_of(name: str) -> str:
+    """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
+    plan = projected_crs(name)
+    return crs_name(plan) if CRS.from_user_input(name).is_compound else name
+
+
+def product_crs(crs: str, heights: DeclaredHeights) -> str:
+    """Return the CRS of every product: ``crs``, with what the heights are counted from where that is declared."""
+    if heights.output is None:
+        return crs
+    return crs_name(full_crs(projected_crs(crs), heights.output, heights.geoid))
+
+
+def written_crs(name: str) -> CRS:
+    """Return the CRS ``name`` as products carry it, with its vertical axis where it has one. Raises FrameError unless
+    it is a map grid in metres."""
+    plan = projected_crs(name)
+    crs = CRS.from_user_input(name)
+    return crs if crs.is_compound else plan
+
+
+def map_heights(crs: str, heights: DeclaredHeights, given: HeightSystem | None, points_map_m: FloatArray) -> FloatArray:
+    """Bring points (N, 3), whose heights are of the system ``given``, to the heights of the map, each exactly.
+
+    Unchanged where a system is not declared. Raises FrameError where a point lies outside the CRS or the geoid's grid,
+    or the grid is missing.
+    """
+    points = np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3)
+    sign = heights.sign_to_map(given)
+    if heights.geoid is None or sign == 0.0 or not len(points):
+        return points
+    raised = points.copy()
+    raised[:, 2] += sign * LocalFrame(crs, (0.0, 0.0, 0.0), "grid", heights.geoid).geoid_height_m(points)
+    return raised
 
 
 def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatArray:
@@ -93,12 +168,7 @@ def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
     heights come beside feet without a unit of their own, or a point lies where the transformation has no values.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
-    try:
-        given = CRS.from_user_input(source)
-    except CRSError as fault:
-        raise FrameError(
-            f"crs: {source!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
-        ) from fault
+    given = _any_crs(source)
     plan = projected_crs(target)
     if given.is_geocentric or len(given.axis_info) < 2:
         raise FrameError(f"crs: {source!r} ({given.name}) has no easting and northing, nor longitude and latitude")
@@ -139,18 +209,24 @@ def geodetic_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``."""
+    """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``.
+
+    ``geoid`` is what the heights of the map are above, None where that is the ellipsoid.
+    """
 
     crs: str
     origin_map_m: tuple[float, float, float]
     kind: WorldKind = "tangent"
+    geoid: Geoid | None = None
 
     @classmethod
-    def near(cls, crs: str, points_map_m: FloatArray, kind: WorldKind = "tangent") -> LocalFrame:
+    def near(
+        cls, crs: str, points_map_m: FloatArray, kind: WorldKind = "tangent", geoid: Geoid | None = None
+    ) -> LocalFrame:
         """Return a frame with its origin at the centre of points (N, 3), rounded to 10 m so that it is stable and
         readable."""
         centre = np.round((points_map_m.min(axis=0) + points_map_m.max(axis=0)) / 2, -1)
-        frame = cls(crs, (float(centre[0]), float(centre[1]), float(centre[2])), kind)
+        frame = cls(crs, (float(centre[0]), float(centre[1]), float(centre[2])), kind, geoid)
         frame.world_from_map(points_map_m[:1])
         return frame
 
@@ -177,9 +253,14 @@ class LocalFrame:
             f"+step +proj=topocentric {shape} +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
         )
 
-    def _geodetic_from_map(self, points_map_m: FloatArray) -> FloatArray:
-        lon, lat = self._geodetic.transform(points_map_m[:, 0], points_map_m[:, 1])
-        geodetic = np.column_stack([lon, lat, points_map_m[:, 2]])
+    @cached_property
+    def _ellipsoidal_origin_m(self) -> FloatArray:
+        origin = np.array(self.origin_map_m)
+        return origin if self.geoid is None else self._above_ellipsoid(origin[None])[0]
+
+    def _plan_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        """Return longitude and latitude (N, 2) in degrees. Raises FrameError outside the CRS."""
+        geodetic = np.column_stack(self._geodetic.transform(points_map_m[:, 0], points_map_m[:, 1]))
         lost = ~np.isfinite(geodetic).all(axis=1)
         if lost.any():
             easting, northing = points_map_m[lost][0, :2]
@@ -189,47 +270,91 @@ class LocalFrame:
             )
         return geodetic
 
-    def world_from_map(self, points_map_m: FloatArray) -> FloatArray:
-        """Transform points (N, 3) from the map to the world frame, exactly. Raises FrameError outside the CRS."""
+    def _geodetic_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        plan = self._plan_from_map(points_map_m)
+        return np.column_stack([plan, points_map_m[:, 2] + self._geoid_height_m(plan, points_map_m)])
+
+    def _geoid_height_m(self, plan_deg: FloatArray, points_map_m: FloatArray) -> FloatArray:
+        if self.geoid is None:
+            return np.zeros(len(plan_deg))
+        height = geoid_height_m(self._crs, self.geoid, plan_deg)
+        lost = ~np.isfinite(height)
+        if lost.any():
+            easting, northing = points_map_m[lost][0, :2]
+            raise FrameError(
+                f"position easting {easting:.2f}, northing {northing:.2f} lies outside the grid of geoid "
+                f"{self.geoid.name}: give the geoid of the site"
+            )
+        return height
+
+    def geoid_height_m(self, points_map_m: FloatArray) -> FloatArray:
+        """Return the height (N,) of the frame's geoid above the ellipsoid at points (N, 3) of the map, zero without
+        one. Raises FrameError outside the CRS or the geoid's grid."""
         points = np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3)
-        if self.kind == "grid":
-            return np.asarray(points - np.array(self.origin_map_m))
+        return self._geoid_height_m(self._plan_from_map(points), points)
+
+    def _above_ellipsoid(self, points_map_m: FloatArray) -> FloatArray:
+        if self.geoid is None:
+            return points_map_m
+        return np.column_stack([points_map_m[:, :2], points_map_m[:, 2] + self.geoid_height_m(points_map_m)])
+
+    def world_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        """Transform points (N, 3) from the map to the world frame, exactly. Raises FrameError outside the CRS or the
+        geoid's grid."""
+        points = np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3)
         if len(points) == 0:
             return points.copy()
+        if self.kind == "grid":
+            return np.asarray(self._above_ellipsoid(points) - self._ellipsoidal_origin_m)
         geodetic = self._geodetic_from_map(points)
         return np.column_stack(self._topocentric.transform(geodetic[:, 0], geodetic[:, 1], geodetic[:, 2]))
 
     def map_from_world(self, points_world_m: FloatArray) -> FloatArray:
-        """Transform points (N, 3) from the world frame to the map, exactly; NaN stays NaN."""
+        """Transform points (N, 3) from the world frame to the map, exactly; NaN stays NaN, and a point outside the
+        geoid's grid has no height."""
         points = np.asarray(points_world_m, dtype=np.float64).reshape(-1, 3)
-        if self.kind == "grid":
-            return np.asarray(points + np.array(self.origin_map_m))
         known = np.isfinite(points).all(axis=1)
         result = np.full(points.shape, np.nan)
         if not known.any():
             return result
-        east, north, up = points[known].T
-        try:
-            lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
-            easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
-        except ProjError as fault:
-            raise FrameError(f"positions cannot be brought into {self.crs}: {fault}") from fault
-        result[known] = np.column_stack([easting, northing, height])
+        if self.kind == "grid":
+            result[known] = points[known] + self._ellipsoidal_origin_m
+            plan = None if self.geoid is None else np.column_stack(self._geodetic.transform(*result[known, :2].T))
+        else:
+            east, north, up = points[known].T
+            try:
+                lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
+                easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
+            except ProjError as fault:
+                raise FrameError(f"positions cannot be brought into {self.crs}: {fault}") from fault
+            result[known] = np.column_stack([easting, northing, height])
+            plan = np.column_stack([lon, lat])
+        if self.geoid is not None and plan is not None:
+            result[known, 2] -= geoid_height_m(self._crs, self.geoid, plan)
         return result
 
     def rotation_world_from_map(self, position_world_m: FloatArray) -> FloatArray:
         """Return the rotation (3, 3) whose columns are the map's easting, northing and up axes at a position (3,), in
         the world.
 
-        Meridian convergence and the tilt of the vertical are counted, the map's scale factor is not.
+        Meridian convergence and the tilt of the ellipsoid's normal are counted, the map's scale factor and the slope of
+        a geoid (some 0.01 mm per metre, rarely 0.1) are not.
         """
         if self.kind == "grid":
             return np.eye(3)
+        if self.geoid is not None:
+            return self._ellipsoidal.rotation_world_from_map(position_world_m)
         step = 10.0
         centre = self.map_from_world(position_world_m[None])[0]
         ends = self.world_from_map(centre + step * np.vstack([np.eye(3), -np.eye(3)]))
         U, _, Vt = np.linalg.svd((ends[:3] - ends[3:]).T)
         return np.asarray(U @ Vt)
+
+    @cached_property
+    def _ellipsoidal(self) -> LocalFrame:
+        """The same world over a map of ellipsoidal heights."""
+        easting, northing, height = self._ellipsoidal_origin_m.tolist()
+        return LocalFrame(self.crs, (easting, northing, height), self.kind)
 
     def rotation_world_from_true(self, position_world_m: FloatArray) -> FloatArray:
         """Return the rotation (3, 3) from true east, true north and up at a position (3,) to the world frame.
@@ -239,12 +364,12 @@ class LocalFrame:
         """
         if self.kind == "tangent":
             return np.eye(3)
-        tangent = LocalFrame(self.crs, self.origin_map_m, "tangent")
+        tangent = LocalFrame(self.crs, self.origin_map_m, "tangent", self.geoid)
         return tangent.rotation_world_from_map(position_world_m).T
 
     def grid_scale(self, position_map_m: FloatArray) -> float:
         """Return the map's point scale factor at a position (3,), 1 for a true length."""
-        lon, lat, _ = self._geodetic_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
+        lon, lat = self._plan_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
         return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)
 
 

@@ -26,9 +26,10 @@ from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.matlab import read_camera
 from photogram.memory import peak_memory
+from photogram.preflight_heights import stop_at_contradictions
 from photogram.project import Project, read_project
 from photogram.publication import publish
-from photogram.records import Run, control_of, measured_photographs
+from photogram.records import Run, control_of, height_marks, measured_photographs
 from photogram.stages import (
     Stage,
     adjust_block,
@@ -54,6 +55,7 @@ STAGES = (
             run.project.cameras,
             measured_photographs(run.project),
             run.project.crs,
+            height_marks(run.project),
         ],
         read_photographs,
     ),
@@ -218,8 +220,10 @@ def run_pipeline(
             watcher.begin(stage)
             if number < first and _present(run, stage, marks[stage.name]):
                 watcher.end(stage, None, run.workspace.summary(stage.name))
-                continue
-            _run_stage(run, stage, marks[stage.name], watcher, fresh=number >= first)
+            else:
+                _run_stage(run, stage, marks[stage.name], watcher, fresh=number >= first)
+            if number == 0 and last > 0:  # before hours of work, and in every run: control may have changed since
+                stop_at_contradictions(project, run.block(), run.notes())
     report = project.results / "report.json"
     return dict(read_json(report)) if last == len(names) - 1 else {}
 

@@ -18,6 +18,8 @@ from photogram.files.photograph_headers import PhotographHeader
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, Severity, some, things
 from photogram.preflight_geometry import geometry_findings
+from photogram.preflight_heights import height_system_findings
+from photogram.preflight_positions import gnss_findings
 from photogram.project import Project
 from photogram.project_schema import Quality
 
@@ -138,31 +140,6 @@ def _same_moment(project: Project, tags: Sequence[PhotographTags | None]) -> lis
     return findings
 
 
-def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
-    """Return which photographs have no GNSS position, and which positions have no standard deviation."""
-    without, bare = [], []
-    for photograph, tag in zip(project.photographs, tags, strict=True):
-        if tag is None:
-            continue
-        tagged = tag.longitude_deg is not None and tag.latitude_deg is not None and tag.height_m is not None
-        if photograph.gnss_map_m is None and not tagged:
-            without.append(photograph.name)
-        elif photograph.gnss_sigma_m is None and tag.gnss_sigma_m is None:
-            bare.append(photograph.name)
-    findings = []
-    if bare:
-        text = f"{things(len(bare), 'GNSS position')} without a standard deviation, in the tags or in the project"
-        remedy = "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
-        findings.append(Finding("fault", some(bare), text, remedy))
-    if without and len(without) < len(project.photographs):
-        text = f"{len(without)} of {len(project.photographs)} photographs have no GNSS position"
-        findings.append(Finding("warning", some(without), text, "they are placed by tie points and control alone"))
-    elif without:
-        text = "none has a GNSS position: control points alone say where the survey is"
-        findings.append(Finding("note", "photographs", text))
-    return findings
-
-
 # ---- machine -------------------------------------------------------------------------------------------------------
 
 
@@ -204,7 +181,7 @@ def machine_findings(project: Project, free_disk_bytes: int | None, memory: int 
 
 def _overview(project: Project, tags: Sequence[PhotographTags | None]) -> Finding:
     positions = sum(t is not None and t.longitude_deg is not None for t in tags)
-    given = sum(p.gnss_map_m is not None for p in project.photographs)
+    given = sum(p.gnss_map_m is not None or p.file_position is not None for p in project.photographs)
     roles = Counter(p.role for p in project.control_points)
     heights = [t.height_above_take_off_m for t in tags if t is not None and t.height_above_take_off_m]
     facts = [
@@ -234,6 +211,7 @@ def survey_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         *_same_moment(project, tags),
         *gnss_findings(project, tags),
         *geometry_findings(project, tags),
+        *height_system_findings(project, tags),
     ]
 
 

@@ -13,7 +13,8 @@ from photogram.camera import Camera, rotation_from_gimbal, unproject
 from photogram.errors import FrameError, ImageError
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, some, things
-from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.frames import LocalFrame, map_from_geodetic, map_heights
+from photogram.measured_positions import FROM_TAGS, sigmas_of, source_of
 from photogram.project import Project, ProjectPhotograph
 from photogram.project_checks import AreaOfUse
 from photogram.similarity import straight
@@ -64,32 +65,34 @@ class MeasuredSurvey:
 
 
 def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
-    """Return the GNSS position (F, 3) of each photograph in the map, the project's before its tags', NaN where there is
-    none. Raises FrameError where the tags' lie outside the CRS."""
+    """Return the GNSS position (F, 3) of each photograph in the map, the project's before those of files before its
+    tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
     nothing = (np.nan,) * 3
     geodetic = np.array(
         [
-            nothing
-            if t is None or t.longitude_deg is None or t.latitude_deg is None or t.height_m is None
-            else (t.longitude_deg, t.latitude_deg, t.height_m)
-            for t in tags
+            nothing if t is None or source_of(p, t) != FROM_TAGS else (t.longitude_deg, t.latitude_deg, t.height_m)
+            for p, t in zip(project.photographs, tags, strict=True)
         ],
         dtype=np.float64,
     ).reshape(-1, 3)
     position = np.full(geodetic.shape, np.nan)
-    given = np.array([p.gnss_map_m is not None for p in project.photographs], dtype=bool)
-    tagged = np.isfinite(geodetic).all(axis=1) & ~given
-    if tagged.any():
-        position[tagged] = map_from_geodetic(project.crs, geodetic[tagged])
-    for i in np.flatnonzero(given):
-        position[i] = project.photographs[i].gnss_map_m
+    tagged = np.isfinite(geodetic).all(axis=1)
+    systems = [None if t is None else project.heights.of_tags(t.height_is_ellipsoidal) for t in tags]
+    for system in dict.fromkeys(systems):
+        own = tagged & np.array([s == system for s in systems], dtype=bool)
+        if own.any():
+            plan = map_from_geodetic(project.crs, geodetic[own])
+            position[own] = map_heights(project.crs, project.heights, system, plan)
+    for i, photograph in enumerate(project.photographs):
+        if photograph.gnss_map_m is not None:
+            position[i] = photograph.gnss_map_m
+        elif photograph.file_position is not None:
+            position[i] = photograph.file_position.position_map_m
     return position
 
 
-def _sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sequence[float] | FloatArray:
-    if photograph.gnss_sigma_m is not None:
-        return photograph.gnss_sigma_m
-    return (np.nan,) * 3 if tags is None or tags.gnss_sigma_m is None else tags.gnss_sigma_m
+def _sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sequence[float]:
+    return sigmas_of(photograph, tags)[0] or (np.nan,) * 3
 
 
 def _height(photograph: ProjectPhotograph, tags: PhotographTags | None) -> float:
@@ -114,7 +117,7 @@ def measured_survey(
     places = np.vstack([gnss_map_m[known], control_map_m])
     if not len(places):
         return None
-    frame = LocalFrame.near(project.crs, places, project.world_kind)
+    frame = LocalFrame.near(project.crs, places, project.world_kind, project.heights.map_geoid)
     world = np.full(gnss_map_m.shape, np.nan)
     world[known] = frame.world_from_map(gnss_map_m[known])
     pairs = list(zip(project.photographs, tags, strict=True))
@@ -293,7 +296,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
         camera = project.photographs[photograph[worst]].name
         text = f"{points.name[point[worst]]} is {-drop_m[worst]:.1f} m above {camera}, which shows it, by their heights"
         remedy = (
-            "bring both to one height system; heights without RTK err by tens of metres: then give "
+            "declare the height systems under heights; heights without RTK err by tens of metres: then give "
             "gnss.offset_sigma_m a height such as 50"
         )
         where = f"{'points' if len(names) > 1 else 'point'} {some(names)}"
@@ -306,7 +309,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
             f"GNSS positions are {np.median(drop_m):.0f} m above the control points, but the photographs were taken "
             f"{np.nanmedian(survey.flying_height_m[photograph]):.0f} m above ground or take-off"
         )
-        remedy = "bring both to one height system, or give gnss.offset_sigma_m a height such as 50"
+        remedy = "declare the height systems under heights; without RTK give gnss.offset_sigma_m a height such as 50"
         return [Finding("warning", "heights", text, remedy)]
     return []
 

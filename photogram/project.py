@@ -21,19 +21,23 @@ from photogram.asprs import ReportSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
-from photogram.frames import LocalFrame, WorldKind
+from photogram.frames import LocalFrame, WorldKind, product_crs
+from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.pair_selection import PairSettings
 from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
+from photogram.project_heights import listed_in_map, read_heights
 from photogram.project_points import GroundPoint, read_point_files
+from photogram.project_positions import FilePosition, read_position_files
 from photogram.project_schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
     Calibration,
     CameraEntry,
     CameraSigmas,
+    LeverArmAxes,
     PhotographEntry,
     ProjectFile,
     Quality,
@@ -53,8 +57,11 @@ ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]
 class ProjectPhotograph:
     """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
 
-    ``gnss_map_m`` (3,) is the antenna position, None to take the one in the photograph's tags; ``gnss_sigma_m`` (3,)
-    holds for either, None where the file says nothing. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
+    ``gnss_map_m`` (3,) is its measured position as the project file itself gives it, ``file_position`` the one that a
+    file of positions gives, None where there is none: the photograph's tags are the last to be asked. ``gnss_sigma_m``
+    (3,) holds for any of them, None where the file says nothing; ``own_sigma`` says that it is this photograph's own.
+    ``lever_arm_m`` (3,) points from the antenna to the camera, forward, right and down along ``lever_arm_axes``, None
+    where positions are the camera's. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
     writes them. ``height_above_ground_m`` is the flying height, None where the file says nothing.
     """
 
@@ -67,8 +74,14 @@ class ProjectPhotograph:
     attitude_deg: tuple[float, float, float] | None = None
     attitude_sigma_deg: float = 2.0
     height_above_ground_m: float | None = None
+    file_position: FilePosition | None = None
+    own_sigma: bool = False
+    lever_arm_m: FloatArray | None = None
+    lever_arm_axes: LeverArmAxes = "body"
 
     def __post_init__(self) -> None:
+        if self.lever_arm_m is not None:
+            check_shape("lever_arm_m", self.lever_arm_m, (3,))
         if self.gnss_map_m is not None:
             check_shape("gnss_map_m", self.gnss_map_m, (3,))
         if self.gnss_sigma_m is not None:
@@ -80,6 +93,7 @@ class ProjectControlPoint:
     """One surveyed point: its role in plan and in height, ``position_map_m`` (3,) with ``sigma_m`` (3,), its marks.
 
     ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
+    ``heights`` is the system that its height was given in, None where nobody says.
     """
 
     name: str
@@ -89,6 +103,7 @@ class ProjectControlPoint:
     mark_photograph: NDArray[np.int64]
     mark_pixel: FloatArray
     mark_sigma_px: FloatArray
+    heights: HeightSystem | None = None
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -145,7 +160,25 @@ class Project:
     reference: Path | None
     results: Path
     work: Path
+    heights: DeclaredHeights = UNDECLARED
     report: ReportSettings = field(default_factory=ReportSettings)
+
+    @property
+    def product_crs(self) -> str:
+        """The CRS of every product, with what heights are counted from where that is declared."""
+        return product_crs(self.crs, self.heights)
+
+    def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
+        """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
+        is ``height_is_ellipsoidal``, for each photograph."""
+        return [
+            self.heights.gnss_given
+            if photograph.gnss_map_m is not None
+            else self.heights.of_tags(said)
+            if photograph.file_position is None
+            else photograph.file_position.heights
+            for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
+        ]
 
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
         """Return the control and check points with their marks, positions in the world of ``frame``.
@@ -191,8 +224,11 @@ def read_project(
     if folder is None and file.photographs.folder is not None:
         folder = base / file.photographs.folder
     photographs = photographs_of(document, file, folder)
-    surveyed, places = read_point_files(document, file, photographs, base)
-    check_project(document, file, photographs, folder, base, places)
+    heights = read_heights(document, file, base) or UNDECLARED
+    surveyed, places = read_point_files(document, file, photographs, base, heights)
+    positions, located = read_position_files(document, file, photographs, folder, base, heights)
+    check_project(document, file, photographs, folder, base, places, located)
+    control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     cameras = [
         _camera(document, ("cameras", name), camera, base, read_matlab_camera) for name, camera in file.cameras.items()
     ]
@@ -202,7 +238,15 @@ def read_project(
     numbers = {key: number for number, key in enumerate(copies)}
     named = dict(zip(file.cameras, cameras, strict=True))
     listed = tuple(
-        _photograph(file, p, _given(folder), numbers[_copy_of(file, _given(camera_of(file, p)), p)]) for p in entries
+        _photograph(
+            file,
+            p,
+            _given(folder),
+            numbers[_copy_of(file, _given(camera_of(file, p)), p)],
+            gnss,
+            positions.get(p.name or ""),
+        )
+        for p, gnss in zip(entries, gnss_map_m if file.photographs.list else [None] * len(entries), strict=True)
     )
     return Project(
         path,
@@ -213,7 +257,7 @@ def read_project(
         tuple(file.cameras[name].calibration for name, _ in copies),
         tuple(file.cameras[name].source or "" for name, _ in copies),
         listed,
-        _control_points(file, surveyed, [p.name for p in listed]),
+        _control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
         np.array(file.gnss.offset_sigma_m),
         _given(features),
         _given(pairs),
@@ -225,6 +269,7 @@ def read_project(
         None if file.comparison.reference is None else base / file.comparison.reference,
         base / file.results,
         base / file.work,
+        heights,
         _given(report),
     )
 
@@ -318,18 +363,30 @@ def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_
     return copies
 
 
-def _photograph(file: ProjectFile, entry: PhotographEntry, folder: Path, camera: int) -> ProjectPhotograph:
+def _photograph(
+    file: ProjectFile,
+    entry: PhotographEntry,
+    folder: Path,
+    camera: int,
+    gnss_map_m: FloatArray | None,
+    position: FilePosition | None,
+) -> ProjectPhotograph:
     name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
+    arm = file.gnss.lever_arm_per_flight_m.get(entry.flight, file.gnss.lever_arm_m)
     return ProjectPhotograph(
         name,
         folder / name,
         camera,
         entry.flight,
-        None if entry.gnss_m is None else np.array(entry.gnss_m),
+        None if entry.gnss_m is None else gnss_map_m,
         None if sigma is None else np.array(sigma),
         None if entry.attitude_deg is None else _angles(entry.attitude_deg),
         entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
         entry.height_above_ground_m or file.photographs.height_above_ground_m,
+        position,
+        entry.gnss_sigma_m is not None,
+        None if arm is None else np.array(arm),
+        file.gnss.lever_arm_axes,
     )
 
 
@@ -338,24 +395,29 @@ def _angles(attitude: Attitude) -> tuple[float, float, float]:
 
 
 def _control_points(
-    file: ProjectFile, surveyed: Sequence[GroundPoint], photographs: list[str]
+    file: ProjectFile,
+    listed_map_m: FloatArray,
+    heights: HeightSystem | None,
+    surveyed: Sequence[GroundPoint],
+    photographs: list[str],
 ) -> tuple[ProjectControlPoint, ...]:
     block = file.control_points
     origin = PIXEL_ORIGIN_PX[block.pixel_origin]
     index = {name: i for i, name in enumerate(photographs)}
     points = []
-    for entry in block.list:
+    for entry, position_map_m in zip(block.list, listed_map_m, strict=True):
         marks = len(entry.marks)
         sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
         points.append(
             ProjectControlPoint(
                 _given(entry.name),
                 entry.role,
-                np.array(_given(entry.position_m)),
+                position_map_m,
                 np.array(entry.sigma_m or _given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 np.full(marks, sigma_px),
+                heights,
             )
         )
     for point in surveyed:
@@ -369,6 +431,7 @@ def _control_points(
                 marked,
                 point.mark_pixel,
                 point.mark_sigma_px,
+                point.heights,
             )
         )
     return tuple(points)

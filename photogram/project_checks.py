@@ -114,18 +114,24 @@ def check_project(
     folder: Path | None,
     base: Path,
     files: Sequence[Sequence[Located]] = (),
+    positions: Sequence[Located] = (),
 ) -> None:
     """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``, ``files`` are
-    the points that come from other files."""
+    the points and ``positions`` the photographs' positions that come from other files."""
     if file.photogram not in (None, 1):
         document.fault(("photogram",), f"format {file.photogram} is not known: this version reads photogram: 1")
     for name, camera in file.cameras.items():
         _check_camera(document, ("cameras", name), camera, base)
     _check_photographs(document, file, photographs or ())
+    flights = {p.flight for p in photographs or ()}
+    for flight in file.gnss.lever_arm_per_flight_m:
+        if photographs is not None and flight not in flights:
+            text = f"there is no flight {flight!r}: {suggestion(flight, flights)}"
+            document.fault(("gnss", "lever_arm_per_flight_m", flight), text)
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
     _check_control_points(document, file, photographs)
-    _check_positions(document, file, files)
+    _check_positions(document, file, files, positions)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
@@ -237,7 +243,9 @@ def _check_marks(
             )
 
 
-def _check_positions(document: Document, file: ProjectFile, files: Sequence[Sequence[Located]]) -> None:
+def _check_positions(
+    document: Document, file: ProjectFile, files: Sequence[Sequence[Located]], positions: Sequence[Located]
+) -> None:
     area = None
     if file.crs is not None:
         try:
@@ -248,6 +256,7 @@ def _check_positions(document: Document, file: ProjectFile, files: Sequence[Sequ
         [(("control_points", "list", i, "position_m"), p.position_m) for i, p in enumerate(file.control_points.list)]
     )
     gnss = _listed([((*_LIST, i, "gnss_m"), p.gnss_m) for i, p in enumerate(file.photographs.list or ())])
+    gnss += positions
     _check_plan(document, area, [control, *files, gnss])
     for group in ([*control, *chain.from_iterable(files)], gnss):
         _check_heights(document, group)

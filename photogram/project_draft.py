@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.errors import FrameError, ProjectError
+from photogram.files.position_files import PositionRow
 from photogram.files.tags import PhotographTags
-from photogram.frames import map_from_geodetic, projected_crs
+from photogram.frames import height_system_of, map_from_geodetic, projected_crs, vertical_of
+from photogram.gnss_solutions import Sigma3
+from photogram.heights import HeightSystem, is_gnss_ellipsoid
 from photogram.sites import (
     Exposure,
     gap_between_sites_m,
@@ -29,7 +32,7 @@ from photogram.tagged_cameras import (
     camera_names,
     tagged_camera,
 )
-from photogram.tagged_positions import Gnss, GnssKind, Sigma3, gnss_of, height_reference, offset_prior
+from photogram.tagged_positions import Gnss, GnssKind, gnss_of, gnss_with, height_reference, offset_prior
 
 FloatArray = NDArray[np.float64]
 NEAR_M = 20_000.0
@@ -65,13 +68,25 @@ class OtherSite:
 
 @dataclass(frozen=True)
 class DraftPhotograph:
-    """A photograph of the project; ``gnss`` is None where its tags give no position."""
+    """A photograph of the project; ``gnss`` is None where neither its tags nor a file give a position. ``listed`` says
+    that a file gives it, with its standard deviations."""
 
     name: str
     camera: str
     flight: str
     gnss: Gnss | None
     has_attitude: bool
+    listed: bool = False
+
+
+@dataclass(frozen=True)
+class DraftPositions:
+    """A file of positions beside the photographs, as the project names it: its rows by the names of the photographs, or
+    the ``fault`` for which it is not used."""
+
+    path: str
+    rows: Mapping[str, PositionRow] = field(default_factory=dict)
+    fault: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +110,32 @@ class ControlFile:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user asks for beside the photographs."""
+    """What the user asks for beside the photographs, and what lies beside them; ``heights`` is the system of the ground
+    points."""
 
     crs: str | None = None
     focal_px: float | None = None
     control: tuple[ControlFile, ...] = ()
+    heights: HeightSystem | None = None
+    geoid: str | None = None
+    positions: tuple[DraftPositions, ...] = ()
+
+
+@dataclass(frozen=True)
+class DraftHeights:
+    """What heights are counted from: those of all results, of GNSS and of the ground points, None where nobody says;
+    ``known`` where nothing is left to be said."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: str | None = None
+    known: bool = False
 
 
 @dataclass(frozen=True)
 class ProjectDraft:
-    """A project to be written; ``heights`` says from what the heights of the positions are counted."""
+    """A project to be written; ``heights`` says in words from what the heights of the positions are counted."""
 
     crs: str
     crs_name: str
@@ -114,10 +145,12 @@ class ProjectDraft:
     offset_sigma_m: Sigma3
     offset_reason: str
     heights: str
+    height_systems: DraftHeights
     control: tuple[ControlFile, ...] = ()
     other_sites: tuple[OtherSite, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     gnss_kinds: Mapping[GnssKind, int] = field(default_factory=dict)
+    positions: tuple[DraftPositions, ...] = ()
 
     @property
     def flights(self) -> int:
@@ -190,6 +223,23 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
     for file in wishes.control:
         _check_control(file, crs, middle)
     return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+
+
+def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) -> DraftHeights:
+    """Return what tags, files and wishes say of the heights."""
+    said = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
+    gnss: HeightSystem | None = "ellipsoidal" if said == {True} else None
+    if vertical_of(crs) is not None:
+        return DraftHeights("orthometric", None, wishes.heights, wishes.geoid, known=True)
+    named = {
+        wishes.heights if file.crs is None else height_system_of(file.crs)[0] or wishes.heights
+        for file in wishes.control
+    }
+    control = named.pop() if len(named) == 1 else None
+    output = wishes.heights or control or (gnss if not wishes.control else None)
+    own = output != "ellipsoidal" or is_gnss_ellipsoid(projected_crs(crs))
+    known = output is not None and own and (output == "ellipsoidal" or wishes.geoid is not None)
+    return DraftHeights(output if known else None, gnss, wishes.heights, wishes.geoid, known)
 
 
 # ---- photographs ---------------------------------------------------------------------------------------------------
@@ -300,6 +350,22 @@ def _flights(photographs: Sequence[TaggedPhotograph], gap_m: float) -> list[str]
     return separate_flights(exposures, gap_m)
 
 
+def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositions, ...]:
+    """Return the files with the rows of the photographs ``names``; without rows, and a fault, those not to be used."""
+    claims = Counter(name for file in files for name in file.rows if name in names)
+    used = []
+    for file in files:
+        rows = {name: row for name, row in file.rows.items() if name in names}
+        twice = sorted(name for name in rows if claims[name] > 1)
+        fault = file.fault
+        if twice:
+            fault = f"{twice[0]} and others would have a position in another such file too: put each flight in a folder"
+        elif not rows and not fault:
+            fault = "none of its photographs is used"
+        used.append(DraftPositions(file.path, {} if fault else rows, fault))
+    return tuple(used)
+
+
 def draft_project(
     photographs: Sequence[TaggedPhotograph], unreadable: Sequence[LeftOut], wishes: Wishes
 ) -> ProjectDraft:
@@ -318,14 +384,25 @@ def draft_project(
     here, others, gap_m = _main_site(usable)
     cameras, rare = _cameras(here, wishes.focal_px)
     kept = [p for p in here if camera_key(p.tags) in cameras]
-    gnss = [gnss_of(p.tags) for p in kept]
+    positions = _used(wishes.positions, {p.name for p in kept})
+    rows = {name: row for file in positions for name, row in file.rows.items()}
+    gnss = [
+        gnss_of(p.tags) if p.name not in rows else gnss_with(rows[p.name].solution, rows[p.name].sigma_m) for p in kept
+    ]
     place = _degrees(kept)
     known = _located(place)
     crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
     angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
     listed = [
-        DraftPhotograph(p.name, cameras[camera_key(p.tags)].name, flight, g, None not in attitude)
+        DraftPhotograph(
+            p.name,
+            cameras[camera_key(p.tags)].name,
+            flight,
+            g,
+            None not in attitude,
+            p.name in rows and rows[p.name].sigma_m is not None,
+        )
         for p, flight, g, attitude in zip(kept, _flights(kept, gap_m), gnss, angles, strict=True)
     ]
     return ProjectDraft(
@@ -337,8 +414,10 @@ def draft_project(
         offset,
         offset_reason,
         height_reference([p.tags for p in kept]),
+        _height_systems(wishes, crs, [p.tags for p in kept]),
         wishes.control,
         tuple(others),
         (*left_out, *rare),
         dict(Counter(g.kind for g in gnss if g is not None).most_common()),
+        positions,
     )

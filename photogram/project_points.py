@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
-from photogram.frames import map_from_crs, projected_crs
+from photogram.frames import map_from_crs, plan_of, projected_crs
+from photogram.heights import DeclaredHeights, HeightSystem
 from photogram.project_checks import Located, camera_of
 from photogram.project_file import Document, Key, suggestion
+from photogram.project_heights import in_map
 from photogram.project_schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import FloatArray, Roles
 
@@ -36,7 +38,8 @@ class GroundPoint:
     """A point of a file, complete: ``role`` in plan and in height, ``position_map_m`` (3,), ``sigma_m`` (3,), and its
     marks in photogram's pixels.
 
-    ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,). ``heights`` is the system that its
+    height was given in, None where nobody says.
     """
 
     name: str
@@ -46,11 +49,13 @@ class GroundPoint:
     mark_photograph: tuple[str, ...]
     mark_pixel: FloatArray
     mark_sigma_px: FloatArray
+    heights: HeightSystem | None
 
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown."""
+    """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown,
+    ``heights`` the system that its heights were given in."""
 
     key: Key
     entry: ControlFileEntry
@@ -58,6 +63,7 @@ class _Source:
     marks: tuple[FileMark, ...]
     position_map_m: FloatArray | None
     turned_map_m: FloatArray | None
+    heights: HeightSystem | None
 
     @property
     def marks_path(self) -> str:
@@ -65,15 +71,19 @@ class _Source:
 
 
 def read_point_files(
-    document: Document, file: ProjectFile, photographs: Sequence[PhotographEntry] | None, base: Path
+    document: Document,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    base: Path,
+    heights: DeclaredHeights,
 ) -> tuple[tuple[GroundPoint, ...], list[list[Located]]]:
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
-    Relative paths are taken from ``base``; ``photographs`` is None where they are not known. What is wrong is noted in
-    the document; the points are complete only where nothing is.
+    Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
+    the map. What is wrong is noted in the document; the points are complete only where nothing is.
     """
     entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
-    found = [_source(document, file, key, entry, base) for key, entry in entries if entry.path is not None]
+    found = [_source(document, file, key, entry, base, heights) for key, entry in entries if entry.path is not None]
     sources = [source for source in found if source is not None]
     # Points of a file that cannot be read are not known; that file's fault is enough.
     whole = len(sources) == len(entries)
@@ -103,7 +113,9 @@ def _read(document: Document, key: Key, written: str, base: Path, reader: Callab
         return None
 
 
-def _source(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, base: Path) -> _Source | None:
+def _source(
+    document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, base: Path, heights: DeclaredHeights
+) -> _Source | None:
     points = _read(document, key, str(entry.path), base, read_points)
     if points is None:
         return None
@@ -114,8 +126,10 @@ def _source(document: Document, file: ProjectFile, key: Key, entry: ControlFileE
             document.fault((*key, "marks"), f"{entry.path} holds its marks itself: remove this key")
             marks = None
     crs = _crs(document, file, key, entry, points)
-    position, turned = (None, None) if crs is None else _positions(document, file, key, entry, points, crs)
-    return _Source(key, entry, points, marks or (), position, turned)
+    position, turned, given = None, None, None
+    if crs is not None:
+        position, turned, given = _positions(document, file, key, entry, points, crs, heights)
+    return _Source(key, entry, points, marks or (), position, turned, given)
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -130,32 +144,40 @@ def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntr
 
 
 def _positions(
-    document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile, crs: str
-) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the positions in the project's CRS (N, 3), and those of the same figures the other way round."""
+    document: Document,
+    file: ProjectFile,
+    key: Key,
+    entry: ControlFileEntry,
+    points: PointFile,
+    crs: str,
+    heights: DeclaredHeights,
+) -> tuple[FloatArray | None, FloatArray | None, HeightSystem | None]:
+    """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
+    heights were given in."""
     target = file.crs
     try:
         projected_crs(target or "")
     except FrameError:
-        return None, None  # noted where the project names its CRS
+        return None, None, None  # noted where the project names its CRS
     given = np.array([p.position for p in points.points]).reshape(-1, 3)
     swapped = given[:, [1, 0, 2]]
     if points.geographic and _is_grid(crs):
         text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or its like"
         document.fault(key, text)
-        return None, None
-    if target is None or crs == target:
-        return given, swapped
+        return None, None, None
+    if target is None:
+        return given, swapped, entry.heights or heights.control_points
     try:
-        position = map_from_crs(crs, target, given)
+        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, given)
     except FrameError as fault:
-        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
-        return None, None
+        text = str(fault).removeprefix("crs: ")
+        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
+        return None, None, None
     try:
-        turned = map_from_crs(crs, target, swapped)
+        turned = swapped if crs == target else map_from_crs(crs, plan_of(target), swapped)
     except FrameError:
         turned = np.full_like(position, np.nan)
-    return position, turned
+    return position, turned, system
 
 
 def _is_grid(crs: str) -> bool:
@@ -381,6 +403,7 @@ def _complete(
             tuple(marks[i].photograph for i in own),
             pixel[own],
             np.array([sigma_px[marks[i].line] for i in own], dtype=np.float64),
+            source.heights,
         )
 
     return [point(number, row) for number, row in enumerate(source.points.points)]

@@ -10,9 +10,11 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator
+from pydantic import BeforeValidator, Field, PlainValidator
 
 from photogram.camera import Model
+from photogram.files.position_files import Format
+from photogram.heights import HeightSystem
 from photogram.project_file import Entry, Needed, found, suggestion
 from photogram.survey import Role, Roles
 
@@ -20,6 +22,8 @@ PixelOrigin = Literal["photogram", "matlab", "colmap"]
 
 Quality = Literal["high", "medium", "low"]
 Calibration = Literal["given", "auto"]
+PositionOf = Literal["camera", "antenna"]
+LeverArmAxes = Literal["body", "camera"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -112,6 +116,7 @@ Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
+LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down")]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v")]
 
@@ -171,11 +176,24 @@ class PhotographEntry(Entry):
     flight: Text = "1"
 
 
+class PositionFileEntry(Entry):
+    """A file of positions of photographs, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
+    format: Format | None = None
+    position_of: PositionOf | None = None
+    crs: Text | None = None
+    heights: HeightSystem | None = None
+    flight: Text | None = None
+    lever_arms: Text | None = None
+
+
 class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
     folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
     camera: Text | None = None
+    positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None
     attitude_sigma_deg: Positive = 2.0
     height_above_ground_m: Positive | None = None
@@ -183,9 +201,36 @@ class PhotographsEntry(Entry):
 
 
 class GnssEntry(Entry):
-    """The offset between GNSS and ground control."""
+    """The offset between GNSS and ground control, and the lever arm from the antenna to the camera."""
 
     offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
+    lever_arm_m: LeverArm | None = None
+    lever_arm_axes: LeverArmAxes = "body"
+    lever_arm_per_flight_m: dict[str, LeverArm] = Field(default_factory=dict)
+
+
+class HeightsEntry(Entry):
+    """What heights are counted from: those of all results, and of what comes in."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: Text | None = None
+    grid: Text | None = None
+
+
+def _heights(value: object) -> object:
+    """Read the short form: one word for all heights."""
+    if value == "ellipsoidal":
+        return {"output": value, "gnss": value, "control_points": value}
+    if value is not None and not isinstance(value, dict):
+        text = (
+            "a block of keys, output: orthometric and geoid: EGM96 for example"
+            if value == "orthometric"
+            else ("ellipsoidal, or a block of keys: output, gnss, control_points, geoid, grid")
+        )
+        raise ValueError(f"needs {text}, found {found(value)}")
+    return value
 
 
 class ControlPointEntry(Entry):
@@ -206,6 +251,7 @@ class ControlFileEntry(Entry):
     role: RolesOf = ("control", "control")
     marks: Text | None = None
     crs: Text | None = None
+    heights: HeightSystem | None = None
     picture_size_px: PictureSize | None = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: Positive | None = None
@@ -232,6 +278,7 @@ class ProjectFile(Entry):
 
     photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
     crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
+    heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
     world: Literal["tangent", "grid"] = "tangent"
     quality: Quality = "high"
     cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(

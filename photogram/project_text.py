@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
+from photogram.gnss_solutions import Sigma3
 from photogram.project_draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
 from photogram.tagged_cameras import SIGMA_NAMES, TaggedCamera
-from photogram.tagged_positions import Sigma3
 
 _WIDTH = 116
 _PLAIN = re.compile(r"[\w./][\w./()+-]*(?:[: ][\w./()+-]+)*", re.ASCII)
@@ -68,7 +68,7 @@ def _item(photograph: DraftPhotograph, common: Sigma3 | None, several_cameras: b
         parts.append(f"camera: {photograph.camera}")
     if several_flights:
         parts.append(f'flight: "{photograph.flight}"')
-    if photograph.gnss is not None and photograph.gnss.sigma_m != common:
+    if photograph.gnss is not None and not photograph.listed and photograph.gnss.sigma_m != common:
         parts.append(f"gnss_sigma_m: {_sigma3(photograph.gnss.sigma_m)}")
     return f"    - {{{', '.join(parts)}}}"
 
@@ -97,18 +97,38 @@ def _gnss_comment(draft: ProjectDraft) -> list[str]:
     if without == len(draft.photographs):
         return _comment("The tags give no position: the photographs are joined by what they show.", 2)
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
-    text = f"Positions stand in the photographs' own tags: {kinds}"
+    where = "the photographs' own tags"
+    if any(file.rows for file in draft.positions):
+        where += " and in the file beside them"
+    text = f"Positions stand in {where}: {kinds}"
     text += f", {without} without a position" if without else ""
     assumed = ", 2 m in plan and 3 m in height being assumed" if draft.gnss_kinds.get("without stated accuracy") else ""
+    heights = f"{draft.heights}. " if draft.heights else ""
     return _comment(
-        f"{text}{assumed}. {draft.heights}. gnss_sigma_m are the standard deviations of easting, northing and height"
+        f"{text}{assumed}. {heights}gnss_sigma_m are the standard deviations of easting, northing and height"
         + (", beside each photograph where it has its own." if len(draft.photographs) > 1 else "."),
         2,
     )
 
 
+def _positions(draft: ProjectDraft) -> list[str]:
+    used = [file for file in draft.positions if not file.fault]
+    if not used:
+        return []
+    return [
+        *_comment(
+            "Files of positions come before the tags. DJI's MRK gives the camera's position, the lever arm from the "
+            "antenna counted; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
+            "lever_arms.",
+            2,
+        ),
+        "  positions:",
+        *(f"    - {{path: {_scalar(file.path)}}} # {count(len(file.rows))}" for file in used),
+    ]
+
+
 def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
-    sigmas = Counter(p.gnss.sigma_m for p in draft.photographs if p.gnss is not None)
+    sigmas = Counter(p.gnss.sigma_m for p in draft.photographs if p.gnss is not None and not p.listed)
     most = sigmas.most_common(1)
     common = most[0][0] if most and (most[0][1] > 1 or len(draft.photographs) == 1) else None
     one_camera = len(draft.cameras) == 1
@@ -117,6 +137,7 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     if one_camera:
         lines.append(f"  camera: {draft.cameras[0].name}")
     lines += _gnss_comment(draft)
+    lines += _positions(draft)
     if common is not None:
         lines.append(f"  gnss_sigma_m: {_sigma3(common)}")
     if with_attitude:
@@ -169,6 +190,33 @@ def _control(draft: ProjectDraft) -> list[str]:
     return ["control_points:", "  files:", *(line for file in draft.control for line in _control_file(file, draft.crs))]
 
 
+def _heights(draft: ProjectDraft) -> list[str]:
+    """Return the block of height systems; as a comment where somebody must fill it in."""
+    said = draft.height_systems
+    if said.known and said.output is not None:
+        lines = ["heights:", f"  output: {said.output} # of all results"]
+        lines += [f"  gnss: {said.gnss} # as the tags say"] if said.gnss is not None else []
+        lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
+        lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
+        return [*lines, ""] if len(lines) > 2 else []
+    if not draft.control and all(p.gnss is None for p in draft.photographs):
+        return []
+    whose = "of the ground points" if draft.control else "in the tags"
+    text = (
+        f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a geoid. Say "
+        "it here and remove the # signs; photogram check asks for it."
+    )
+    return [
+        *_comment(text),
+        "# heights:",
+        "#   output: ellipsoidal # or orthometric: of all results",
+        f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if said.gnss else ''}",
+        *(["#   control_points: orthometric # or ellipsoidal"] if draft.control else []),
+        "#   geoid: EGM96 # needed with orthometric: or EPSG:5799, or the path of a grid (.gtx, .tif)",
+        "",
+    ]
+
+
 def project_text(draft: ProjectDraft, folder: str) -> str:
     """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
     members = Counter(p.camera for p in draft.photographs)
@@ -181,6 +229,7 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
         *_comment(f"{draft.crs_name}: {draft.crs_reason}."),
         f"crs: {_scalar(draft.crs)}",
         "",
+        *_heights(draft),
         "cameras:",
     ]
     for camera in draft.cameras:

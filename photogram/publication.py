@@ -24,6 +24,8 @@ from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.rasters import write_geotiff
 from photogram.page_files import disbelieved, run_facts, write_report
 from photogram.records import Run
+from photogram.report.gnss_numbers import gnss_numbers
+from photogram.report.height_numbers import height_numbers
 from photogram.report.numbers import report_numbers
 from photogram.report.overlap import Overlap, ground_overlap
 from photogram.report.page_figures import page_figures
@@ -80,7 +82,7 @@ def _clouds(outcome: _Outcome) -> list[str]:
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 
@@ -94,7 +96,7 @@ def _tables(outcome: _Outcome) -> list[str]:
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
-    write_geotiff(results / "dsm.tif", run.surface(), run.project.crs)
+    write_geotiff(results / "dsm.tif", run.surface(), run.project.product_crs)
     return products
 
 
@@ -177,6 +179,13 @@ def _numbers(outcome: _Outcome) -> list[str]:
         verdict=run.verdict(),
         sources=run.project.camera_source,
     )
+    value["heights"] = height_numbers(
+        run.project.heights,
+        outcome.result.block.frame,
+        run.gnss_systems(),
+        [point.heights for point in run.project.control_points],
+    )
+    value["gnss"] = gnss_numbers(outcome.result, run.notes())
     value = {**value, **run_facts(run, stages)}
     value["adjustment"].update(disbelieved(run))
     figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], run.surface(), run.comparisons())

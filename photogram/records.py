@@ -20,6 +20,7 @@ from photogram.comparison import CloudStatistics, Comparison
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
+from photogram.heights import HeightSystem
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
@@ -74,7 +75,18 @@ class Run:
 
     def block(self) -> Block:
         """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, read_json(self.workspace.stage("photographs") / "tags.json"))
+        return measured_block(self.project, self.notes())
+
+    def notes(self) -> list[dict[str, Any]]:
+        """Return what the project, files of positions and tags say of each photograph. Needs the stage
+        `photographs`."""
+        return list(read_json(self.workspace.stage("photographs") / "tags.json"))
+
+    def gnss_systems(self) -> list[HeightSystem | None]:
+        """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
+        notes = self.notes()
+        systems = self.project.gnss_systems([note["height_is_ellipsoidal"] for note in notes])
+        return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
@@ -148,7 +160,9 @@ def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
             "give control_points, or photographs with GNSS tags"
         )
     middle = np.nanmean(positions, axis=0)
-    return LocalFrame.near(project.crs, np.where(known, positions, middle), project.world_kind)
+    return LocalFrame.near(
+        project.crs, np.where(known, positions, middle), project.world_kind, project.heights.map_geoid
+    )
 
 
 def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
@@ -158,6 +172,9 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
     if tags["attitude_deg"] is not None:
         place = np.zeros(3) if gnss is None else gnss
         attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
+    if gnss is not None and tags.get("lever_arm_enu_m") is not None:
+        gnss = gnss + frame.rotation_world_from_true(gnss) @ np.array(tags["lever_arm_enu_m"])
+    arm = tags.get("lever_arm_camera_m")
     return Photograph(
         source.name,
         source.camera,
@@ -169,6 +186,7 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
         attitude,
         None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
         tags["height_above_ground_m"],
+        lever_arm_camera_m=None if arm is None else np.array(arm),
     )
 
 
@@ -261,10 +279,13 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for its tie points and its reliability, which have files of their own."""
-    arrays = record_arrays(replace(result, block=None, flights=None, reliability=None))  # type: ignore[arg-type]
+    arrays = record_arrays(
+        replace(result, block=None, flights=None, held_flights=None, reliability=None)  # type: ignore[arg-type]
+    )
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     arrays["flights"] = np.array(result.flights, dtype=np.str_)
+    arrays["held_flights"] = np.array(result.held_flights, dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
@@ -275,7 +296,8 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
     """Return the adjustment of a measured block from the arrays in ``folder``."""
     arrays = read_arrays(folder / "adjustment.npz")
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    values["flights"] = tuple(str(f) for f in values["flights"])
+    for name in ("flights", "held_flights"):
+        values[name] = tuple(str(f) for f in values[name])
     parameters = values.pop("camera_parameters")
     rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
     adjusted = replace(
@@ -325,3 +347,10 @@ def measured_photographs(project: Project) -> list[ProjectPhotograph]:
     """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
     changes nothing."""
     return [replace(p, path=Path(p.name)) for p in project.photographs]
+
+
+def height_marks(project: Project) -> list[object]:
+    """Return the height systems as declared, for fingerprints: the grid of a geoid counts by what is in it."""
+    heights, geoid = project.heights, project.heights.geoid
+    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
+    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from photogram.factors.camera_position import position_jacobian
 from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.graph import Problem
 from photogram.factors.reprojection import residuals
@@ -56,12 +57,13 @@ def _gnss(problem: Problem, state: State, found: Covariances, axes: FloatArray) 
     block = problem.block
     redundancy, w = (np.full((len(block.photographs), 3), np.nan) for _ in range(2))
     for i, photograph in enumerate(block.photographs):
-        if photograph.gnss_world_m is None or photograph.gnss_sigma_m is None:
+        measured = photograph.measured_centre_world_m(state.rotation[i])
+        if measured is None or photograph.gnss_sigma_m is None:
             continue
         joint = found.joint(np.array([i]))
         rows = np.zeros((3, len(joint)))
-        rows[:, 3:6] = axes.T @ state.rotation[i]
-        misfit = state.position[i] - photograph.gnss_world_m
+        rows[:, :6] = axes.T @ position_jacobian(state.rotation[i], photograph.lever_arm_camera_m)
+        misfit = state.position[i] - measured
         if problem.flights:
             flight = problem.flights.index(photograph.flight)
             column = 6 + found.layout.offset_column + 3 * flight

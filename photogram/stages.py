@@ -15,14 +15,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photogram.comparison import compare
-from photogram.errors import ImageError, PhotogramError, ProjectError
+from photogram.errors import ImageError, PhotogramError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
-from photogram.files.images import PhotographTags, check_photograph, read_grey, read_pixels, read_tags
+from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
-from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.frames import LocalFrame
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
+from photogram.measured_positions import measured_position, position_note
 from photogram.orientation import Orientation, believed_attitudes, orient
 from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.project import Project, ProjectPhotograph
@@ -34,6 +35,7 @@ from photogram.surface_model import surface_from_points
 from photogram.survey import (
     Adjustment,
     Block,
+    ByteArray,
     Features,
     FloatArray,
     Matches,
@@ -63,15 +65,6 @@ class Progress(Protocol):
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def _gnss_from_tags(project: Project, photograph: ProjectPhotograph, tags: PhotographTags) -> list[float] | None:
-    if photograph.gnss_map_m is not None:
-        return [float(x) for x in photograph.gnss_map_m]
-    if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
-        return None
-    geodetic = np.array([[tags.longitude_deg, tags.latitude_deg, tags.height_m]])
-    return [float(x) for x in map_from_geodetic(project.crs, geodetic)[0]]
-
-
 def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, object]:
     """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose."""
     camera = project.cameras[photograph.camera]
@@ -81,17 +74,10 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
     gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
     if angles is None and None not in gimbal:
         angles = gimbal  # type: ignore[assignment]
-    gnss = _gnss_from_tags(project, photograph, tags)
-    sigma = photograph.gnss_sigma_m if photograph.gnss_sigma_m is not None else tags.gnss_sigma_m
-    if gnss is not None and sigma is None:
-        raise ProjectError(
-            f"photograph {photograph.name}: its GNSS position has no sigma, neither in the tags nor in the project: "
-            "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
-        )
     return {
         "name": photograph.name,
-        "gnss_map_m": gnss,
-        "gnss_sigma_m": None if gnss is None or sigma is None else [float(s) for s in sigma],
+        **position_note(measured_position(project, photograph, tags)),
+        "height_is_ellipsoidal": tags.height_is_ellipsoidal,
         "attitude_deg": None if angles is None else list(angles),
         "time": tags.time.isoformat() if tags.time else None,
         "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
@@ -292,11 +278,20 @@ def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     for rays in (2, 3):
         world = intersect_tie_points(tie_points, ideal, orientation.poses, rays)
         known = np.isfinite(world).all(axis=1)
-        cloud = PointCloud(block.frame.map_from_world(world[known]), tie_points.colour[known])
+        cloud = _cloud(block.frame, world[known], tie_points.colour[known])
         write_record(folder / f"linear_{rays}view.npz", cloud)
         counts[f"linear_{rays}view"] = len(cloud)
         progress(rays - 1, 2, f"{len(cloud)} points from {rays} views")
     return counts
+
+
+def _cloud(
+    frame: LocalFrame, position_world_m: FloatArray, colour: ByteArray, sigma_m: FloatArray | None = None
+) -> PointCloud:
+    """Return points (N, 3) of the world as a cloud in the map, without those where the geoid has no height."""
+    position = frame.map_from_world(position_world_m)
+    known = np.isfinite(position).all(axis=1)
+    return PointCloud(position[known], colour[known], None if sigma_m is None else sigma_m[known])
 
 
 def _sigma_map_m(
@@ -329,7 +324,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     held = next(held for found, held in calibrated if found is result)
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
-    cloud = PointCloud(frame.map_from_world(tie_points.position_world_m), tie_points.colour, sigma)
+    cloud = _cloud(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_record(folder / "tie_points.npz", tie_points)
     write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
@@ -359,7 +354,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Make the DSM from the adjusted cloud."""
     raster = surface_from_points(run.cloud("adjusted"), run.project.surface)
-    write_geotiff(folder / "dsm.tif", raster, run.project.crs)
+    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs)
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

@@ -44,12 +44,14 @@ def check_range(name: str, value: float, low: float, high: float = float("inf"))
 class Photograph:
     """One photograph and what its tags or the project say of its exterior orientation.
 
-    ``gnss_world_m`` (3,) is the measured antenna position with ``gnss_sigma_m`` (3,) along the axes of the map, both
+    ``gnss_world_m`` (3,) is the measured position with ``gnss_sigma_m`` (3,) along the axes of the map, both
     None when there is none;
     ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes;
     where ``heading_known`` is False it tells the tilt against the vertical alone.
     Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it;
-    ``height_above_ground_m`` the flying height, as well as tags or the project say it.
+    ``height_above_ground_m`` the flying height, as well as tags or the project say it. The position is that of the
+    projection centre, or, with a ``lever_arm_camera_m`` (3,), that of the antenna, from which the arm points to the
+    projection centre along the camera's axes.
     """
 
     name: str
@@ -63,6 +65,14 @@ class Photograph:
     attitude_sigma_rad: float | None = None
     height_above_ground_m: float | None = None
     heading_known: bool = True
+    lever_arm_camera_m: FloatArray | None = None
+
+    def measured_centre_world_m(self, rotation_world_from_camera: FloatArray) -> FloatArray | None:
+        """Return where the GNSS position puts the projection centre (3,), of a camera of this rotation (3, 3); None
+        without a position."""
+        if self.gnss_world_m is None or self.lever_arm_camera_m is None:
+            return self.gnss_world_m
+        return np.asarray(self.gnss_world_m + rotation_world_from_camera @ self.lever_arm_camera_m)
 
     def __post_init__(self) -> None:
         if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):
@@ -70,6 +80,8 @@ class Photograph:
         if self.gnss_world_m is not None and self.gnss_sigma_m is not None:
             check_shape("gnss_world_m", self.gnss_world_m, (3,))
             check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
+        if self.lever_arm_camera_m is not None:
+            check_shape("lever_arm_camera_m", self.lever_arm_camera_m, (3,))
         if self.attitude_world_from_camera is not None:
             check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
 
@@ -346,6 +358,9 @@ class Adjustment:
     ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
     3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
     ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions.
+    Where no offset is estimated, ``held_flights`` are those with GNSS positions, ``implied_offset_world_m`` (F, 3) with
+    its covariance the offsets that would be, NaN where nothing but the positions tells. ``left_arm_camera_m`` (3,) with
+    its sigmas is the lever arm that the positions show beside the one that is counted, ``left_arm_p`` the p of none.
     """
 
     block: Block
@@ -369,3 +384,9 @@ class Adjustment:
     discarded_observations: int
     discarded_points: int
     reliability: Reliability
+    held_flights: tuple[str, ...] = ()
+    implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    left_arm_camera_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    left_arm_p: float = float("nan")

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from photogram.files.tags import PhotographTags
+from photogram.gnss_solutions import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 
-Sigma3 = tuple[float, float, float]
 GnssKind = Literal["RTK fix", "RTK float", "single receiver", "with stated accuracy", "without stated accuracy"]
 
 RTK_SIGMA_M = 0.1
 """Positions whose stated plan accuracy is this good come from RTK or PPK, whatever their tags call it."""
 
 _AUTONOMOUS: Sigma3 = (2.0, 2.0, 3.0)
-_FINEST: Sigma3 = (0.01, 0.01, 0.015)
+_ASSUMED: Mapping[Solution, tuple[GnssKind, Sigma3]] = {
+    "fix": ("RTK fix", (0.02, 0.02, 0.03)),
+    "float": ("RTK float", (0.5, 0.5, 1.0)),
+    "single": ("single receiver", _AUTONOMOUS),
+}
 
 
 @dataclass(frozen=True)
@@ -27,30 +31,36 @@ class Gnss:
     sigma_m: Sigma3
 
 
-def _at_least(sigma_m: Sigma3 | None, otherwise: Sigma3, floor: Sigma3) -> Sigma3:
-    east, north, up = (round(max(s, f), 3) for s, f in zip(sigma_m or otherwise, floor, strict=True))
+def gnss_with(solution: Solution, sigma_m: Sigma3 | None) -> Gnss | None:
+    """Return how good a position of a stated solution is, None where the solution is not known.
+
+    Its sigmas are the stated ones along each axis, but not below those that such a solution can have at best.
+    """
+    if solution == "unknown":
+        return None
+    kind, assumed_m = _ASSUMED[solution]
+    return Gnss(kind, _rounded(at_least(sigma_m or assumed_m, FLOOR_M[solution])))
+
+
+def _rounded(sigma_m: Sigma3) -> Sigma3:
+    east, north, up = (round(s, 3) for s in sigma_m)
     return east, north, up
 
 
 def gnss_of(tags: PhotographTags) -> Gnss | None:
     """Return how good the position in the tags is, None where there is none.
 
-    The sigmas of RTK are those of the tags, along each axis, but not below what antennas, clocks and the lever arm
-    leave: 1 cm in plan and 1.5 cm in height with fixed ambiguities, 0.2 and 0.4 m without, 1.5 and 3 m of one receiver.
+    The sigmas of RTK are those of the tags, along each axis, but not below FLOOR_M of their solution.
     """
     if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
         return None
     sigma, flag, error = tags.gnss_sigma_m, tags.rtk_flag, tags.gnss_horizontal_error_m
-    if flag is not None and flag >= 50:
-        return Gnss("RTK fix", _at_least(sigma, (0.02, 0.02, 0.03), _FINEST))
-    if flag is not None and flag >= 32:
-        return Gnss("RTK float", _at_least(sigma, (0.5, 0.5, 1.0), (0.2, 0.2, 0.4)))
     if flag is not None and flag > 0:
-        return Gnss("single receiver", _at_least(sigma, _AUTONOMOUS, (1.5, 1.5, 3.0)))
+        return gnss_with(solution_of_rtk_flag(flag), sigma)
     if flag is None and sigma is not None:
-        return Gnss("with stated accuracy", _at_least(sigma, sigma, _FINEST))
+        return Gnss("with stated accuracy", _rounded(at_least(sigma, FLOOR_M["fix"])))
     if error is not None:
-        return Gnss("with stated accuracy", _at_least((error, error, 2.0 * error), _AUTONOMOUS, _FINEST))
+        return Gnss("with stated accuracy", _rounded(at_least((error, error, 2.0 * error), FLOOR_M["fix"])))
     return Gnss("without stated accuracy", _AUTONOMOUS)
 
 
@@ -67,8 +77,8 @@ def offset_prior(gnss: Sequence[Gnss | None], has_control: bool) -> tuple[Sigma3
     if has_control and precise:
         return (0.1, 0.1, 0.15), (
             "RTK positions against the control points: the base's coordinates, the lever arm between antenna and lens. "
-            "If the control's heights are above the geoid and those of RTK above the ellipsoid, they differ by tens of "
-            "metres: write 50 for the height then."
+            "Heights above a geoid differ from those of RTK by tens of metres: that is no offset, declare the systems "
+            "under heights."
         )
     if has_control:
         return (3.0, 3.0, 30.0), (

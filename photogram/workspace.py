@@ -17,6 +17,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, is_dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import replacing
 
-FORMAT = 2
+FORMAT = 3
 """Raised when the meaning of files in a workspace changes; older stages are then made again."""
 
 RecordT = TypeVar("RecordT")
@@ -46,6 +47,8 @@ def _plain(value: object) -> object:
         return _plain(value.item())
     if isinstance(value, Path):
         return value.as_posix()
+    if isinstance(value, datetime):
+        return value.isoformat()
     if isinstance(value, float) and not np.isfinite(value):
         return None if np.isnan(value) else ("inf" if value > 0 else "-inf")
     return value

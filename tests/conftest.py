@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import shutil
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,9 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from pyproj import Transformer
 
 from photogram.asprs import ReportSettings
 from photogram.cli.main import main
@@ -59,6 +62,38 @@ class Outcome:
     code: int
     out: str
     err: str
+
+
+@dataclass(frozen=True)
+class SlopingGeoid:
+    """A geoid 44 m above the ellipsoid that slopes steeply in both directions, and its grid: 8° to 14° east, 50° to 54°
+    north, every quarter of a degree; bilinear interpolation of it is exact."""
+
+    path: str
+
+    @staticmethod
+    def height_m(longitude_deg: Any, latitude_deg: Any) -> Any:
+        """Return its height above the ellipsoid."""
+        return 44.0 + 0.5 * (longitude_deg - 10.0) - 1.25 * (latitude_deg - 52.0)
+
+    def at(self, crs: str, points_map_m: np.ndarray[Any, Any]) -> Any:
+        """Return its height at points (N, 2 or more) of a map."""
+        geodetic = Transformer.from_crs(crs, "EPSG:4258", always_xy=True)
+        return self.height_m(*geodetic.transform(points_map_m[:, 0], points_map_m[:, 1]))
+
+    def write(self) -> None:
+        """Write the grid in NOAA's format .gtx."""
+        longitude, latitude = np.meshgrid(8.0 + 0.25 * np.arange(25), 50.0 + 0.25 * np.arange(17))
+        head = struct.pack(">4d2i", 50.0, 8.0, 0.25, 0.25, 17, 25)
+        Path(self.path).write_bytes(head + self.height_m(longitude, latitude).astype(">f4").tobytes())
+
+
+@pytest.fixture(scope="session")
+def sloping_geoid(tmp_path_factory: pytest.TempPathFactory) -> SlopingGeoid:
+    """A geoid whose height is known everywhere."""
+    geoid = SlopingGeoid(str(tmp_path_factory.mktemp("geoid of the site") / "slope.gtx"))
+    geoid.write()
+    return geoid
 
 
 @contextmanager

@@ -329,6 +329,56 @@ def test_sigmas_of_a_fix_a_float_and_a_single_solution_stay_apart_in_the_project
     assert project.gnss_offset_sigma_m.tolist() == [0, 0, 0]
 
 
+def mrk(folder: Path, name: str, flags: Sequence[int], first: int = 1) -> None:
+    lines = [
+        f"{n}\t302400.25\t[2312]\t10,N\t-5,E\t200,V\t47.4,Lat\t8.5,Lon\t500.0,Ellh\t0.012, 0.011, 0.022\t{flag},Q"
+        for n, flag in enumerate(flags, first)
+    ]
+    (folder / name).write_text("\n".join(lines), encoding="utf-8")
+
+
+def test_an_mrk_beside_the_photographs_is_named_and_tells_the_sigmas(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(3))
+    mrk(folder, "100_0001_Timestamp.MRK", [50, 50, 34])
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    assert "100_0001_Timestamp.MRK: of 3 photographs" in squeezed(outcome.out)
+    assert "2 RTK fix, 1 RTK float" in squeezed(outcome.out)
+    values = values_of(Path("project.yaml"))["photographs"]
+    assert values["positions"] == [{"path": "photographs/100_0001_Timestamp.MRK"}]
+    assert "gnss_sigma_m" not in values
+    assert all("gnss_sigma_m" not in p for p in values["list"])
+    project = load_project(Path("project.yaml"))
+    listed = [p.file_position for p in project.photographs]
+    assert [p.solution for p in listed if p is not None] == ["fix", "fix", "float"]
+
+
+def test_an_mrk_of_each_folder_belongs_to_its_own_photographs(folder: Path, photogram: Run) -> None:
+    for number, flight in enumerate(("a", "b")):
+        photographed(folder / flight, flown(2, replace(DRONE, time=NOON + timedelta(hours=number))))
+        mrk(folder / flight, "x_Timestamp.MRK", [50, 16 if flight == "b" else 50])
+    assert photogram("init", folder, "--recursive").code == 0
+    solutions = {
+        p.name: p.file_position.solution
+        for p in load_project(Path("project.yaml")).photographs
+        if p.file_position is not None
+    }
+    assert solutions == {
+        "a/DJI_0001.JPG": "fix", "a/DJI_0002.JPG": "fix", "b/DJI_0001.JPG": "fix", "b/DJI_0002.JPG": "single",
+    }  # fmt: skip
+
+
+def test_an_mrk_that_does_not_belong_here_is_not_used_and_said_so(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(2))
+    mrk(folder, "far_Timestamp.MRK", [50, 50], first=700)
+    (folder / "bad_Timestamp.MRK").write_text("rubbish\nmore\n")
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    assert "far_Timestamp.MRK: not used: its numbers 700 to 701 are in the names of no" in squeezed(outcome.out)
+    assert "bad_Timestamp.MRK: not used: 1: is no line of a DJI MRK file" in squeezed(outcome.out)
+    assert "positions" not in values_of(Path("project.yaml"))["photographs"]
+
+
 @pytest.mark.parametrize(
     ("gnss", "has_control", "sigma_m"),
     [
@@ -533,3 +583,45 @@ def test_a_simulated_survey_is_drafted_as_it_was_flown(pristine_survey: Path, fo
     assert project.cameras[0].focal_px == pytest.approx(focal_px, abs=1e-3)
     size = [(c.width_px, c.height_px) for c in (project.cameras[0], truth.cameras[0])]
     assert size[0] == size[1]
+
+
+# ---- heights -------------------------------------------------------------------------------------------------------
+
+RTK = replace(DRONE, rtk_flag=50, gnss_sigma_m=STD, height_is_ellipsoidal=True)
+
+
+def test_heights_that_the_tags_know_are_declared(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(3, RTK))
+    assert photogram("init", folder).code == 0
+    heights = load_project(Path("project.yaml")).heights
+    assert (heights.output, heights.gnss, heights.control_points) == ("ellipsoidal", "ellipsoidal", None)
+
+
+def test_heights_that_nobody_knows_are_asked_for(folder: Path, photogram: Run, tmp_path: Path) -> None:
+    photographed(folder, flown(3, RTK))
+    gcp_list(tmp_path / "gcp_list.txt", "EPSG:32632", "EPSG:32632")
+    outcome = photogram("init", folder, "--control", "gcp_list.txt")
+    assert outcome.code == 0
+    assert "say in project.yaml whether they are above the ellipsoid or a geoid" in squeezed(outcome.out)
+    path = Path("project.yaml")
+    assert load_project(path).heights.output is None
+    # what stands there as a comment is what is to be written
+    block = re.sub(
+        r"^# (heights:|  output|  gnss|  control_points|  geoid)", r"\1", path.read_text(), flags=re.MULTILINE
+    )
+    said = {"output": "ellipsoidal", "gnss": "ellipsoidal", "control_points": "orthometric", "geoid": "EGM96"}
+    assert yaml.safe_load(block)["heights"] == said
+
+
+def test_heights_may_be_given(folder: Path, photogram: Run, tmp_path: Path, sloping_geoid: Any) -> None:
+    photographed(folder, flown(3, replace(RTK, latitude_deg=52.0, longitude_deg=9.5)))
+    (tmp_path / "points.csv").write_text("name,easting,northing,height\nA,534300,5761400,120\nB,534350,5761420,121\n")
+    options = ("--control", "points.csv", "--heights")
+    assert photogram("init", folder, *options, "orthometric").code == 2  # above which geoid?
+    outcome = photogram("init", folder, *options, "orthometric", "--geoid", sloping_geoid.path)
+    assert (outcome.code, outcome.err) == (0, "")
+    project = load_project(Path("project.yaml"))
+    assert (project.heights.output, project.heights.gnss) == ("orthometric", "ellipsoidal")
+    assert [p.position_map_m[2] for p in project.control_points] == [120.0, 121.0]
+    assert photogram("init", folder, *options, "ellipsoidal", "--force").code == 0
+    assert load_project(Path("project.yaml")).heights.control_points == "ellipsoidal"

@@ -24,6 +24,7 @@ from photogram.files.images import PhotographTags, read_tags, write_photograph
 from photogram.files.photograph_headers import PhotographHeader, equal_files, read_headers
 from photogram.findings import Finding, some, things
 from photogram.frames import LocalFrame, geodetic_from_map
+from photogram.heights import DeclaredHeights
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.pair_selection import PairSettings
@@ -79,7 +80,7 @@ def a_survey() -> Survey:
         Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), photographs, points, np.zeros(3),
         FeatureSettings(), PairSettings(), MatchingSettings(), OrientationSettings(), TransferSettings(),
         AdjustmentSettings(), SurfaceSettings(),
-        None, Path("results"), Path("work"),
+        None, Path("results"), Path("work"), DeclaredHeights(*("ellipsoidal",) * 4),
     )  # fmt: skip
     return survey, tags
 
@@ -97,6 +98,7 @@ def ground_point(name: str, role: Any, position: np.ndarray[Any, np.dtype[np.flo
         np.array(seen),
         np.array([pixels[i] for i in seen]),
         np.ones(len(seen)),
+        "ellipsoidal",
     )
 
 
@@ -296,7 +298,17 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
                 "warning",
                 "heights",
                 "GNSS positions are 92 m above the control points, but the photographs were taken 50 m above ground",
-            )
+            ),
+            (
+                "fault",
+                "heights",
+                "control heights look orthometric although declared ellipsoidal: they lie 42.0 m below",
+            ),
+            (
+                "fault",
+                "heights",
+                "heights of the check points look orthometric although declared ellipsoidal: they lie",
+            ),
         ],
     ),
     "two control points, no GNSS": (

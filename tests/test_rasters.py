@@ -79,7 +79,7 @@ def test_a_crs_without_number_comes_back_as_wkt(tmp_path: Path) -> None:
     local = "+proj=tmerc +lat_0=55.8 +lon_0=12.5 +ellps=GRS80 +units=m"
     write_geotiff(tmp_path / "dsm.tif", surface(), local)
     back, crs = read_raster(tmp_path / "dsm.tif")
-    assert crs.startswith("PROJCS[")
+    assert crs.startswith("PROJCRS[")
     write_geotiff(tmp_path / "again.tif", back, crs)
     assert read_raster(tmp_path / "again.tif")[1] == crs
 

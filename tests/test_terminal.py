@@ -31,6 +31,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
         "suspects": [], "blunders": [], "blunders_effect": None,
+        "gnss": {"flights": {}},
     }  # fmt: skip
 
 

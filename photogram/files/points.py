@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
-from photogram.frames import projected_crs
+from photogram.frames import written_crs
+from photogram.heights import first_wkt
 from photogram.survey import ByteArray, FloatArray, PointCloud
 
 TEXT_SUFFIXES = (".txt", ".csv", ".xyz")
@@ -69,7 +70,8 @@ def write_xyz(path: Path, cloud: PointCloud) -> None:
 
 
 def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) -> None:
-    """Write a LAZ 1.4 file in ``crs``, to the millimetre; whole or not at all.
+    """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre; whole or not at
+    all.
 
     Colour is 16-bit. ``sigma_m`` becomes the extra dimensions sigma_x, sigma_y, sigma_z (float32, m). Raises FrameError
     where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written, ValueError where the cloud
@@ -83,7 +85,7 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     if len(cloud):
         header.offsets = np.floor((position.min(axis=0) + position.max(axis=0)) / 2)
     # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
-    header.vlrs.append(WktCoordinateSystemVlr(projected_crs(crs).to_wkt("WKT1_GDAL")))
+    header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written_crs(crs))))
     header.global_encoding.wkt = True
     if cloud.sigma_m is not None:
         header.add_extra_dims(

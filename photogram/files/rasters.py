@@ -13,7 +13,8 @@ from rasterio.transform import Affine
 
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import replacing
-from photogram.frames import projected_crs
+from photogram.frames import projected_crs, written_crs
+from photogram.heights import flat_crs
 from photogram.survey import Raster
 
 NODATA = -9999.0
@@ -36,10 +37,12 @@ def _overview_factors(rows: int, columns: int) -> list[int]:
 def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) -> None:
     """Write ``raster`` as a tiled, compressed GeoTIFF in ``crs``, NaN as NODATA, overviews averaged; all or nothing.
 
+    The file names the height system where ``crs`` does.
+
     The same raster gives the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
     the file cannot be written, ValueError where a cell holds NODATA as its value.
     """
-    grid = projected_crs(crs)
+    grid = flat_crs(written_crs(crs))
     if np.any(raster.values == NODATA):
         raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
     rows, columns = raster.values.shape
@@ -110,7 +113,8 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     if not crs:
         raise FrameError(f"raster {path}: it has no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
     epsg = crs.to_epsg()
-    name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt())
+    # the first edition of WKT knows no third axis of a map grid
+    name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt(version="WKT2_2019"))
     try:
         projected_crs(name)
     except FrameError as fault:

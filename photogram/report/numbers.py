@@ -66,16 +66,17 @@ def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, 
 
 
 def gnss_residual_m(result: Adjustment) -> FloatArray:
-    """Return adjusted projection centre − (GNSS position + offset of the flight) of every photograph (N, 3): easting,
-    northing, height; NaN rows for photographs without a GNSS position and for those that are not registered.
+    """Return adjusted projection centre − (GNSS position + lever arm + flight's offset) of every photograph (N, 3):
+    easting, northing, height; NaN rows for photographs without a GNSS position and for those that are not registered.
     """
     photographs, frame = result.block.photographs, result.block.frame
     centre, expected = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3), np.nan)
     offset = dict(zip(result.flights, result.offset_world_m, strict=True))
     for i, (photograph, pose) in enumerate(zip(photographs, result.block.poses, strict=True)):
-        if pose is not None and photograph.gnss_world_m is not None:
+        measured = None if pose is None else photograph.measured_centre_world_m(pose.rotation_world_from_camera)
+        if pose is not None and measured is not None:
             centre[i] = pose.position_world_m
-            expected[i] = photograph.gnss_world_m + offset.get(photograph.flight, np.zeros(3))
+            expected[i] = measured + offset.get(photograph.flight, np.zeros(3))
     return frame.map_from_world(centre) - frame.map_from_world(expected)
 
 

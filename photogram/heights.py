@@ -1,0 +1,272 @@
+"""Height systems: what heights are counted from, and the geoid between them.
+
+An ellipsoidal height h is above the ellipsoid of GNSS (GRS 80, which WGS 84 shares to 0.1 mm); an orthometric height H
+is above a geoid, or above the zero of a national levelling network. Their difference N = h − H, the geoid height, comes
+from a grid through PROJ (Heiskanen & Moritz 1967, eq. 4-25).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import PurePath
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.aoi import AreaOfInterest
+from pyproj.crs import CompoundCRS
+from pyproj.datadir import get_user_data_dir
+from pyproj.exceptions import CRSError, ProjError
+from pyproj.transformer import TransformerGroup
+
+from photogram.errors import FrameError
+
+FloatArray = NDArray[np.float64]
+HeightSystem = Literal["ellipsoidal", "orthometric"]
+
+GEOID_MODELS = {"EGM84": "EPSG:5798", "EGM96": "EPSG:5773", "EGM2008": "EPSG:3855"}
+"""Global geoids by the names that people write, and their vertical CRS."""
+
+_SEMI_MAJOR_M, _SEMI_MINOR_M, _SAME_ELLIPSOID_M = 6378137.0, 6356752.3141, 0.01
+
+
+@dataclass(frozen=True)
+class Geoid:
+    """The surface under orthometric heights: a vertical CRS that PROJ knows (``EPSG:5773``), a file with its grid, or
+    both: then the CRS names it and the file gives its heights."""
+
+    vertical: str | None = None
+    grid: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.vertical is None and self.grid is None:
+            raise ValueError("a geoid needs a vertical CRS or a grid")
+
+    @property
+    def crs(self) -> CRS:
+        """The vertical CRS of heights above it. Raises FrameError where PROJ does not know it."""
+        if self.vertical is not None:
+            return vertical_crs(self.vertical)
+        name = PurePath(str(self.grid)).name.replace('"', "")
+        return CRS.from_wkt(
+            f'VERTCRS["height above geoid {name}",VDATUM["geoid {name}"],CS[vertical,1],'
+            'AXIS["gravity-related height (H)",up,LENGTHUNIT["metre",1]]]'
+        )
+
+    @property
+    def name(self) -> str:
+        """What to call it in a sentence."""
+        if self.vertical is None:
+            return PurePath(str(self.grid)).name
+        code = f" ({self.vertical})" if self.vertical.upper().startswith("EPSG:") else ""
+        return f"{self.crs.name.removesuffix(' height')}{code}"
+
+
+@dataclass(frozen=True)
+class DeclaredHeights:
+    """What the heights of a survey are counted from; None where nobody says.
+
+    ``output`` is the system of the map: of every position named ``_map_m`` and of every product. ``gnss`` is declared
+    for all GNSS positions, ``gnss_given`` holds for those that the project file names, ``control_points`` for ground
+    points whose file says nothing. ``geoid`` is there wherever two declared systems differ or one is orthometric.
+    """
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    gnss_given: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: Geoid | None = None
+
+    @property
+    def map_geoid(self) -> Geoid | None:
+        """The geoid under the heights of the map, None where they are ellipsoidal or not declared."""
+        return self.geoid if self.output == "orthometric" else None
+
+    def of_tags(self, height_is_ellipsoidal: bool | None) -> HeightSystem | None:
+        """Return the system of a height in a photograph's tags: as declared, else as the tags themselves say."""
+        if self.gnss is not None or height_is_ellipsoidal is None:
+            return self.gnss
+        return "ellipsoidal" if height_is_ellipsoidal else "orthometric"
+
+    def sign_to_map(self, given: HeightSystem | None) -> float:
+        """Return by how many geoid heights a height of the system ``given`` is raised to be one of the map: −1, 0 or 1.
+
+        0 where a system is not declared, and where tags speak of sea level and no geoid is named.
+        """
+        if self.geoid is None or given is None or self.output is None:
+            return 0.0
+        return float((given == "orthometric") - (self.output == "orthometric"))
+
+
+UNDECLARED = DeclaredHeights()
+"""Of a survey whose project says nothing of heights."""
+
+
+def vertical_crs(name: str) -> CRS:
+    """Return the vertical CRS called ``name``. Raises FrameError unless PROJ knows it as one of heights in metres."""
+    try:
+        crs = CRS.from_user_input(name)
+    except CRSError as fault:
+        raise FrameError(
+            f"{name!r} is no geoid that PROJ knows: write {', '.join(GEOID_MODELS)}, a vertical CRS such as EPSG:5773, "
+            "or the path of a grid (.gtx or .tif)"
+        ) from fault
+    if not crs.is_vertical or crs.is_compound:
+        raise FrameError(f"{name!r} ({crs.name}) is no vertical CRS: write EPSG:5773 or EPSG:5799, for example")
+    if crs.axis_info[0].direction != "up" or crs.axis_info[0].unit_name != "metre":
+        raise FrameError(f"{name!r} ({crs.name}) does not count heights in metres: name one that does")
+    return crs
+
+
+def is_gnss_ellipsoid(crs: CRS) -> bool:
+    """Return whether the ellipsoid of a CRS is that of GNSS, to 1 cm: GRS 80 or WGS 84."""
+    shape = crs.ellipsoid
+    return shape is not None and (
+        abs(shape.semi_major_metre - _SEMI_MAJOR_M) < _SAME_ELLIPSOID_M
+        and abs(shape.semi_minor_metre - _SEMI_MINOR_M) < _SAME_ELLIPSOID_M
+    )
+
+
+def _missing_grids(group: TransformerGroup) -> str:
+    grids = {grid.short_name: grid.url for operation in group.unavailable_operations for grid in operation.grids}
+    if not grids:
+        return ""
+    name, url = next(iter(grids.items()))
+    others = f" (or {', '.join(list(grids)[1:])})" if len(grids) > 1 else ""
+    fetch = f"fetch it with `projsync --file {name}`" + (f", copy {url}" if url else ", copy it")
+    return (
+        f"PROJ lacks its grid {name}{others}: {fetch} to {get_user_data_dir()}, set PROJ_NETWORK=ON, or give a file "
+        "that you have as heights.grid"
+    )
+
+
+@lru_cache(maxsize=16)
+def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float]) -> Transformer:
+    """Return longitude, latitude (degrees) and ellipsoidal height to the same with the height above the geoid.
+
+    ``source`` is a geographic CRS as WKT, ``place`` a longitude and latitude for which PROJ is to choose.
+    """
+    if geoid.grid is not None:
+        if any(character in geoid.grid for character in ',"'):
+            raise FrameError(
+                f"geoid grid {geoid.grid}: its path has a comma or a quote, which PROJ cannot read: rename"
+            )
+        try:
+            return Transformer.from_pipeline(
+                "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+                f'+step +inv +proj=vgridshift +grids="{geoid.grid}" +multiplier=1 '
+                "+step +proj=unitconvert +xy_in=rad +xy_out=deg"
+            )
+        except ProjError as fault:
+            raise FrameError(
+                f"geoid grid {geoid.grid}: PROJ cannot read it: give a grid of geoid heights, .gtx or .tif"
+            ) from fault
+    plan, vertical = CRS.from_wkt(source), geoid.crs
+    target = CompoundCRS(f"{plan.name} + {vertical.name}", [plan.to_2d(), vertical])
+    longitude, latitude = place
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: said below, with what to do
+        group = TransformerGroup(
+            plan.to_3d(),
+            target,
+            always_xy=True,
+            allow_ballpark=False,
+            area_of_interest=AreaOfInterest(longitude - 0.01, latitude - 0.01, longitude + 0.01, latitude + 0.01),
+        )
+    if not group.transformers:
+        why = _missing_grids(group) or (
+            f"PROJ knows no way to it from {plan.name}: choose a crs of the same country, or give the geoid's file as "
+            "heights.grid"
+        )
+        raise FrameError(f"geoid {geoid.name}: {why}")
+    return group.transformers[0]
+
+
+@lru_cache(maxsize=16)
+def _to_gnss(source: str) -> Transformer:
+    return Transformer.from_crs(CRS.from_wkt(source), "EPSG:4326", always_xy=True)
+
+
+def geoid_height_m(crs: CRS, geoid: Geoid, longitude_latitude_deg: FloatArray) -> FloatArray:
+    """Return the height (N,) of a geoid above the ellipsoid of GNSS at longitudes and latitudes (N, 2) in the datum of
+    ``crs``, bilinear in its grid; NaN outside the grid.
+
+    Raises FrameError where PROJ does not know the geoid or lacks its grid; the message names the file.
+    """
+    geodetic = crs.geodetic_crs
+    if geodetic is None:
+        raise FrameError(f"crs: {crs.name} has no geodetic datum")
+    source = geodetic.to_2d()
+    places = np.asarray(longitude_latitude_deg, dtype=np.float64).reshape(-1, 2)
+    if not len(places):
+        return np.zeros(0)
+    if not is_gnss_ellipsoid(crs):
+        places = np.column_stack(_to_gnss(source.to_wkt()).transform(places[:, 0], places[:, 1]))
+        source = CRS("EPSG:4326")
+    finite = places[np.isfinite(places).all(axis=1)]
+    if not len(finite):
+        return np.full(len(places), np.nan)
+    east, north = np.median(finite, axis=0).tolist()
+    transformer = _vertical_transformer(source.to_wkt(), geoid, (round(east, 1), round(north, 1)))
+    height = np.asarray(transformer.transform(places[:, 0], places[:, 1], np.zeros(len(places)))[2])
+    return np.where(np.isfinite(height), -height, np.nan)
+
+
+def full_crs(plan: CRS, output: HeightSystem | None, geoid: Geoid | None) -> CRS:
+    """Return the CRS of products: that of the plan alone where the heights are not declared, with a third axis where
+    they are ellipsoidal, compound with the vertical CRS of the geoid where they are orthometric."""
+    if output is None:
+        return plan.to_2d()
+    if output == "ellipsoidal":
+        return plan.to_3d()
+    if geoid is None:
+        raise ValueError("orthometric heights need a geoid")
+    vertical = geoid.crs
+    codes = [plan.to_epsg(), vertical.to_epsg()]
+    if None not in codes:
+        return CRS.from_user_input(f"EPSG:{codes[0]}+{codes[1]}")
+    return CompoundCRS(f"{plan.name} + {vertical.name}", [plan.to_2d(), vertical])
+
+
+def crs_name(crs: CRS) -> str:
+    """Return a CRS as text that PROJ reads back to the same: its EPSG code or codes, else WKT."""
+    code = crs.to_epsg()
+    if code is not None and CRS.from_epsg(code) == crs:
+        return f"EPSG:{code}"
+    parts: Sequence[Any] = crs.sub_crs_list
+    codes = [part.to_epsg() for part in parts]
+    if len(codes) == 2 and None not in codes:
+        return f"EPSG:{codes[0]}+{codes[1]}"
+    return str(crs.to_wkt())
+
+
+def first_wkt(crs: CRS) -> str:
+    """Return a CRS in the first edition of WKT (OGC 01-009), as LAS 1.4 asks for.
+
+    That edition knows no map grid with a third axis: ellipsoidal heights stand there as a vertical CRS on the datum
+    "Ellipsoid" of type 2002, which PROJ and GDAL read back as what it was.
+    """
+    if len(crs.axis_info) == 3 and not crs.is_compound:
+        plan = crs.to_2d()
+        return (
+            f'COMPD_CS["{plan.name} + ellipsoidal height",{plan.to_wkt("WKT1_GDAL")},'
+            'VERT_CS["Ellipsoid (metre)",VERT_DATUM["Ellipsoid",2002],UNIT["metre",1],AXIS["Ellipsoidal height",UP]]]'
+        )
+    return str(crs.to_wkt("WKT1_GDAL"))
+
+
+def flat_crs(crs: CRS) -> CRS:
+    """Return a CRS as a GeoTIFF can hold it, whose keys know no map grid with a third axis: ellipsoidal heights become
+    a vertical CRS of that name, on the ellipsoid as its datum."""
+    if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None:
+        return crs
+    plan, ellipsoid = crs.to_2d(), crs.ellipsoid.name.replace('"', "")
+    vertical = CRS.from_wkt(
+        f'VERTCRS["ellipsoidal height ({ellipsoid})",VDATUM["{ellipsoid} ellipsoid"],CS[vertical,1],'
+        'AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
+    )
+    return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical])
