@@ -124,6 +124,7 @@ def test_sentences_of_all_parts_stand_on_the_page(full_report: Json) -> None:
         "A control point near 602340, 5794120 brings the heights from 0.081 to 0.034 m.",
         "Heights are orthometric (DHHN2016)",
         "heights orthometric, geoid de_bkg_gcg2016.tif",
+        "gnss (ellipsoidal: 4; orthometric: 0; undeclared: 0)",
         "shares too few tie points",
         "fix: 3; float: 1",
         "4 GNSS positions and 8 control points took part.",
@@ -283,6 +284,12 @@ def test_warnings_come_from_all_parts(full_report: Json) -> None:
     assert all(w["sentence"] for w in full_report["warnings"])
     failed = changed(full_report, adjustment={**full_report["adjustment"], "converged": False})
     assert complete(failed, ReportSettings())["warnings"][0]["part"] == "adjustment"
+
+
+def test_heights_that_nobody_declares_are_warned_of(bare: Json) -> None:
+    sentence = "Nothing declares what the heights are counted from."
+    report = complete(changed(bare, heights={"output": None, "sentence": sentence}), ReportSettings())
+    assert {"part": "heights", "sentence": sentence} in report["warnings"]
 
 
 def test_survey_without_check_points_is_warned_of(bare: Json) -> None:

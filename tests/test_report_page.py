@@ -61,10 +61,11 @@ def show(browser: Chrome, page: Path, width_px: int, media: str = "screen") -> N
     browser.get(page.as_uri())
 
 
-def requests(browser: Chrome) -> list[str]:
-    """Return the addresses that the page asked for since the last call."""
+def requests(browser: Chrome, page: Path) -> list[str]:
+    """Return the addresses that a page asked for since the last call; not those of the browser's own first tab."""
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    return [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    sent = [m["params"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    return [p["request"]["url"] for p in sent if p["documentURL"] == page.as_uri()]
 
 
 NAMES = pytest.mark.parametrize("name", ["small survey", "everything"])
@@ -74,11 +75,11 @@ NAMES = pytest.mark.parametrize("name", ["small survey", "everything"])
 def test_page_opens_without_a_complaint_and_without_the_network(
     browser: Chrome, pages: dict[str, Path], name: str
 ) -> None:
-    requests(browser)
+    requests(browser, pages[name])
     browser.get_log("browser")
     show(browser, pages[name], 1200)
     assert browser.get_log("browser") == []
-    asked = requests(browser)
+    asked = requests(browser, pages[name])
     assert pages[name].as_uri() in asked
     assert [url for url in asked if url != pages[name].as_uri() and not url.startswith("data:")] == []
 
@@ -87,9 +88,9 @@ def test_complaints_and_requests_would_show(browser: Chrome, tmp_path: Path) -> 
     """The referee of the test above: a page that logs an error and asks for a picture beside it is found out."""
     page = tmp_path / "bad.html"
     page.write_text("<img src='absent.png'><script>console.error('fault')</script>")
-    requests(browser)
+    requests(browser, page)
     show(browser, page, 1200)
-    assert any("absent.png" in url for url in requests(browser))
+    assert any("absent.png" in url for url in requests(browser, page))
     assert any("fault" in entry["message"] for entry in browser.get_log("browser"))
 
 

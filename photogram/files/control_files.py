@@ -271,7 +271,7 @@ def _sigma(row: Row, column: str, line: int, faults: Faults) -> float | None:
     text = row.get(column, "")
     if not text:
         return None
-    value = _number(text, column, line, faults)
+    value = faults.number(text, column, line)
     if value is not None and value <= 0.0:
         faults.note(line, f"{column} must be greater than 0, found {text}: give the standard deviation")
     return value

@@ -165,7 +165,10 @@ def warnings(report: Mapping[str, Any]) -> list[Json]:
 
     if not report["adjustment"]["converged"]:
         add("adjustment", "the adjustment did not converge: use nothing of this result")
-    add("heights", *_sentences((report.get("heights") or {}).get("warnings")))
+    heights = report.get("heights") or {}
+    add("heights", *_sentences(heights.get("warnings")))
+    if heights and heights.get("output") is None:
+        add("heights", str(heights.get("sentence") or ""))
     add("blunders", *_sentences(report.get("blunders")), *_sentences([report.get("blunders_effect") or ""]))
     add("suspects", *_sentences(report.get("suspects")))
     asprs = report["asprs"]

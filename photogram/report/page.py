@@ -148,7 +148,8 @@ def rich(text: object) -> Markup:
 def plain(value: object) -> str:
     """Write a value of any kind as text: entries of a block as `name: value`, lists with commas."""
     if isinstance(value, Mapping):
-        return "; ".join(f"{str(k).replace('_', ' ')}: {plain(v)}" for k, v in value.items())
+        entries = ((str(k).replace("_", " "), v) for k, v in value.items())
+        return "; ".join(f"{k} ({plain(v)})" if isinstance(v, Mapping) else f"{k}: {plain(v)}" for k, v in entries)
     if isinstance(value, list | tuple):
         return ", ".join(plain(v) for v in value)
     if isinstance(value, bool):
