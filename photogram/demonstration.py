@@ -79,7 +79,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
     lines = [
         f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
         "photogram: 1",
-        "report: {name: Simulated survey of photogram demo}",
+        "report: {name: Simulated survey of photogram demo, target_rmse_h_m: 0.05, target_rmse_v_m: 0.05}",
         f"crs: {survey.frame.crs}",
         "heights: ellipsoidal # of the control points, the GNSS positions and all results",
         "cameras:",

@@ -114,7 +114,7 @@ def _prediction(report: Report) -> Light:
 def _blunders(report: Report) -> Light:
     rule = (
         "good: no measurement contradicts all others; attention: GNSS positions alone do; bad: a ground point or a "
-        "mark does (of a hundred surveys without a blunder, one is suspected)"
+        "mark does (of five hundred surveys without a blunder, one is suspected)"
     )
     named, suspects = report.get("blunders") or [], report.get("suspects") or []
     if not named and not suspects:
