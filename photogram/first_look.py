@@ -17,7 +17,7 @@ from photogram.blunders import Accusation, Adjuster
 from photogram.camera import image_plane_or_nan, models_of
 from photogram.errors import OrientationError
 from photogram.similarity import fit_similarity, robust_similarity
-from photogram.survey import Adjustment, Block, FloatArray, Role
+from photogram.survey import Adjustment, Block, FloatArray
 from photogram.triangulation import consensus_intersections
 
 BENDS = (0.0003, 0.001, 0.005)  # of the extent: what a block without control may be bent by, the stiffest first
@@ -30,11 +30,7 @@ _LIMIT = 4.0
 
 def _held_in_place(block: Block) -> Block:
     """Return the block without control, held by GNSS, or where there is too little of it by its starting positions."""
-    points = replace(
-        block.control_points,
-        role=tuple[Role, ...]("check" for _ in block.control_points.name),
-        controlled=np.zeros((len(block.control_points), 3), dtype=bool),
-    )
+    points = block.control_points.with_roles(["check"] * len(block.control_points))
     photographs = block.photographs
     if sum(p.gnss_world_m is not None for p in photographs) < 3:
         heights = [pose.position_world_m[2] for pose in block.poses if pose is not None]

@@ -7,6 +7,7 @@ their index in the block.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -237,11 +238,14 @@ class ControlPoints:
             self.controlled[keep],
         )
 
+    def with_roles(self, roles: Sequence[Role]) -> ControlPoints:
+        """Return the same points with other roles, one for all coordinates of each."""
+        return replace(self, role=tuple(roles), controlled=np.zeros((0, 3), dtype=bool))
+
     def fully_controlled(self) -> ControlPoints:
         """Return the points whose three coordinates are control: those that can say where something is."""
         whole: NDArray[np.bool_] = np.asarray(self.controlled.all(axis=1))
-        roles: tuple[Role, ...] = tuple("control" if w else "check" for w in whole)
-        return replace(self, role=roles, controlled=np.repeat(whole[:, None], 3, axis=1)).with_role("control")
+        return self.with_roles(["control" if w else "check" for w in whole]).with_role("control")
 
 
 @dataclass(frozen=True, eq=False)

@@ -154,7 +154,7 @@ def bare(block: SimulatedBlock, change: Change = lambda _, p: p, *, control: boo
     """The block before anything is oriented."""
     photographs = tuple(change(i, p) for i, p in enumerate(block.block.photographs))
     points = block.block.control_points
-    points = points if control else replace(points, role=("check",) * len(points))
+    points = points if control else points.with_roles(["check"] * len(points))
     return replace(block.block, photographs=photographs, poses=(None,) * len(photographs), control_points=points)
 
 
@@ -447,7 +447,7 @@ def test_what_is_missing_is_told() -> None:
     with pytest.raises(OrientationError, match=expected):
         orient(bare(block, no_tags, control=False), AUTO)
     points = block.block.control_points
-    two = replace(points, role=("control",) * 2 + ("check",) * 4)
+    two = points.with_roles(["control"] * 2 + ["check"] * 4)
     with pytest.raises(OrientationError, match="2 control points are marked in two of them, 1 have a GNSS position"):
         orient(replace(bare(block, lambda i, p: no_tags(i, p) if i else no_attitude(i, p)), control_points=two), AUTO)
     straight = simulated(1, replace(STRIP, position_noise_m=0.05, gnss_sigma_m=(0.02, 0.02, 0.02)))

@@ -89,7 +89,10 @@ def test_page_asks_for_nothing_but_itself(full_report: Json, figures: list[dict[
 
 
 def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
-    report = {**bare, "control_points": [], "versions": None}
+    nothing = dict.fromkeys(
+        ("versions", "diagnosis", "variance_components", "predicted_against_achieved", "leave_one_out")
+    )
+    report = {**bare, **nothing, "control_points": []}
     report["block"] = {**bare["block"], "overlap": None}
     report["block"]["gnss_residual_rms_m"] = {"plan": None, "height": None, "three_d": None}
     text = report_page(complete(report, ReportSettings()), [])

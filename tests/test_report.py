@@ -372,7 +372,8 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     """On the grid of the surface; beside the points of the cloud they are like those of the points."""
     results = finished_survey / "results"
     with rasterio.open(results / "dsm.tif") as surface, rasterio.open(results / "dsm_sigma.tif") as raster:
-        assert (raster.transform, raster.shape, raster.crs) == (surface.transform, surface.shape, surface.crs)
+        assert (raster.transform, raster.shape) == (surface.transform, surface.shape)
+        assert raster.crs.to_epsg() == 25832  # a standard deviation counts from nothing
         assert (raster.nodata, raster.profile["tiled"]) == (surface.nodata, True)
         sigma = raster.read(1, masked=True)
         np.testing.assert_array_equal(sigma.mask, surface.read(1, masked=True).mask)
@@ -418,8 +419,7 @@ def test_check_points_never_enter_the_adjustment(
     assert outcome.code == 0, outcome.err
     moved = json.loads((adjusted_survey / "results/report.json").read_text())
     before, after = dict(leaves(without_seconds(report))), dict(leaves(without_seconds(moved)))
-    assert before.keys() == after.keys()
-    changed = {key for key in before if before[key] != after[key]}
+    changed = {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
     index = next(i for i, p in enumerate(report["control_points"]) if p["name"] == "C02")
     own = {f"/control_points/{index}/{key}/{axis}" for key in ("surveyed_map_m", "residual_m") for axis in range(3)}
     own |= {f"/control_points/{index}/z/{axis}" for axis in range(3)} | {f"/control_points/{index}/mahalanobis"}
