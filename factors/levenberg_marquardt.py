@@ -16,7 +16,7 @@ from typing import Protocol
 
 from photogram.factors.state import State
 
-FIRST, LEAST, GREATEST = 1e-5, 1e-9, 1e12
+FIRST, LEAST, GREATEST = 1e-5, 1e-12, 1e12
 HOLDING = 1e-7  # what the photographs hardly tell, such as focal length against height, moves little above it
 NEAR = 0.1  # of the cost: what the last step saved where the minimum is near
 ROUNDING = 1e-12  # of the cost
