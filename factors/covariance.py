@@ -105,8 +105,7 @@ class Covariances:
 
     def solve(self, columns: FloatArray) -> FloatArray:
         """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
-        m, scale = self.layout.columns, self.scale[:, None]
-        return np.concatenate(self.factor.solve(columns[:m] / scale[:m], columns[m:] / scale[m:])) / scale
+        return self.factor.solve_scaled(columns, self.scale)
 
     def _inverse(self, row: IntArray, column: IntArray) -> FloatArray:
         low, high = np.minimum(row, column), np.maximum(row, column)

@@ -48,8 +48,7 @@ class Factored:
 
     def solve(self, columns: FloatArray) -> FloatArray:
         """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
-        m, scale = self.layout.columns, self.scale[:, None]
-        return np.concatenate(self.factor.solve(columns[:m] / scale[:m], columns[m:] / scale[m:])) / scale
+        return self.factor.solve_scaled(columns, self.scale)
 
 
 def factored(problem: Problem, state: State) -> Factored:

@@ -354,6 +354,12 @@ class Factor:
         border, _ = lapack.dpotrs(self.border, h - self.B.T @ poses, lower=1)
         return poses - self.T @ border, border
 
+    def solve_scaled(self, columns: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k) of the system S whose rows and columns were divided by
+        ``scale`` before it was factored."""
+        m, divisor = self.layout.columns, scale[:, None]
+        return np.concatenate(self.solve(columns[:m] / divisor[:m], columns[m:] / divisor[m:])) / divisor
+
     def inverse_within_band(self) -> FloatArray:
         """Return the inverse of A (flat, as A), all of it where A is dense."""
         layout, n = self.layout, self.layout.columns

@@ -181,39 +181,30 @@ def _centimetres(length_m: float) -> str:
     return f"{length_m * 100:.1f} (cm)"
 
 
+def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, finding: str) -> str | None:
+    if not count or rmse_m > target_m:
+        return None
+    graded = f"{_centimetres(target_m)} {accuracy_class} Accuracy Class."
+    found = f"{finding} = {_centimetres(rmse_m)}"
+    if count >= MINIMUM_POINTS:
+        return f"This data set was tested to meet {STANDARD} for a {graded} {found}."
+    return (
+        f"{_reduced(count)} This data set was produced to meet a {graded} {found} using the reduced number of "
+        "checkpoints."
+    )
+
+
 def statement_h(found: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of horizontal accuracy (sec. 7.16), None where it cannot be made: without check
     points, or where the class is not met."""
-    if not found.n_h or found.rmse_h_m > target_m:
-        return None
-    grade, tested = _centimetres(target_m), _centimetres(found.rmse_h_m)
-    if found.n_h >= MINIMUM_POINTS:
-        return (
-            f"This data set was tested to meet {STANDARD} for a {grade} RMSE_H Horizontal Positional Accuracy Class. "
-            f"The tested horizontal positional accuracy was found to be RMSE_H = {tested}."
-        )
-    return (
-        f"{_reduced(found.n_h)} This data set was produced to meet a {grade} RMSE_H Horizontal Positional Accuracy "
-        f"Class. The tested horizontal positional accuracy was found to be RMSE_H = {tested} using the reduced number "
-        "of checkpoints."
-    )
+    finding = "The tested horizontal positional accuracy was found to be RMSE_H"
+    return _statement(found.n_h, found.rmse_h_m, target_m, "RMSE_H Horizontal Positional", finding)
 
 
 def statement_v(found: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16), None where it cannot be made."""
-    if not found.n_v or found.rmse_v_m > target_m:
-        return None
-    grade, tested = _centimetres(target_m), _centimetres(found.rmse_v_m)
-    if found.n_v >= MINIMUM_POINTS:
-        return (
-            f"This data set was tested to meet {STANDARD} for a {grade} RMSE_V Vertical Accuracy Class. The "
-            f"Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V = {tested}."
-        )
-    return (
-        f"{_reduced(found.n_v)} This data set was produced to meet a {grade} RMSE_V Vertical Accuracy Class. The "
-        f"Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V = {tested} using the reduced number of "
-        "checkpoints."
-    )
+    finding = "The Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V"
+    return _statement(found.n_v, found.rmse_v_m, target_m, "RMSE_V Vertical", finding)
 
 
 def _reduced(count: int) -> str:

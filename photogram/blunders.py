@@ -18,17 +18,11 @@ from scipy.stats import chi2
 
 from photogram.accuracy import suspects
 from photogram.errors import PhotogramError
-from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
+from photogram.survey import Adjustment, Block, BoolArray, ControlPoints, FloatArray
 
 MOST_BLUNDERS = 6
 INNOCENT = 0.001  # probability by chance above which what was left out is taken back
-PARTS: dict[str, tuple[int, ...]] = {
-    "easting": (0,),
-    "northing": (1,),
-    "height": (2,),
-    "plan": (0, 1),
-    "position": (0, 1, 2),
-}
+PARTS = ((0,), (1,), (2,), (0, 1), (0, 1, 2))  # axes of a point that may be wrong together
 Adjuster = Callable[[Block], Adjustment]
 
 
@@ -50,11 +44,6 @@ class Accusation:
     def log_chance(self) -> float:
         """Return the logarithm of the probability of such a contradiction by chance."""
         return float(chi2.logsf(self.statistic, len(self.off)))
-
-    @property
-    def part(self) -> str:
-        """Return what is blamed: easting, northing, height, plan, position or mark."""
-        return "mark" if self.photograph else next(part for part, axes in PARTS.items() if axes == self.axes)
 
 
 def _accusation(
@@ -86,7 +75,7 @@ def accusations(result: Adjustment) -> Iterator[Accusation]:
         known = np.flatnonzero(np.isfinite(r.ground_left_out_m[g]))
         place = {axis: n for n, axis in enumerate(known.tolist())}
         left_out, covariance = r.ground_left_out_m[g, known], r.ground_left_out_covariance_m2[g][np.ix_(known, known)]
-        for axes in PARTS.values():
+        for axes in PARTS:
             if set(axes) <= set(place):
                 found = _accusation(name, None, [place[axis] for axis in axes], left_out, covariance)
                 yield replace(found, axes=axes)
@@ -109,7 +98,7 @@ def without(block: Block, accused: Sequence[Accusation]) -> Block:
     return replace(block, control_points=_with(points, controlled, kept))
 
 
-def _with(points: ControlPoints, controlled: np.ndarray, kept: np.ndarray) -> ControlPoints:
+def _with(points: ControlPoints, controlled: BoolArray, kept: BoolArray) -> ControlPoints:
     return replace(
         points,
         role=tuple("control" if row.any() else "check" for row in controlled),
