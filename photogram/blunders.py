@@ -135,7 +135,7 @@ def _chance_of_coordinates(a: Accusation, result: Adjustment) -> float:
 
 
 def _innocent(accused: Sequence[Accusation], block: Block, result: Adjustment, adjust: Adjuster) -> list[Accusation]:
-    """Return those of several accused that the rest does not contradict; a mark is tested by taking it back alone."""
+    """Return those accused that the rest does not contradict; a mark is tested by taking it back alone."""
     innocent = []
     for a in accused:
         chance = -np.inf
@@ -166,7 +166,7 @@ def search(block: Block, result: Adjustment, adjust: Adjuster, accused: Sequence
         except PhotogramError:
             blamed.pop()  # nothing is left that could say it is wrong
             break
-    if len(blamed) > 1:
+    if accused or len(blamed) > 1:
         innocent = _innocent(blamed, block, current, adjust)
         if innocent:
             blamed = [a for a in blamed if a not in innocent]

@@ -34,7 +34,8 @@ def _held_in_place(block: Block) -> Block:
     photographs = block.photographs
     if sum(p.gnss_world_m is not None for p in photographs) < 3:
         heights = [pose.position_world_m[2] for pose in block.poses if pose is not None]
-        flying_m = float(np.median(heights) - np.median(points.position_world_m[:, 2]))
+        ground = block.control_points.position_world_m[block.control_points.controlled[:, 2], 2]
+        flying_m = float(np.median(heights) - np.median(ground)) if len(ground) else 0.0
         sigma = np.full(3, max(GAUGE * flying_m, 1.0))
         photographs = tuple(
             p if pose is None else replace(p, gnss_world_m=pose.position_world_m, gnss_sigma_m=sigma)

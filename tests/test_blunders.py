@@ -10,6 +10,7 @@ import pytest
 
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import Blunder
+from photogram.blunders import Accusation, search, without
 from photogram.ground_check import GrossBlunderError, Verdict, adjust_and_judge
 from photogram.report.verdicts import control_test, control_verdict, effect_sentence
 from photogram.simulation import SurveyPlan, simulate_block
@@ -150,6 +151,17 @@ def test_two_blunders_are_both_named_and_nobody_else() -> None:
     place[5, 0] -= 0.35
     named = {(blunder.kind, blunder.points) for blunder in judged(with_surveyed(survey(), place)).blunders}
     assert named == {("height", ("G03",)), ("plan", ("G06",))}
+
+
+def test_an_innocent_that_was_accused_beforehand_is_taken_back() -> None:
+    points = survey().control_points
+    whole = Accusation("G02", None, (0, 1, 2), (0.0,) * 3, (1.0,) * 3, float("inf"))
+    photograph = survey().photographs[points.mark_photograph[0]].name
+    mark = Accusation(points.name[points.mark_point[0]], photograph, (0, 1), (0.0,) * 2, (1.0,) * 2, float("inf"))
+    for accused in ([whole], [mark], [whole, mark]):
+        found = search(survey(), adjusted(without(survey(), accused)), adjusted, accused)
+        assert found.accused == ()
+        np.testing.assert_array_equal(found.result.ground_world_m, adjusted(survey()).ground_world_m)
 
 
 def test_the_test_of_a_whole_point_is_the_quadratic_form_of_what_is_tested() -> None:
