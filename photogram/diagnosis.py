@@ -261,7 +261,7 @@ def undetermined(
     names, sigma = _names(cameras, flights), np.sqrt(np.diag(known.covariance))
     told = np.divide(sigma[start:], prior, out=np.zeros_like(prior), where=np.isfinite(prior) & (prior > 0))
     sentences = [
-        f"{names[k]}: known to {prior[k]:.3g} before, to {sigma[start + k]:.3g} now"
+        f"hardly told: {names[k]}, known to {prior[k]:.3g} before, to {sigma[start + k]:.3g} now"
         for k in np.flatnonzero(told > TOLD)
     ]
     freed, after = known.freed_prior.ravel(), known.freed_sigma.ravel()

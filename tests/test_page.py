@@ -419,3 +419,13 @@ def test_browser_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setenv("CHROME", "false")
     with pytest.raises(ReportError, match=r"false could not print the report .*print it there"):
         print_pdf(tmp_path / "report.html", tmp_path / "report.pdf")
+
+
+def test_sentences_keep_their_capitals(bare: Json) -> None:
+    report = json.loads(json.dumps(bare))
+    check = next(p for p in report["control_points"] if p["role"] == "check")
+    check["residual_m"] = [0.0, 0.0, 0.9]
+    text = report_page(complete(report, ReportSettings(target_rmse_v_m=0.05)), [])
+    flagged = re.findall(r'<p class="flag">(.*?)</p>', text)
+    assert any(check["name"] in sentence for sentence in flagged), flagged
+    assert "target rmse" not in text

@@ -183,9 +183,10 @@ def warnings(report: Mapping[str, Any]) -> list[Json]:
     add("stated sigmas", *_sentences(list((report.get("variance_components") or {}).values())))
     add("photographs", *_block(report["block"]))
     for name, camera in report["cameras"].items():
-        held = [parameter for parameter in camera.get("held") or {} if (camera["prior_sigma"].get(parameter) != 0)]
-        if held:
-            add("calibration", f"{name}: held at what was given: {', '.join(held)}")
+        # what the project holds by itself is no news
+        told = [parameter for parameter in camera.get("held") or {} if camera["prior_sigma"].get(parameter) != 0]
+        if told:
+            add("calibration", f"camera {name}: the photographs hardly tell {', '.join(told)}: what was given stands")
     return found
 
 
