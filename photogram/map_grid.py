@@ -1,0 +1,141 @@
+"""The grid of a raster, and the vertical lines over its cells in the world frame.
+
+Everything that is computed for a cell depends on the cell's place alone, never on the window in which it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.frames import LocalFrame
+from photogram.survey import Raster
+
+FloatArray = NDArray[np.float64]
+
+LATTICE_CELLS = 32
+"""Spacing of the nodes at which places are projected exactly; between them a map is flat to a ten-thousandth of a cell."""
+
+_LIFT_M = 100.0
+
+
+@dataclass(frozen=True)
+class Window:
+    """Cells ``row`` to ``row_end`` and ``column`` to ``column_end``, the ends not included."""
+
+    row: int
+    column: int
+    row_end: int
+    column_end: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Return the numbers of rows and columns."""
+        return self.row_end - self.row, self.column_end - self.column
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Return the slices of an array over the whole grid."""
+        return slice(self.row, self.row_end), slice(self.column, self.column_end)
+
+
+@dataclass(frozen=True)
+class MapGrid:
+    """Square cells of ``cell_m`` in the map, rows going south from ``north_map_m``, columns east from ``west_map_m``:
+    the outer corner of cell (0, 0)."""
+
+    west_map_m: float
+    north_map_m: float
+    cell_m: float
+    rows: int
+    columns: int
+
+    @staticmethod
+    def of(raster: Raster) -> MapGrid:
+        """Return the grid of a raster."""
+        rows, columns = raster.values.shape
+        return MapGrid(raster.west_map_m, raster.north_map_m, raster.cell_m, rows, columns)
+
+    @staticmethod
+    def around(points_map_m: FloatArray, cell_m: float) -> MapGrid:
+        """Return the smallest grid around points (N, 2 or 3) whose corner is a multiple of the cell."""
+        low = np.floor(points_map_m[:, :2].min(axis=0) / cell_m)
+        high = np.ceil(points_map_m[:, :2].max(axis=0) / cell_m)
+        columns, rows = np.maximum(high - low, 1).astype(int)
+        return MapGrid(float(low[0] * cell_m), float(high[1] * cell_m), cell_m, int(rows), int(columns))
+
+    @property
+    def whole(self) -> Window:
+        """Return the window of all cells."""
+        return Window(0, 0, self.rows, self.columns)
+
+    def raster(self, values: NDArray[np.float32]) -> Raster:
+        """Return values (rows, columns) as a raster."""
+        return Raster(values, self.west_map_m, self.north_map_m, self.cell_m)
+
+    def around_window(self, window: Window, margin: int) -> Window:
+        """Return the window with ``margin`` cells on each side, as far as the grid goes."""
+        return Window(
+            max(window.row - margin, 0),
+            max(window.column - margin, 0),
+            min(window.row_end + margin, self.rows),
+            min(window.column_end + margin, self.columns),
+        )
+
+    def tiles(self, side: int) -> Iterator[Window]:
+        """Yield windows of ``side`` × ``side`` cells, smaller at the south and east, row by row."""
+        for row in range(0, self.rows, side):
+            for column in range(0, self.columns, side):
+                yield Window(row, column, min(row + side, self.rows), min(column + side, self.columns))
+
+    def centres_map_m(self, window: Window) -> tuple[FloatArray, FloatArray]:
+        """Return eastings (columns,) and northings (rows,) of the centres of a window's cells."""
+        column = np.arange(window.column, window.column_end, dtype=np.float64) + 0.5
+        row = np.arange(window.row, window.row_end, dtype=np.float64) + 0.5
+        return self.west_map_m + column * self.cell_m, self.north_map_m - row * self.cell_m
+
+
+@dataclass(frozen=True, eq=False)
+class Verticals:
+    """Vertical lines of the map over the centres of cells: a height h of the map lies at ``foot_world_m`` + h ``up``.
+
+    ``foot_world_m`` (rows, columns, 3) are the places of height ``base_map_m``, h counts from there, and ``up``
+    (rows, columns, 3) is the step in the world for a metre of height.
+    """
+
+    base_map_m: float
+    foot_world_m: FloatArray
+    up: FloatArray
+
+
+def verticals(frame: LocalFrame, grid: MapGrid, window: Window) -> Verticals:
+    """Return the vertical lines over a window of a grid.
+
+    They are projected exactly at every LATTICE_CELLS-th cell, and interpolated linearly between: a vertical is a
+    straight line in the world frame, and over so few cells a map does not curve. Raises
+    FrameError where the map has no such place.
+    """
+    rows, columns = (np.arange(a // LATTICE_CELLS, -(-b // LATTICE_CELLS) + 1) * LATTICE_CELLS
+                     for a, b in ((window.row, window.row_end), (window.column, window.column_end)))  # fmt: skip
+    east, north = grid.west_map_m + columns * grid.cell_m, grid.north_map_m - rows * grid.cell_m
+    base = frame.origin_map_m[2]
+    place = np.column_stack(
+        [np.tile(east, len(rows)), np.repeat(north, len(columns)), np.full(rows.size * columns.size, base)]
+    )
+    foot = frame.world_from_map(place)
+    up = (frame.world_from_map(place + np.array([0.0, 0.0, _LIFT_M])) - foot) / _LIFT_M
+    nodes = np.concatenate([foot, up], axis=1).reshape(len(rows), len(columns), 6)
+    dense = _between(_between(nodes, window.row, window.row_end).swapaxes(0, 1), window.column, window.column_end)
+    dense = np.ascontiguousarray(dense.swapaxes(0, 1))
+    return Verticals(float(base), np.ascontiguousarray(dense[..., :3]), np.ascontiguousarray(dense[..., 3:]))
+
+
+def _between(nodes: FloatArray, first: int, last: int) -> FloatArray:
+    """Return values at the centres of cells from ``first`` to ``last`` along the first axis of nodes."""
+    place = (np.arange(first, last) + 0.5) / LATTICE_CELLS - first // LATTICE_CELLS
+    below = np.floor(place).astype(int)
+    weight = (place - below)[:, None, None]
+    return np.asarray((1.0 - weight) * nodes[below] + weight * nodes[below + 1])
