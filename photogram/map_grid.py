@@ -17,7 +17,7 @@ from photogram.survey import Raster
 FloatArray = NDArray[np.float64]
 
 LATTICE_CELLS = 32
-"""Spacing of the nodes at which places are projected exactly; between them a map is flat to a ten-thousandth of a cell."""
+"""Spacing of the nodes at which places are projected exactly; between them a map is flat to 1e-4 of a cell."""
 
 _LIFT_M = 100.0
 
@@ -139,3 +139,13 @@ def _between(nodes: FloatArray, first: int, last: int) -> FloatArray:
     below = np.floor(place).astype(int)
     weight = (place - below)[:, None, None]
     return np.asarray((1.0 - weight) * nodes[below] + weight * nodes[below + 1])
+
+
+def cell_steps(frame: LocalFrame, grid: MapGrid) -> tuple[FloatArray, FloatArray]:
+    """Return the steps (3,) in the world from a cell to the next to the east and to the south, in the grid's middle."""
+    east, north = grid.west_map_m + grid.columns * grid.cell_m / 2, grid.north_map_m - grid.rows * grid.cell_m / 2
+    height = frame.origin_map_m[2]
+    places = [[east, north], [east + _LIFT_M, north], [east, north - _LIFT_M]]
+    world = frame.world_from_map(np.column_stack([np.array(places), np.full(3, height)]))
+    scale = grid.cell_m / _LIFT_M
+    return np.asarray((world[1] - world[0]) * scale), np.asarray((world[2] - world[0]) * scale)

@@ -66,3 +66,21 @@ def seen_at(
         if px * px + py * py > (largest_radius * depth) ** 2:
             return np.nan, np.nan, depth
     return u, v, depth
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _see_all(
+    model: int, q: FloatArray, R: FloatArray, C: FloatArray, largest_radius: float, X: FloatArray, out: FloatArray
+) -> None:
+    for n in range(len(X)):
+        out[n, 0], out[n, 1], _ = seen_at(model, q, R, C, largest_radius, X[n])
+
+
+def places_in_view(views: Views, view: int, places_world_m: FloatArray) -> FloatArray:
+    """Return the pixels (N, 2) of places (N, 3) in a view, inside the photograph or not; NaN for what is behind it."""
+    pixel = np.empty((len(places_world_m), 2))
+    _see_all(
+        views.model[view], views.parameters[view], views.rotation_world_from_camera[view], views.position_world_m[view],
+        views.largest_radius[view], np.ascontiguousarray(places_world_m), pixel,
+    )  # fmt: skip
+    return pixel

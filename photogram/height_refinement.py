@@ -1,0 +1,189 @@
+"""Heights to a fraction of a hypothesis, and how well the photographs tell them.
+
+Around the height that the regularised cost volume gives, the window is tilted with the surface and keeps only those of
+its samples that lie on the same surface, so that a wall beside the cell does not pull at it. The height is where the
+mean correlation s of all pairs of photographs is largest: a parabola through three heights.
+
+The sum of squares of K normalised photographs about their mean is Q = (K − 1) (1 − s). It is that of a least-squares
+adjustment with one unknown, the height (Grün 1985 does it with more), so the noise of a sample is
+σ₀² = Q / ((K − 1) (n − 2)) = (1 − s) / (n − 2), two having gone into mean and length, and the variance of the height
+
+    σ_h² = 2 σ₀² / (∂²Q/∂h²) = 2 (1 − s) / ((n − 2) (K − 1) c),    c = −∂²s/∂h².
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from photogram.dense_kernels import FAST, Crops, Ground, Window, affine, agreement, normalise, sample, share_of
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+
+ALIKE = 0.7
+"""A photograph that correlates with those that agree by this much of their own correlation is one of them."""
+
+
+FARTHEST = 1.5
+"""How far from the middle of three heights, in their distance, a parabola's peak is believed."""
+
+WIDER = 3.0
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _support(
+    z: Float32Array,
+    ground: Ground,
+    half: int,
+    cell: tuple[int, int],
+    tilt: tuple[float, float],
+    tolerance: float,
+    offset: Float32Array,
+) -> int:
+    """Fill ``offset`` with the samples of a window that lie within ``tolerance`` (m) of its plane; returns how many.
+
+    Where they are fewer than a third, the surface says nothing, and all are taken.
+    """
+    rows, columns = z.shape
+    middle, side = z[cell[0], cell[1]], 2 * half + 1
+    many = 0
+    for j in range(-half, half + 1):
+        for i in range(-half, half + 1):
+            r = int(np.floor(cell[0] + j * ground.spacing + 0.5))
+            c = int(np.floor(cell[1] + i * ground.spacing + 0.5))
+            within = 0 <= r < rows and 0 <= c < columns
+            if within and abs(z[r, c] - middle - tilt[0] * i - tilt[1] * j) < tolerance:
+                offset[many, 0], offset[many, 1] = i, j
+                many += 1
+    if 3 * many >= side * side:
+        return many
+    for k in range(side * side):
+        offset[k, 0], offset[k, 1] = k % side - half, k // side - half
+    return side * side
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
+def _correlations_with(p: Float32Array, m: Float32Array, used: IntArray, seen: int) -> tuple[float, int]:
+    """Add the photographs that are like those in use; returns the mean correlation of all pairs, and how many there
+    are. ``m`` (n,) is room to work in."""
+    n = p.shape[1]
+    m[:] = np.float32(0.0)
+    for i in range(seen):
+        if used[i] == 1:
+            for k in range(n):
+                m[k] += p[i, k]
+    length = np.float32(0.0)
+    for k in range(n):
+        length += m[k] * m[k]
+    length = np.sqrt(length) + np.float32(1e-12)
+    among, kept = 0.0, 0
+    for i in range(seen):
+        if used[i] == 1:
+            dot = np.float32(0.0)
+            for k in range(n):
+                dot += p[i, k] * m[k]
+            among += dot / length
+            kept += 1
+    for i in range(seen):
+        if used[i] == 0:
+            dot = np.float32(0.0)
+            for k in range(n):
+                dot += p[i, k] * m[k]
+            # those in use are in the mean themselves
+            if dot / length > ALIKE * among / kept:
+                used[i] = 1
+    mean, kept = _mean_correlation(p, m, used, seen)
+    return mean, kept
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
+def _mean_correlation(p: Float32Array, m: Float32Array, used: IntArray, seen: int) -> tuple[float, int]:
+    """Return the mean correlation of all pairs of the photographs in use, and how many they are."""
+    n = p.shape[1]
+    m[:] = np.float32(0.0)
+    alone, kept = np.float32(0.0), 0
+    for i in range(seen):
+        if used[i] == 1:
+            kept += 1
+            for k in range(n):
+                m[k] += p[i, k]
+                alone += p[i, k] * p[i, k]
+    square = np.float32(0.0)
+    for k in range(n):
+        square += m[k] * m[k]
+    return float(square - alone) / (kept * (kept - 1)), kept
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def refine_heights(
+    crops: Crops,
+    ground: Ground,
+    window: Window,
+    z: Float32Array,
+    slope: Float32Array,
+    probe_m: float,
+    tolerance_m: float,
+    height: Float32Array,
+    sigma: Float32Array,
+    correlation: Float32Array,
+    rays: NDArray[np.uint8],
+) -> None:
+    """Fill heights, their standard deviations in m, the mean correlations and the numbers of photographs (rows, columns
+    each) from a surface ``z`` with the ``slope`` (rows, columns, 2) in m per sample.
+
+    Three heights ``probe_m`` apart are tried, and where they do not hold the best, three further apart. A cell whose
+    best is not near them, or that fewer than two photographs see, has no height (NaN).
+    """
+    rows, columns = z.shape
+    half = window.half
+    most, n = ground.views.shape[2], (2 * half + 1) ** 2
+    room, m, own, a = np.empty((most, n), np.float32), np.empty(n, np.float32), np.empty(most), np.empty(most)
+    offsets, way = np.empty((n, 2), np.float32), np.empty(6)
+    view, used, value = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(3)
+    for r in range(rows):
+        for c in range(columns):
+            height[r, c], sigma[r, c], correlation[r, c], rays[r, c] = np.nan, np.nan, 0.0, 0
+            if np.isnan(z[r, c]):
+                continue
+            tilt = (np.float64(slope[r, c, 0]), np.float64(slope[r, c, 1]))
+            many = _support(z, ground, half, (r, c), tilt, tolerance_m, offsets)
+            offset, p, mean = offsets[:many], room[:, :many], m[:many]
+            views = ground.views[r // ground.patch, c // ground.patch]
+            h, seen = np.float64(z[r, c]), 0
+            for i in range(most):
+                if views[i] >= 0:
+                    affine(crops, views[i], ground, (r, c), h, tilt, way)
+                    if sample(crops, views[i], way, offset, half, p[seen]):
+                        own[seen], view[seen], used[seen] = normalise(p[seen], window.noise), views[i], 1
+                        seen += 1
+            if seen < 2:
+                continue
+            agreement(p[:seen], own, share_of(seen, window.kept), mean, a)
+            for i in range(seen):
+                used[i] = 1 if a[i] > -1e9 else 0
+            value[1], kept = _correlations_with(p, mean, used, seen)
+            shift, bend, probe = np.nan, 0.0, probe_m
+            for _ in range(2):
+                for t in (0, 2):
+                    for i in range(seen):
+                        if used[i] == 1:
+                            affine(crops, view[i], ground, (r, c), h + (t - 1) * probe, tilt, way)
+                            if not sample(crops, view[i], way, offset, half, p[i]):
+                                p[i] = np.float32(0.0)
+                            normalise(p[i], window.noise)
+                    value[t], _ = _mean_correlation(p, mean, used, seen)
+                bend = 2.0 * value[1] - value[0] - value[2]
+                shift = 0.5 * (value[2] - value[0]) / bend if bend > 0.0 else np.nan
+                if abs(shift) <= FARTHEST:
+                    break
+                probe *= WIDER
+            if not abs(shift) <= FARTHEST:
+                continue
+            peak = min(value[1] + 0.5 * bend * shift * shift, 1.0)
+            height[r, c] = h + probe * shift
+            correlation[r, c] = peak
+            rays[r, c] = kept
+            sigma[r, c] = probe * np.sqrt(2.0 * max(1.0 - peak, 1e-4) / ((many - 2) * (kept - 1) * bend))
