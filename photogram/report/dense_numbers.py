@@ -155,7 +155,9 @@ def _sentence(numbers: Json) -> str:
     n, points = numbers["n"], numbers["points"]
     if not n:
         why = f" ({len(numbers['not_tested'])} lie beside it or in holes)" if numbers["not_tested"] else ""
-        return f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
+        return (
+            f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
+        )
     if n < FEWEST_CHECKS:
         found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
         return f"the dense surface is tested by {found} only: too few check points for an RMSE"

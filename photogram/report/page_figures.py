@@ -71,12 +71,13 @@ def page_figures(
     result: Adjustment,
     overlap: Overlap | None,
     cloud: PointCloud,
-    surface: Raster,
+    surface: Raster | None,
     comparisons: Mapping[str, Comparison],
 ) -> list[PageFigure]:
-    """Draw every figure of the page for which there are data."""
+    """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, None where a dense
+    one takes its place."""
     figures = [_plan(result, overlap), _ellipses(result), *_residuals(result), _histograms(result)]
-    figures += [_height_sigma(cloud), _surface(surface), _comparison(comparisons)]
+    figures += [_height_sigma(cloud), None if surface is None else _surface(surface), _comparison(comparisons)]
     return [figure for figure in figures if figure is not None]
 
 
@@ -242,9 +243,7 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
                 "Without a pattern the camera model fits; arrows that point outwards, inwards or around the principal "
                 "point show a distortion that is left."
             )
-            figures.append(
-                PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure))
-            )
+            figures.append(PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure)))
     return figures
 
 

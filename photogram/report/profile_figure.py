@@ -104,7 +104,7 @@ def _heights(axes: Axes, profile: Profile) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
     axes.spines[["top", "right"]].set_visible(False)
-    letter = {"fontsize": 11, "fontweight": "bold", "color": colour, "ha": "center", "va": "bottom"}
+    letter: dict[str, Any] = {"fontsize": 11, "fontweight": "bold", "color": colour, "ha": "center", "va": "bottom"}
     axes.annotate(profile.line.letter, (0.0, 1.01), xycoords="axes fraction", **letter)
     axes.annotate(f"{profile.line.letter}′", (1.0, 1.01), xycoords="axes fraction", **letter)
 
@@ -147,8 +147,8 @@ def _plan(axes: Axes, dense: DenseSurface, profiles: Sequence[Profile]) -> None:
         axes.plot(*ends.T, color=LINE_COLOURS[line.letter], linewidth=1.6, solid_capstyle="butt", path_effects=HALO)
         for end, name, way in ((ends[0], line.letter, -1), (ends[1], f"{line.letter}′", 1)):
             text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
-            axes.annotate(name, tuple(end), tuple(way * 6 * line.direction), textcoords="offset points",
-                          color=LINE_COLOURS[line.letter], path_effects=HALO, annotation_clip=False, **text)  # fmt: skip
+            text |= {"color": LINE_COLOURS[line.letter], "path_effects": HALO, "annotation_clip": False}
+            axes.annotate(name, tuple(end), tuple(way * 6 * line.direction), textcoords="offset points", **text)
         axes.plot(*profile.beside.place_map_m[:, :2].T, "o", color=GREEN, mec="white", ms=4.5, mew=0.6)
 
 
@@ -173,7 +173,7 @@ def _exaggerations(figure: Figure, drawn: Sequence[tuple[Axes, Profile]]) -> Non
         box = axes.get_window_extent()
         low, high = axes.get_ylim()
         enlarged = (box.height / (high - low)) / (box.width / profile.line.length_m)
-        text = f"{profile.line.why}, {profile.line.length_m:.4g} m; heights × {enlarged:.2g}"
+        text = f"{profile.line.why}, {profile.line.length_m:.3g} m; heights × {enlarged:.2g}"
         axes.set_title(text, fontsize=8.5)
 
 

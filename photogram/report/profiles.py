@@ -22,14 +22,16 @@ SHIFT_SHARE = 0.25
 """A line may leave the middle by this share of the site's width, to pass through a check point."""
 NEAR_SHARE = 0.01
 """Check points within this share of a line's length, and two cells at least, are drawn beside it."""
-BOX_SHARE = 0.025
-BOX_M = 4.0
+BOX_SHARE = 0.015
+BOX_M = 2.5
 """Largest side of the two flat places on either side of a step."""
+BOX_SPACING = 1.8
+"""From the middle of one place to that of the other, in their sides: an edge that runs askew finds room between."""
 STEP_SIGMAS, STEP_CELLS = 10.0, 4.0
 """What a step must exceed, in predicted sigmas and in cells, to be worth a profile."""
 ROUGHNESS = 8.0
 """How many times a step must exceed the standard deviations of both sides about their planes."""
-STEP_REACH = 8
+STEP_REACH = 12
 """A profile across a step reaches so many of its places to either side."""
 
 
@@ -116,12 +118,17 @@ def site_lines(heights: Raster, checks_map_m: FloatArray) -> list[ProfileLine]:
     across = np.array([longest[1], -longest[0]])
     lines = []
     for letter, axis, why in (("A", longest, "along the site"), ("B", across, "across the site")):
-        direction = axis if axis[0] - axis[1] > 0 else -axis  # towards the east or the south, as one reads
-        line = _clipped(letter, why, centres, _through_a_check(centres, middle, direction, checks_map_m), direction,
-                        heights.cell_m)  # fmt: skip
+        direction = _as_read(axis)
+        through = _through_a_check(centres, middle, direction, checks_map_m)
+        line = _clipped(letter, why, centres, through, direction, heights.cell_m)
         if line is not None:
             lines.append(line)
     return lines
+
+
+def _as_read(direction: FloatArray) -> FloatArray:
+    """Return a direction (2,) or its opposite: towards the east or the south."""
+    return direction if direction[0] - direction[1] > 0 else -direction
 
 
 def _through_a_check(
@@ -163,7 +170,7 @@ def step_line(heights: Raster, least_m: float) -> ProfileLine | None:
     mean, slope, spread = _planes(heights.values, box)
     best, place = ROUGHNESS, None
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        reach = round((box + 2) / np.hypot(down, right))
+        reach = round(BOX_SPACING * box / np.hypot(down, right))
         first, second = _shifted(shape, reach * down, reach * right)
         if mean[first].size == 0:
             continue
@@ -173,14 +180,14 @@ def step_line(heights: Raster, least_m: float) -> ProfileLine | None:
         times = np.where(step > least_m, times, 0.0)  # where nothing is known neither
         if times.max() > best:
             best = float(times.max())
-            corner = np.array(np.unravel_index(np.argmax(times), times.shape))
-            corner = corner + [first[0].start, first[1].start]
+            row, column = np.unravel_index(np.argmax(times), times.shape)
+            corner = np.array([row + first[0].start, column + first[1].start])
             place = corner + 0.5 * reach * np.array([down, right]), np.array([right, -down], dtype=np.float64)
     if place is None:
         return None
-    (row, column), direction = place
-    middle = np.array([heights.west_map_m + (column + 0.5) * cell_m, heights.north_map_m - (row + 0.5) * cell_m])
-    direction = direction / np.hypot(*direction)
+    (south, east), direction = place
+    middle = np.array([heights.west_map_m + (east + 0.5) * cell_m, heights.north_map_m - (south + 0.5) * cell_m])
+    direction = _as_read(direction / np.hypot(*direction))
     centres = _centres(heights)
     near = np.abs((centres - middle) @ direction) <= STEP_REACH * box * cell_m
     return _clipped("C", "over a sharp edge", centres[near], middle, direction, cell_m)
@@ -223,15 +230,21 @@ def _planes(values: NDArray[np.float32], box: int) -> tuple[FloatArray, FloatArr
 
 
 def profile(dense: DenseSurface, line: ProfileLine, ground: GroundMarks) -> Profile:
-    """Sample a line at every cell, at SAMPLES places at most, and find the points beside it that are checks in height."""
+    """Sample a line at every cell, at SAMPLES places at most, and find the check points beside it.
+
+    The profile begins and ends where there is a surface.
+    """
     count = int(np.clip(np.ceil(line.length_m / dense.cell_m), 2, SAMPLES)) + 1
     distance_m = np.linspace(0.0, line.length_m, count)
     at = sampled(dense, line.start_map_m + distance_m[:, None] * line.direction)
     known = np.flatnonzero(np.isfinite(at.height_m))
-    if len(known) > 1:  # it begins and ends where there is a surface
+    if len(known) > 1:
         inner = slice(int(known[0]), int(known[-1]) + 1)
         ends = line.start_map_m + distance_m[known[[0, -1]], None] * line.direction
-        line, distance_m = replace(line, start_map_m=ends[0], end_map_m=ends[1]), distance_m[inner] - distance_m[inner][0]
+        line, distance_m = (
+            replace(line, start_map_m=ends[0], end_map_m=ends[1]),
+            distance_m[inner] - distance_m[inner][0],
+        )
         at = Sampled(at.height_m[inner], at.slope[inner], at.sigma_m[inner], at.inside[inner], at.filled[inner])
     checks = ground.select(ground.checks_height)
     along, offset = line.along_and_across_m(checks.place_map_m)

@@ -130,9 +130,7 @@ def _orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigu
     return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
 
 
-def _relief(
-    dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_interval_m: float | None
-) -> DrawnFigure:
+def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_interval_m: float | None) -> DrawnFigure:
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells = numbers["cells"]
@@ -174,10 +172,11 @@ def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnF
 
 
 def _histogram(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnFigure:
+    count = numbers["cells"]["measured"] + numbers["cells"]["measured_beyond"]
     caption = (
-        f"Left: the predicted standard deviations of {numbers['cells']['measured'] + numbers['cells']['measured_beyond']}"
-        " measured cells. Right: how they fall with the number of photographs that a height was matched in; median, "
-        "middle two thirds, and the share of the cells."
+        f"Left: the predicted standard deviations of {count} measured cells. Right: how they "
+        "fall with the number of photographs that a height was matched in; median, middle two thirds, and the share of "
+        "the cells."
     )
     figure = sigma_histogram_figure(dense, target_m, PLAN_IN + 0.6)
     return DrawnFigure("dense sigma histogram", figure, caption, "Histogram of standard deviations of heights")
@@ -188,8 +187,8 @@ def _rays(dense: DenseSurface, numbers: Json) -> DrawnFigure:
     three = "" if share is None else f" {_percent(share)} of the heights come from three photographs or more."
     caption = (
         "In how many photographs a height was matched, and the confidence of the match, 0 to 1. Heights of two "
-        f"photographs are checked by nothing.{three} Low confidence: little texture, steps, leaves, or photographs that "
-        "disagree."
+        f"photographs are checked by nothing.{three} Low confidence: little texture, steps, leaves, or photographs "
+        "that disagree."
     )
     alternative = "Maps of the number of photographs behind each height and of the confidence of its match"
     return DrawnFigure("dense rays", rays_figure(dense, PLAN_IN + 0.6), caption, alternative)
@@ -199,8 +198,8 @@ def _profiles(dense: DenseSurface, profiles: Sequence[Profile]) -> DrawnFigure:
     lines = "; ".join(f"{p.line.letter} runs {p.line.why}" for p in profiles)
     beside = sum(len(p.beside.name) for p in profiles)
     checks = (
-        " Discs are check points beside a line with their surveyed heights; in the strip, the surface at their own place "
-        "minus the survey, with 2 sigma of the survey."
+        " Discs are check points beside a line with their surveyed heights; in the strip, the surface at their own "
+        "place minus the survey, with 2 sigma of the survey."
         if beside
         else " No check point lies beside a line."
     )

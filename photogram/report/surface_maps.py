@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_hex
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
@@ -43,9 +43,10 @@ def _map_figure(shape: tuple[int, ...], widest_in: float, beside_in: float) -> F
 def _halo(axes: Axes) -> None:
     """Set the north arrow of a map off from a picture under it."""
     for text in axes.texts:
-        text.set_path_effects(HALO)
-        if getattr(text, "arrow_patch", None) is not None:
-            text.arrow_patch.set_path_effects(HALO)  # type: ignore[attr-defined]
+        text.set_path_effects([*HALO])
+        arrow = getattr(text, "arrow_patch", None)
+        if arrow is not None:
+            arrow.set_path_effects([*HALO])
 
 
 def draw_ground(figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence[str]) -> None:
@@ -163,7 +164,7 @@ def target_shares(dense: DenseSurface, target_m: float) -> FloatArray:
         band = slice(first, first + 1024)
         sigma = dense.sigma.values[band][dense.measured(band)]
         counts += np.bincount(np.searchsorted(edges, sigma[np.isfinite(sigma)]), minlength=len(counts))
-    return counts / max(counts.sum(), 1.0)
+    return np.asarray(counts / max(float(counts.sum()), 1.0))
 
 
 def sigma_figure(dense: DenseSurface, target_m: float | None, widest_in: float) -> Figure:
@@ -253,7 +254,7 @@ def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
         bar = figure.colorbar(tint, ax=axes, pad=0.02, aspect=30, location="bottom" if beside else "right")
         bar.set_label(label, fontsize=9)
         bar.ax.tick_params(labelsize=8)
-        if ticks_at is not None:
+        if ticks_at is not None and texts is not None:
             bar.set_ticks(ticks_at)
             bar.set_ticklabels(texts)
             bar.ax.minorticks_off()
@@ -268,7 +269,7 @@ def rays_scale(most: int) -> tuple[ScalarMappable, list[float], list[str]]:
     """Return the colours of numbers of photographs up to ``most``, warm up to two, and where and what to write."""
     levels = [level for level in overlap_levels(max(most, 2)) if level >= 2]
     bounds = np.array([*levels, max(most, 2) + 1]) - 0.5
-    shades = [FEW[2], *(ENOUGH(k / max(len(levels) - 2, 1)) for k in range(len(levels) - 1))]
+    shades = [FEW[2], *(to_hex(ENOUGH(k / max(len(levels) - 2, 1))) for k in range(len(levels) - 1))]
     colours: Colormap = ListedColormap(shades)
     last = [level - 1 for level in levels[1:]] + [max(most, 2)]
     texts = [f"{a}" if a == b else f"{a}–{b}" for a, b in zip(levels, last, strict=True)]
