@@ -70,10 +70,18 @@ def _cell_numbers(dense: DenseSurface) -> Json:
 
 
 def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:
-    """Return the finite values of the measured cells, without a copy of more than these."""
-    parts = [values[band][dense.measured(band)] for band in bands(values.shape)]
-    known = np.concatenate(parts) if parts else np.zeros(0, dtype=np.float32)
-    return np.asarray(known[np.isfinite(known)])
+    """Return the finite values of the measured cells; no more than these is copied."""
+    known = np.empty(sum(int(_finite(dense, values, band).sum()) for band in bands(values.shape)), dtype=np.float32)
+    start = 0
+    for band in bands(values.shape):
+        part = values[band][_finite(dense, values, band)]
+        known[start : start + len(part)] = part
+        start += len(part)
+    return known
+
+
+def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    return np.asarray(dense.measured(band) & np.isfinite(values[band]))
 
 
 def _spread(values: np.ndarray[Any, Any], percentile: int) -> Json | None:
@@ -163,7 +171,7 @@ def _sentence(numbers: Json) -> str:
         return f"the dense surface is tested by {found} only: too few check points for an RMSE"
     few = f"; the standard asks for {MINIMUM_POINTS} check points or more" if n < MINIMUM_POINTS else ""
     mean = f"{numbers['mean_m']:+.3f}".replace("-", "−")
-    times = "" if numbers["rms_z"] is None else f", {numbers['rms_z']:.2g} times what was predicted"
+    times = "" if numbers["rms_z"] is None else f", {numbers['rms_z']:.2g} times the predicted sigmas"
     return f"the dense surface at {n} check points: RMSE {numbers['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
 
 

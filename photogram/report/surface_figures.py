@@ -66,8 +66,8 @@ def drawn_surface(
         drawn.append(_orthophoto(orthophoto, ground))
     drawn.append(_relief(dense, ground, numbers, contour_interval_m))
     if numbers["sigma_m"] is not None:
-        drawn += [_sigma(dense, numbers, target_rmse_v_m), _histogram(dense, numbers, target_rmse_v_m)]
-        drawn.append(_rays(dense, numbers))
+        drawn += [_sigma(dense, numbers, target_rmse_v_m), _rays(dense, numbers)]
+        drawn.append(_histogram(dense, numbers, target_rmse_v_m))
     profiles = surface_profiles(dense, ground)
     if profiles:
         drawn.append(_profiles(dense, profiles))
@@ -115,7 +115,9 @@ def _cells(length_m: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.1 or share == 0 else f"{100 * share:.1f} %"
+    """Return a share in per cent, of which neither a small nor a nearly whole one is rounded away."""
+    digits = 0 if share in (0.0, 1.0) or 0.1 <= share < 0.995 else 1
+    return f"{100 * share:.{digits}f}\u202f%"
 
 
 def _orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
