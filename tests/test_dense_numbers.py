@@ -1,4 +1,4 @@
-"""The dense surface in numbers: means of blocks, heights between cells, what is counted, and the test at check points."""
+"""The dense surface in numbers: means of blocks, heights between cells, counts, and the test at the check points."""
 
 from __future__ import annotations
 
