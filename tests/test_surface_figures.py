@@ -182,9 +182,15 @@ def test_counted_quantiles_are_those_of_the_cells() -> None:
     known = dense.sigma.values[dense.measured()]
     assert counts.sum() == len(known)
     assert counts.sum(axis=1)[2:7] == pytest.approx(np.bincount(dense.rays[dense.measured()], minlength=7)[2:7])
+    assert edges[[0, -1]] == pytest.approx([known.min(), known.max()])
     found = quantiles(counts.sum(axis=0), edges, (0.05, 0.5, 0.95))
     # sigma has 150 values, as many as rows: a quantile between two of them is any of these
     np.testing.assert_allclose(found, np.percentile(known, [5, 50, 95]), atol=1.1e-4)
+    one_far_off = replace(dense, sigma=replace(dense.sigma, values=dense.sigma.values.copy()))
+    one_far_off.sigma.values[0, 0] = 4000.0
+    counts, edges = sigma_counts(one_far_off)
+    found = quantiles(counts.sum(axis=0), edges, (0.5,))
+    np.testing.assert_allclose(found, np.median(known), rtol=0.004)
     assert np.isnan(quantiles(np.zeros(4), np.arange(5.0), (0.5,))).all()
 
 

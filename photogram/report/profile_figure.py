@@ -24,6 +24,7 @@ BAND_SIGMAS = 2.0
 LINE_COLOURS = {"A": BLUE, "B": "#AA3377", "C": VERMILION}
 GAP = "#dedede"
 SIGMA_BINS = 4000
+LEAST_SIGMA_M = 1e-6
 DRAWN_BINS = 80
 MAXIMUM_RAYS_SHOWN = 16
 
@@ -111,18 +112,19 @@ def _heights(axes: Axes, profile: Profile) -> None:
 
 def _strip(axes: Axes, profile: Profile) -> None:
     """Draw ± 2 sigma around nought, on a scale on which it can be seen, and by what check points lie off."""
-    band_cm = 100 * BAND_SIGMAS * profile.sigma_m
+    band_m = BAND_SIGMAS * profile.sigma_m
+    survey_m, off_m = BAND_SIGMAS * profile.beside.sigma_m[:, 2], profile.beside_difference_m
+    known = band_m[np.isfinite(band_m)]
+    usual_m = float(np.percentile(known, 97)) if len(known) else 0.0
+    reach_m = 1.15 * max(usual_m, float(np.max((np.abs(off_m) + survey_m)[np.isfinite(off_m)], initial=1e-4)))
+    unit, scale = next((u, s) for u, s in (("m", 1.0), ("cm", 100.0), ("mm", 1000.0)) if s * reach_m >= 1 or u == "mm")
     _shade_gaps(axes, profile)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    axes.fill_between(profile.distance_m, -band_cm, band_cm, color=SKY, alpha=0.6, linewidth=0)
-    survey_cm = 100 * BAND_SIGMAS * profile.beside.sigma_m[:, 2]
-    off_cm = 100 * profile.beside_difference_m
-    axes.errorbar(profile.beside_distance_m, off_cm, survey_cm, fmt="o", color=GREEN, mec="white", ms=5, elinewidth=1.2)
-    known = np.concatenate([band_cm[np.isfinite(band_cm)], (np.abs(off_cm) + survey_cm)[np.isfinite(off_cm)]])
-    usual = np.percentile(band_cm[np.isfinite(band_cm)], 97) if np.isfinite(band_cm).any() else 1.0
-    reach = max(float(usual), float(np.max(known[np.isfinite(band_cm).sum() :], initial=0.0))) * 1.15
-    axes.set_ylim(-reach, reach)
-    axes.set_ylabel("cm", fontsize=8)
+    axes.fill_between(profile.distance_m, -scale * band_m, scale * band_m, color=SKY, alpha=0.6, linewidth=0)
+    axes.errorbar(profile.beside_distance_m, scale * off_m, scale * survey_m, fmt="o", color=GREEN, mec="white", ms=5,
+                  elinewidth=1.2)  # fmt: skip
+    axes.set_ylim(-scale * reach_m, scale * reach_m)
+    axes.set_ylabel(unit, fontsize=8)
     axes.set_xlabel("distance, m", fontsize=8, labelpad=1)
     axes.tick_params(labelsize=7.5)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
@@ -186,15 +188,23 @@ def _known(dense: DenseSurface, rows: slice) -> BoolArray:
 
 def sigma_counts(dense: DenseSurface) -> tuple[FloatArray, FloatArray]:
     """Return numbers (256, SIGMA_BINS) of measured cells by how many photographs they were matched in and by their
-    standard deviation, and the limits (SIGMA_BINS + 1,) of its classes, m: from 0 to the largest."""
+    standard deviation, and the limits (SIGMA_BINS + 1,) of its classes, m.
+
+    The classes are in equal ratios from the least to the largest: a few cells may be thousands of times worse than
+    most.
+    """
     shape = dense.heights.values.shape
-    most = max((float(dense.sigma.values[b][_known(dense, b)].max(initial=0.0)) for b in bands(shape)), default=0.0)
-    edges = np.linspace(0.0, max(most, 1e-9), SIGMA_BINS + 1)
-    counts = np.zeros(256 * SIGMA_BINS)
+    least, most = np.inf, LEAST_SIGMA_M
+    for band in bands(shape):
+        sigma = dense.sigma.values[band][_known(dense, band)]
+        least, most = min(least, float(sigma.min(initial=np.inf))), max(most, float(sigma.max(initial=0.0)))
+    least = max(min(least, 0.999 * most), 1e-3 * LEAST_SIGMA_M)
+    edges = np.geomspace(least, most, SIGMA_BINS + 1)
+    counts, classes_per_e = np.zeros(256 * SIGMA_BINS), SIGMA_BINS / np.log(most / least)
     for band in bands(shape):
         known = _known(dense, band)
-        place = (dense.sigma.values[band][known] * (SIGMA_BINS / edges[-1])).astype(np.int64)
-        both = dense.rays[band][known].astype(np.int64) * SIGMA_BINS + np.minimum(place, SIGMA_BINS - 1)
+        place = (np.log(np.maximum(dense.sigma.values[band][known], least) / least) * classes_per_e).astype(np.int64)
+        both = dense.rays[band][known].astype(np.int64) * SIGMA_BINS + np.clip(place, 0, SIGMA_BINS - 1)
         counts += np.bincount(both, minlength=len(counts))
     return counts.reshape(256, SIGMA_BINS), edges
 
@@ -213,11 +223,12 @@ def sigma_histogram_figure(dense: DenseSurface, target_m: float | None, width_in
     photographs: the median and the middle two thirds."""
     counts, edges = sigma_counts(dense)
     total = counts.sum(axis=0)
-    median, far, furthest = quantiles(total, edges, (0.5, 0.95, 0.995))
+    nearest, median, far, furthest = quantiles(total, edges, (0.005, 0.5, 0.95, 0.995))
     figure = new_figure(width_in, 2.8)
     left, right = figure.subplots(1, 2)
     reach = max(float(furthest), 0.0 if target_m is None or target_m > 3 * furthest else 1.05 * target_m)
-    bins = np.linspace(0.0, reach if np.isfinite(reach) and reach > 0 else 1.0, DRAWN_BINS + 1)
+    start = float(nearest) if nearest > 0.6 * reach else 0.0
+    bins = np.linspace(start, reach if reach > start else start + 1.0, DRAWN_BINS + 1)
     cumulated = np.interp(bins, edges, np.concatenate([[0.0], np.cumsum(total)]))
     left.stairs(100 * np.diff(cumulated) / max(total.sum(), 1.0), bins, fill=True, color=SKY)
     marks = [(median, BLACK, "-", f"median {median:.3f} m"), (far, BLACK, "--", f"95 % below {far:.3f} m")]
@@ -226,7 +237,7 @@ def sigma_histogram_figure(dense: DenseSurface, target_m: float | None, width_in
     for place, colour, style, label in marks:
         if np.isfinite(place):
             left.axvline(place, color=colour, linestyle=style, linewidth=1.1, label=label)
-    left.set(xlabel="predicted sigma of heights, m", ylabel="cells, %", xlim=(0, bins[-1]))
+    left.set(xlabel="predicted sigma of heights, m", ylabel="cells, %", xlim=(bins[0], bins[-1]))
     left.legend(frameon=False, fontsize=8)
     _by_rays(right, counts, edges)
     for axes in (left, right):
@@ -245,7 +256,6 @@ def _by_rays(axes: Axes, counts: FloatArray, edges: FloatArray) -> None:
     axes.set(xlabel="photographs that a height was matched in", ylabel="predicted sigma, m")
     axes.set_ylim(0.0, 1.25 * float(high.max(initial=1e-6)))
     if len(rays):
-        axes.set_xlim(rays[0] - 0.7, rays[-1] + 0.7)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set(xlim=(rays[0] - 0.7, rays[-1] + 0.7), xticks=rays)
     for n, top in zip(rays.tolist(), high.tolist(), strict=True):
         axes.annotate(f"{100 * share[n]:.0f} %", (n, top), (0, 4), textcoords="offset points", ha="center", fontsize=7)
