@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from photogram.cli.surface_table import surface_table
 from photogram.demonstration import Judgement
 from photogram.stages import Stage
 
@@ -221,6 +222,9 @@ def show_report(report: Mapping[str, Any]) -> None:
         console.print(f"[bold]What would help most:[/bold] {escape(report['diagnosis']['remedies'][0]['sentence'])}")
     for resections in report["diagnosis"]["resections"]:
         console.print(escape(resections["sentence"]))
+    surface = surface_table(report)
+    if surface is not None:
+        console.print(surface)
     if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
         table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
         for name, cloud in report["clouds"].items():

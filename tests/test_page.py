@@ -65,7 +65,8 @@ def bare(finished_survey: Path) -> Json:
 SECTIONS = ("summary", "accuracy", "plan", "ground", "photographs", "calibration", "prediction", "surface")
 TABLES = (
     "accuracy", "product", "control", "check", "leave-one-out", "marks", "gnss", "photographs", "calibration-1",
-    "correlation-1", "focal", "remedies", "prediction", "variance", "clouds", "discarded", "heights", "stages",
+    "correlation-1", "focal", "remedies", "prediction", "variance", "dense", "dense-accuracy", "dense-check",
+    "clouds", "discarded", "heights", "stages",
 )  # fmt: skip
 
 
@@ -136,8 +137,13 @@ def test_sentences_of_all_parts_stand_on_the_page(full_report: Json) -> None:
         "Without that, the RMSE of 4 check points goes from 0.031",
         "0.30 m of it is the focal length",
         "Nothing but its prior determines the focal length",
-        "median 0.081 m, 95 % below 0.212 m",
+        "matching and adjustment; 95 % below",
         "at 95 % confidence",
+        "Surface and orthophoto",
+        "the dense surface at 4 check points: RMSE",
+        "Not tested: C4 (it lies in a hole).",
+        "off by 2.4 times their predicted standard deviations",
+        "Asked for: cell gsd: 2.",
     ):
         assert sentence in text, sentence
     assert "ONLY 4 checkpoints" in text or "does not meet the class" in text
@@ -146,6 +152,24 @@ def test_sentences_of_all_parts_stand_on_the_page(full_report: Json) -> None:
 def test_names_from_the_project_are_text_not_markup(bare: Json) -> None:
     text = report_page(complete(bare, ReportSettings(name="<b>A & B</b>")), [])
     assert "<h1>&lt;b&gt;A &amp; B&lt;/b&gt;</h1>" in text
+
+
+def test_without_a_dense_surface_the_page_speaks_of_the_sparse_one(bare: Json) -> None:
+    text = report_page(complete({k: v for k, v in bare.items() if k != "dense"}, ReportSettings()), [])
+    assert "Surface and orthophoto" not in text
+    assert not [name for name in Page(text).ids if "dense" in name]
+    assert "Predicted standard deviation of its heights" in text
+
+
+def test_a_dense_surface_that_nothing_tests_says_so(full_report: Json) -> None:
+    report = deepcopy(full_report)
+    test = {"n": 0, "points": [], "not_tested": [], "sentence": "no check point lies on it", "rmse_m": None}
+    report["dense"] |= {"check_points": test, "completeness": None, "sigma_m": None, "confidence": None}
+    report["dense"] |= {"orthophoto": None, "share_3_or_more": None}
+    text = report_page(report, [])
+    assert "no check point lies on it." in text
+    assert not {"table-dense-accuracy", "table-dense-check"} & set(Page(text).ids)
+    assert "Orthophoto left out: the project makes none." in text
 
 
 def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dict[str, str]]) -> None:

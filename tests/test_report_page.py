@@ -25,7 +25,7 @@ from selenium.webdriver.chrome.service import Service  # noqa: E402
 Json = dict[str, Any]
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
-TABLES = 18
+TABLES = 21
 SMALLEST_PX = 12.0
 
 

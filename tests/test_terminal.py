@@ -140,3 +140,30 @@ def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> Non
     assert "Resection with the given focal length [px]" in text
     terminal.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
     assert "What would help" not in shown.export_text()
+
+
+def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
+    check = {"n": n, "rmse_m": rmse_m, "mean_m": None if rmse_m is None else -0.004, "rms_z": rmse_m and 1.1}
+    return {
+        "cell_m": 0.12, "columns": 1200, "rows": 900, "completeness": 0.9732,
+        "cells": {"footprint": 1_000_000, "filled": 4000},
+        "sigma_m": {"median": 0.0312, "percentile_95": 0.0871}, "check_points": check,
+    }  # fmt: skip
+
+
+def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
+    terminal.show_report(report() | {"dense": dense()})
+    text = shown.export_text()
+    for words in ("0.120 m, 1200 × 900", "97.3% of 1000000 cells, 4000 filled", "0.031 m, 95 % below 0.087 m",
+                  "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
+        assert words in text, words
+
+
+def test_a_surface_that_nothing_tests_is_not_called_tested(shown: Console) -> None:
+    terminal.show_report(report() | {"dense": dense(2, None)})
+    assert "2 on the surface: too few to test it" in shown.export_text()
+
+
+def test_without_a_dense_surface_there_is_no_table_of_it(shown: Console) -> None:
+    terminal.show_report(report())
+    assert "Surface" not in shown.export_text()

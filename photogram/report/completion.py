@@ -179,6 +179,7 @@ def warnings(report: Mapping[str, Any]) -> list[Json]:
         add("prediction", predicted.get("sentence") or "differences of check points contradict their predicted sigmas")
     add("geometry", *_sentences((report.get("diagnosis") or {}).get("warnings")))
     add("geometry", *_sentences((report.get("diagnosis") or {}).get("undetermined")))
+    add("surface", *_sentences((report.get("dense") or {}).get("warnings")))
     add("GNSS", *_sentences((report.get("gnss") or {}).get("warnings")))
     add("stated sigmas", *_sentences(list((report.get("variance_components") or {}).values())))
     add("photographs", *_block(report["block"]))

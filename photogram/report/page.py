@@ -20,6 +20,7 @@ Json = dict[str, Any]
 GRADES = {"good": ("●", "Good"), "attention": ("▲", "Attention"), "bad": ("■", "Bad"), "unknown": ("○", "Not tested")}
 MAXIMUM_PHOTOGRAPHS = 60
 MAXIMUM_MARKS = 40
+MAXIMUM_SURFACE_CHECKS = 20
 STRONG, VERY_STRONG = 0.8, 0.95
 NO_FIGURE = "–"
 THIN_SPACE = "\u202f"
@@ -32,7 +33,9 @@ STAGE_TITLES = {
     "transfer": "Tie point transfer",
     "intersection": "Linear intersection",
     "adjustment": "Joint adjustment",
+    "dense": "Dense matching",
     "surface": "Surface model",
+    "orthophoto": "Orthophoto",
     "comparison": "Comparison",
 }
 LIBRARY_TITLES = {
@@ -84,6 +87,7 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         photographs=_photographs(report),
         calibration=_calibration(report),
         stages=_stages(report),
+        surface_checks=_surface_checks(report),
     )
 
 
@@ -238,6 +242,14 @@ def _marks(report: Mapping[str, Any]) -> list[Json]:
     tested = [row for row in rows if row.get("w")]
     others = [{**row, "w": None} for row in rows if not row.get("w")]
     return [*sorted(tested, key=size, reverse=True), *sorted(others, key=size, reverse=True)][:MAXIMUM_MARKS]
+
+
+def _surface_checks(report: Mapping[str, Any]) -> list[Json]:
+    """Return the check points on the dense surface: all, or those that are furthest off where they are many."""
+    rows = ((report.get("dense") or {}).get("check_points") or {}).get("points") or []
+    if len(rows) <= MAXIMUM_SURFACE_CHECKS:
+        return list(rows)
+    return sorted(rows, key=lambda row: -abs(number(row["difference_m"])))[:MAXIMUM_SURFACE_CHECKS]
 
 
 def _photographs(report: Mapping[str, Any]) -> Json:

@@ -59,7 +59,7 @@ class PageFigure:
         return asdict(self)
 
 
-def _embedded(figure: Figure) -> str:
+def embedded(figure: Figure) -> str:
     """Return a figure as a data URI of scalable graphics, without date."""
     stream = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "photogram", "svg.fonttype": "path", "svg.image_inline": True}):
@@ -71,12 +71,13 @@ def page_figures(
     result: Adjustment,
     overlap: Overlap | None,
     cloud: PointCloud,
-    surface: Raster,
+    surface: Raster | None,
     comparisons: Mapping[str, Comparison],
 ) -> list[PageFigure]:
-    """Draw every figure of the page for which there are data."""
+    """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, None where a dense
+    one takes its place."""
     figures = [_plan(result, overlap), _ellipses(result), *_residuals(result), _histograms(result)]
-    figures += [_height_sigma(cloud), _surface(surface), _comparison(comparisons)]
+    figures += [_height_sigma(cloud), None if surface is None else _surface(surface), _comparison(comparisons)]
     return [figure for figure in figures if figure is not None]
 
 
@@ -89,7 +90,7 @@ def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
         f"surveyed, enlarged as written above the map; Δh is the residual in height.{enough}"
     )
     alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
-    return PageFigure("plan", caption, alternative, _embedded(plan_figure(contents, widest_in=PLAN_IN)))
+    return PageFigure("plan", caption, alternative, embedded(plan_figure(contents, widest_in=PLAN_IN)))
 
 
 # ---- error ellipses ------------------------------------------------------------------------------------------------
@@ -139,7 +140,7 @@ def _ellipses(result: Adjustment) -> PageFigure | None:
         "Predicted standard ellipses in plan (1 sigma: 39 % lie within) and standard deviations in height as upright "
         f"bars, enlarged: {enlarged}. They follow from the stated sigmas of all measurements, not from their residuals."
     )
-    return PageFigure("ellipses", caption, "Error ellipses of projection centres and ground points", _embedded(figure))
+    return PageFigure("ellipses", caption, "Error ellipses of projection centres and ground points", embedded(figure))
 
 
 def _ellipse_figure(groups: list[_Uncertain]) -> tuple[Figure, dict[str, float]]:
@@ -242,9 +243,7 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
                 "Without a pattern the camera model fits; arrows that point outwards, inwards or around the principal "
                 "point show a distortion that is left."
             )
-            figures.append(
-                PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", _embedded(figure))
-            )
+            figures.append(PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure)))
     return figures
 
 
@@ -281,7 +280,7 @@ def _histograms(result: Adjustment) -> PageFigure | None:
         "cannot show most mismatches."
     )
     return PageFigure(
-        "histograms", caption, "Histograms of image residuals and of rays per tie point", _embedded(figure)
+        "histograms", caption, "Histograms of image residuals and of rays per tie point", embedded(figure)
     )
 
 
@@ -317,7 +316,7 @@ def _height_sigma(cloud: PointCloud) -> PageFigure | None:
         f"median is {float(np.median(known)):.3f} m. Heights are weakest where few photographs see the ground, and "
         "at the margin."
     )
-    return PageFigure("height sigma", caption, "Map of the predicted standard deviation of heights", _embedded(figure))
+    return PageFigure("height sigma", caption, "Map of the predicted standard deviation of heights", embedded(figure))
 
 
 def _surface(surface: Raster) -> PageFigure:
@@ -327,7 +326,7 @@ def _surface(surface: Raster) -> PageFigure:
         f"({np.isfinite(surface.values).mean():.0%} of the cells hold a height)."
     )
     figure = surface_figure(surface, widest_in=WIDTH_IN)
-    return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", _embedded(figure))
+    return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", embedded(figure))
 
 
 def _comparison(comparisons: Mapping[str, Comparison]) -> PageFigure | None:
@@ -339,4 +338,4 @@ def _comparison(comparisons: Mapping[str, Comparison]) -> PageFigure | None:
         "Heights of the clouds over the reference surface, after the statistical outlier filter: maps and histograms "
         "on one scale. It is accuracy only where the reference is known to be better than the cloud."
     )
-    return PageFigure("comparison", caption, "Differences of the clouds from the reference", _embedded(figure))
+    return PageFigure("comparison", caption, "Differences of the clouds from the reference", embedded(figure))
