@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photogram.errors import ProjectError
 from photogram.files.points import las_colour, read_las
@@ -38,8 +39,8 @@ class DescribedCloud:
     def __len__(self) -> int:
         return len(self.position_map_m)
 
-    def chosen(self, index: FloatArray) -> DescribedCloud:
-        """Return the points of an index or a mask."""
+    def chosen(self, index: NDArray[np.int64]) -> DescribedCloud:
+        """Return the points of an index (M,), in its order."""
         colour = None if self.colour is None else self.colour[index]
         figures = {name: values[index] for name, values in self.figures.items()}
         return DescribedCloud(self.position_map_m[index], colour, figures)

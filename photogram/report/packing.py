@@ -24,8 +24,8 @@ _SEED = 6
 class PackedPositions:
     """Positions as whole steps: ``origin_map_m`` + ``step_m`` · (65536 · block + step).
 
-    ``step`` (N, 3) uint16 is sorted by blocks; ``order`` (N,) says which point each row was. ``blocks`` (B, 5) names the
-    block along easting, northing and height, the row it begins at, and how many it has.
+    ``step`` (N, 3) uint16 is sorted by blocks; ``order`` (N,) says which point each row was. ``blocks`` (B, 5) names
+    the block along easting, northing and height, the row it begins at, and how many it has.
     """
 
     origin_map_m: FloatArray

@@ -1,4 +1,4 @@
-"""view.html: cloud, photographs and ground points in 3-D, one file that holds everything and asks nothing of the network.
+"""view.html: cloud, photographs and ground points in 3-D, in one file that needs no network.
 
 Positions stand in it relative to a local origin, as packed by `packing`; a hand-written WebGL program draws them.
 """
@@ -107,6 +107,7 @@ def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
         plan_steps, plan_step_m = pack_figures(sigma_plan, n)
         arrays["plan"] = packed_text(plan_steps)
     height = position[:, 2]
+    core_low_m, core_high_m = np.percentile(position, [0.5, 99.5], axis=0)
     scene = {
         "shown": n,
         "origin_map_m": packed.origin_map_m.tolist(),
@@ -114,10 +115,10 @@ def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
         "blocks": packed.blocks.tolist(),
         "low_m": (position.min(axis=0) - packed.origin_map_m).tolist(),
         "high_m": (position.max(axis=0) - packed.origin_map_m).tolist(),
-        "core_low_m": (np.percentile(position, 0.5, axis=0) - packed.origin_map_m).tolist(),
-        "core_high_m": (np.percentile(position, 99.5, axis=0) - packed.origin_map_m).tolist(),
+        "core_low_m": (core_low_m - packed.origin_map_m).tolist(),
+        "core_high_m": (core_high_m - packed.origin_map_m).tolist(),
         "ground_m": float(np.median(height) - packed.origin_map_m[2]),
-        "extent_m": max(float(np.linalg.norm(np.ptp(position, axis=0)[:2])), 1e-3),
+        "extent_m": max(float(np.linalg.norm((core_high_m - core_low_m)[:2])), 1e-3),
         "spacing_m": _spacing_m(position),
         "colour": cloud.colour is not None,
         "height": _range(height, 1, 99),
@@ -135,8 +136,8 @@ def _range(values: FloatArray, low: float, high: float) -> list[float] | None:
     known = values[np.isfinite(values)]
     if not len(known):
         return None
-    ends = np.percentile(known, [low, high])
-    return [float(ends[0]), float(max(ends[1], ends[0] + 1e-3))]
+    bottom, top = (float(np.percentile(known, end)) for end in (low, high))
+    return [bottom, max(top, bottom + 1e-3)]
 
 
 def _spacing_m(position_map_m: FloatArray) -> float:
@@ -144,8 +145,8 @@ def _spacing_m(position_map_m: FloatArray) -> float:
     if len(position_map_m) < 2:
         return 1.0
     sample = position_map_m[:: max(len(position_map_m) // _SPACING_SAMPLE, 1)]
-    distance = cKDTree(position_map_m).query(sample, k=2)[0][:, 1]
-    return float(max(np.median(distance), 1e-4))
+    distance = np.asarray(cKDTree(position_map_m).query(sample, k=2)[0])
+    return float(max(np.median(distance[:, 1]), 1e-4))
 
 
 def _colour_map(name: str) -> list[list[int]]:
@@ -163,10 +164,11 @@ def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
     A field of view wider than a frustum can show, and corners at which the distortion cannot be undone, are drawn
     narrower: the frustum is a symbol.
     """
-    names = ("width_px", "height_px", "focal_px")
     model = Camera(
         "",
-        *(camera[name] for name in names),
+        camera["width_px"],
+        camera["height_px"],
+        camera["focal_px"],
         np.array(camera["principal_point_px"]),
         radial=np.array(camera["radial"]),
         tangential=np.array(camera["tangential"]),

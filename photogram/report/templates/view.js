@@ -146,7 +146,7 @@ class View {
     const { from, to, begun } = this.flight, share = clamp((now - begun) / 450, 0, 1);
     this.eye.between(from, to, share * share * (3 - 2 * share));
     if (share < 1) {
-      queueMicrotask(() => this.moved());
+      this.moved();
     } else {
       this.flight = null;
       this.still(0);
@@ -158,7 +158,7 @@ class View {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => {
       if (this.flight) return;
-      if (this.held === undefined) this.draw(1);
+      this.draw(1);
       const hit = this.cloud.under(this.eye, this.eye.width / 2, this.eye.height / 2, this.size());
       if (hit && hit.depth > 0) this.eye.rest(hit.depth);
       this.toAddress();

@@ -127,8 +127,8 @@ class Panel {
     $("ramp-title").textContent = title;
     $("ramp-colours").style.background = `linear-gradient(90deg, ${stops})`;
     const more = view.mode !== "confidence";
-    $("ramp-low").textContent = `${more && view.mode === "height" ? "≤ " : ""}${low.toFixed(digits)}`;
-    $("ramp-high").textContent = `${more ? "≥ " : ""}${high.toFixed(digits)}`;
+    $("ramp-low").textContent = `${more && view.mode === "height" ? "≤ " : ""}${minus(low.toFixed(digits))}`;
+    $("ramp-high").textContent = `${more ? "≥ " : ""}${minus(high.toFixed(digits))}`;
     $("ramp-note").textContent = { height: "", sigma: "predicted standard deviation; grey: not known", confidence: "of the matching; grey: not known" }[view.mode];
   }
 
