@@ -103,7 +103,11 @@ class View {
     this.draw(1);
   }
 
-  size() { return { metres: this.scene.spacing_m * this.pointScale * 1.6, pixels: 48 }; }
+  // Wide enough to close the gaps between neighbours; where the cloud is thinned these are uneven.
+  size() {
+    const { scene } = this, cover = scene.shown < scene.total ? 2.3 : 1.6;
+    return { metres: scene.spacing_m * this.pointScale * cover, pixels: 48 };
+  }
 
   signs() {
     placeSigns(this.drawing, this.scene, this.exaggeration);
@@ -171,10 +175,10 @@ class View {
     const shown = panel.shown();
     for (const name of ["photographs", "control", "check"]) {
       drawing.show(name, shown[name]);
-      drawing.show(`${name} errors`, shown[name] && shown.errors);
+      for (const kind of ["casing", "errors"]) drawing.show(`${name} ${kind}`, shown[name] && shown.errors);
     }
     drawing.draw(eye, {
-      cloud: shown.cloud, mode: this.mode, range: this.range(), pointScale: this.pointScale * 1.6, largest: 48,
+      cloud: shown.cloud, mode: this.mode, range: this.range(), size: this.size(), pointScale: this.pointScale,
       background: colourOf("--sky").map(value => value / 255), depths: [near, Math.max(at + radius, near * 2)],
       tolerance: Math.max(3 * this.scene.spacing_m, 6 * eye.metresPerPixel),
     }, share);

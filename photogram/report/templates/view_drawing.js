@@ -341,10 +341,10 @@ class Drawing {
 
   drawPoints(eye, look, view, share) {
     const gl = this.gl, { scene } = this, at = this.use(this.programs.points, view);
-    const diameter = scene.spacing_m * look.pointScale / Math.sqrt(share);
-    const smallest = view.ratio * Math.max(1, Math.min(1.5 * look.pointScale, 3) / Math.sqrt(Math.max(share, 0.2)));
+    const diameter = look.size.metres / Math.sqrt(share);
+    const smallest = view.ratio * Math.max(1, Math.min(2.4 * look.pointScale, 5) / Math.sqrt(Math.max(share, 0.2)));
     gl.uniformMatrix3fv(at.turn, false, this.turn(view, scene.step_m));
-    gl.uniform3f(at.size, diameter * eye.focal * view.ratio, smallest, Math.min(look.largest * view.ratio, this.largest));
+    gl.uniform3f(at.size, diameter * eye.focal * view.ratio, smallest, Math.min(look.size.pixels * view.ratio, this.largest));
     gl.uniform1f(at.step_m, scene.step_m);
     gl.uniform1f(at.sigmaStep, scene.sigma_step_m);
     gl.uniform1f(at.unknown, scene.unknown);

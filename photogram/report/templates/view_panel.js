@@ -172,7 +172,7 @@ class Panel {
 
   metres(value) { return `${minus(value.toFixed(this.digits))} m`; }
 
-  three(values, digits = 3) { return values.map(value => minus(value.toFixed(digits))).join("  "); }
+  three(values, digits = 3) { return values.map(value => minus(value.toFixed(digits))).join("\u2002"); }
 
   coordinates(position) {
     return ["Easting", "Northing", "Height"].map((name, k) => [name, this.metres(position[k])]);

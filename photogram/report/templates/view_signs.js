@@ -66,7 +66,9 @@ function placeSigns(drawing, scene, exaggeration) {
   for (const role of ["control", "check"]) {
     const points = scene.points.filter(point => point.role === role);
     const shape = role === "check" ? 1 : 0;
-    drawing.setLines(`${role} errors`, points.flatMap(p => errorLines(scene, p, exaggeration, roleTint(p))), 1.8);
+    const lines = points.flatMap(p => errorLines(scene, p, exaggeration, roleTint(p)));
+    drawing.setLines(`${role} casing`, lines.map(([start, end]) => [start, end, [255, 255, 255, 170]]), 3.6);
+    drawing.setLines(`${role} errors`, lines, 2);
     drawing.setSigns(role, points.map(p => [local(scene, p.surveyed_map_m), roleTint(p), shape]), 22);
   }
 }
