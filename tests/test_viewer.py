@@ -173,25 +173,35 @@ def test_bytes_are_little_endian() -> None:
 # ---- the command and its faults ------------------------------------------------------------------------------------
 
 
-def write_dense(path: Path, cloud: DescribedCloud) -> None:
+def write_dense(path: Path, cloud: DescribedCloud, per_cent: bool = False) -> None:
     header = laspy.LasHeader(version="1.4", point_format=7)
     header.scales, header.offsets = np.full(3, 0.001), np.floor(cloud.position_map_m.min(axis=0))
-    header.add_extra_dims([laspy.ExtraBytesParams("Sigma_Z", np.float32), laspy.ExtraBytesParams("confidence", "f4")])
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams("Sigma_Z", np.float32),
+            laspy.ExtraBytesParams("confidence", "u1" if per_cent else "f4"),
+        ]
+    )
     points = laspy.LasData(header)
     points.xyz = cloud.position_map_m
     points.red, points.green, points.blue = cloud.colour.astype(np.uint16).T * 257  # type: ignore[union-attr]
-    points["Sigma_Z"], points["confidence"] = cloud.figures["sigma z"], cloud.figures["confidence"]
+    confidence = cloud.figures["confidence"]
+    points["Sigma_Z"] = cloud.figures["sigma z"]
+    points["confidence"] = np.rint(100 * confidence).astype(np.uint8) if per_cent else confidence
     points.write(path)
 
 
-def test_dense_cloud_is_read_with_what_it_says_of_each_point(tmp_path: Path) -> None:
+@pytest.mark.parametrize("per_cent", [False, True])
+def test_dense_cloud_is_read_with_what_it_says_of_each_point(tmp_path: Path, per_cent: bool) -> None:
     cloud = described()
-    write_dense(tmp_path / "dense.laz", cloud)
+    write_dense(tmp_path / "dense.laz", cloud, per_cent)
     read = read_described(tmp_path / "dense.laz")
     np.testing.assert_allclose(read.position_map_m, cloud.position_map_m, atol=1e-6)
     np.testing.assert_array_equal(read.colour, cloud.colour)
     assert set(read.figures) == {"sigma z", "confidence"}
     np.testing.assert_allclose(read.figures["sigma z"], cloud.figures["sigma z"], rtol=1e-6)
+    step = 0.01 if per_cent else 1e-6
+    np.testing.assert_allclose(read.figures["confidence"], cloud.figures["confidence"], atol=0.5001 * step)
 
 
 def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import laspy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,12 +50,18 @@ class DescribedCloud:
 def read_described(path: Path) -> DescribedCloud:
     """Return the cloud of a .las or .laz file with its colours and those of FIGURES that stand in its extra bytes.
 
-    Names are compared without regard to capitals and underscores. Raises ProjectError where the file is missing,
+    Names are compared without regard to capitals and underscores; whole numbers of a confidence are per cent. Raises ProjectError where the file is missing,
     damaged or empty.
     """
     points = read_las(path)
     if len(points) == 0:
         raise ProjectError(f"point cloud {path}: it holds no points: export it again")
     known = {name.casefold().replace("_", " "): name for name in points.point_format.extra_dimension_names}
-    figures = {name: np.asarray(points[known[name]], dtype=np.float64) for name in FIGURES if name in known}
+    figures = {name: _figures(points, known[name]) for name in FIGURES if name in known}
     return DescribedCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), figures)
+
+
+def _figures(points: laspy.LasData, name: str) -> FloatArray:
+    values = np.asarray(points[name])
+    per_cent = np.issubdtype(values.dtype, np.integer)
+    return values.astype(np.float64) / (100.0 if per_cent else 1.0)
