@@ -50,8 +50,8 @@ class DescribedCloud:
 def read_described(path: Path) -> DescribedCloud:
     """Return the cloud of a .las or .laz file with its colours and those of FIGURES that stand in its extra bytes.
 
-    Names are compared without regard to capitals and underscores; whole numbers of a confidence are per cent. Raises ProjectError where the file is missing,
-    damaged or empty.
+    Names are compared without regard to capitals and underscores; whole numbers of a confidence are per cent. Raises
+    ProjectError where the file is missing, damaged or empty.
     """
     points = read_las(path)
     if len(points) == 0:
