@@ -12,7 +12,7 @@ def main() -> None:
     """Run the command line; exit code 0 done, 1 the survey failed, 2 wrong usage, 130 interrupted."""
     # The commands register themselves and take seconds to import, which `photogram --version` need not wait for.
     if sys.argv[1:] != ["--version"]:
-        from photogram.cli import adjust, check, compare, demo, init, plan, report, study  # noqa: F401
+        from photogram.cli import adjust, check, compare, demo, init, plan, report, study, view  # noqa: F401
 
     try:
         app(prog_name="photogram")

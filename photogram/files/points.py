@@ -139,21 +139,30 @@ def read_cloud(path: Path) -> PointCloud:
     return cloud
 
 
-def _read_las(path: Path) -> PointCloud:
+def read_las(path: Path) -> laspy.LasData:
+    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing or damaged."""
     try:
-        points = laspy.read(path)
+        return laspy.read(path)
     # lazrs reports damage as its own kind of RuntimeError.
     except (LaspyException, RuntimeError, OSError, ValueError, struct.error) as fault:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
-    dimensions = set(points.point_format.dimension_names)
-    colour, sigma = None, None
-    if "red" in dimensions:
-        wide = np.column_stack([points.red, points.green, points.blue])
-        # Some programs write 8 bits into the 16 of the format.
-        colour = (wide >> 8 if wide.size and wide.max() > 255 else wide).astype(np.uint8)
-    if dimensions.issuperset(_SIGMA_NAMES):
+
+
+def las_colour(points: laspy.LasData) -> ByteArray | None:
+    """Return the colours (N, 3) of a LAS file in 8 bits, None where its format holds none."""
+    if "red" not in set(points.point_format.dimension_names):
+        return None
+    wide = np.column_stack([points.red, points.green, points.blue])
+    # Some programs write 8 bits into the 16 of the format.
+    return np.asarray(wide >> 8 if wide.size and wide.max() > 255 else wide).astype(np.uint8)
+
+
+def _read_las(path: Path) -> PointCloud:
+    points = read_las(path)
+    sigma = None
+    if set(points.point_format.dimension_names).issuperset(_SIGMA_NAMES):
         sigma = np.column_stack([points[name] for name in _SIGMA_NAMES]).astype(np.float64)
-    return PointCloud(np.asarray(points.xyz, dtype=np.float64), colour, sigma)
+    return PointCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), sigma)
 
 
 def _separator(line: str) -> str | None:

@@ -1,0 +1,294 @@
+// The page itself: what is shown, what is chosen, what is said of it.
+
+const $ = id => document.getElementById(id);
+
+class View {
+  constructor(canvas, gl) {
+    this.canvas = canvas;
+    this.scene = JSON.parse($("scene").textContent);
+    this.cloud = new Cloud(this.scene);
+    this.drawing = new Drawing(gl, this.scene, this.cloud.steps, this.cloud.looks);
+    this.eye = new Eye();
+    this.modes = [...document.querySelectorAll("#modes input")].map(input => input.value);
+    this.mode = this.modes[0];
+    this.pointScale = 1;
+    this.exaggeration = this.scene.exaggeration;
+    this.share = Math.min(1, 1.2e6 / this.scene.shown);
+    this.chosen = null;
+    this.measuring = false;
+    this.measured = [];
+    this.panel = new Panel(this);
+    this.hands = new Hands(canvas, this);
+    this.bounds();
+    this.measureCanvas();
+    new ResizeObserver(() => this.resized()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.signs());
+    this.stand(0, 0.96);
+    this.fromAddress();
+    this.signs();
+    this.still(0);
+  }
+
+  // How near and far one may go, and the ball that holds everything.
+  bounds() {
+    const { scene } = this, centres = scene.photographs.map(p => p.centre_m);
+    const points = scene.points.map(p => local(scene, p.surveyed_map_m));
+    const ends = [scene.low_m, scene.high_m, ...centres, ...points];
+    const low = [0, 1, 2].map(k => Math.min(...ends.map(p => p[k])));
+    const high = [0, 1, 2].map(k => Math.max(...ends.map(p => p[k])));
+    this.middle = low.map((value, k) => (value + high[k]) / 2);
+    this.radius = Math.hypot(...low.map((value, k) => high[k] - value)) / 2 + 2 * scene.frustum_m;
+    this.eye.nearest = Math.max(2 * scene.spacing_m, 1e-4 * this.radius);
+    this.eye.farthest = 12 * this.radius;
+    this.corners = [0, 1, 2, 3, 4, 5, 6, 7].map(k => [0, 1, 2].map(a => (k >> a & 1 ? scene.core_high_m : scene.core_low_m)[a]));
+    this.frame = [...this.corners, ...centres];
+  }
+
+  // ---- where one stands ----
+
+  stand(azimuth, tilt) {
+    Object.assign(this.eye, { azimuth, tilt });
+    const narrow = this.eye.width < 736, side = id => $(id).getBoundingClientRect();
+    const margin = { left: 20, right: narrow || !$("panel").open ? 20 : this.eye.width - side("panel").left + 20,
+      top: side("title").bottom + 24, bottom: this.eye.height - side("keysheet").top + 16 };
+    this.eye.fit(tilt === 0 ? this.corners : this.frame, margin);
+  }
+
+  go(where) {
+    const { eye } = this, from = eye.state();
+    if (where === "oblique") eye.tilt = 0.96;
+    if (where === "top") [eye.tilt, eye.azimuth] = [0, 0];
+    if (where === "north") eye.azimuth = 0;
+    if (where === "whole") this.stand(eye.azimuth, eye.tilt);
+    this.fly(from, eye.state());
+  }
+
+  fly(from, to) {
+    this.stop();
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      this.eye.between(from, to, 1);
+      this.still(0);
+      return;
+    }
+    this.eye.between(from, to, 0);
+    this.flight = { from, to, begun: performance.now() };
+    this.moved();
+  }
+
+  stop() { this.flight = null; }
+
+  centre(x, y) {
+    const hit = this.cloud.under(this.eye, x, y, this.size());
+    if (!hit) return;
+    const from = this.eye.state(), place = this.cloud.place(hit.index);
+    this.fly(from, { ...from, target: place });
+  }
+
+  goTo(place) {
+    const from = this.eye.state();
+    this.fly(from, { ...from, target: [...place], distance: Math.min(this.eye.distance, 0.4 * this.scene.extent_m) });
+  }
+
+  // ---- what is drawn ----
+
+  measureCanvas() {
+    const { canvas, eye } = this, ratio = Math.min(devicePixelRatio || 1, 2);
+    [eye.width, eye.height] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
+    canvas.width = Math.max(1, Math.round(eye.width * ratio));
+    canvas.height = Math.max(1, Math.round(eye.height * ratio));
+  }
+
+  resized() {
+    this.measureCanvas();
+    this.draw(1);
+  }
+
+  // Wide enough to close the gaps between neighbours; where the cloud is thinned these are uneven.
+  size() {
+    const { scene } = this, cover = scene.shown < scene.total ? 2.3 : 1.6;
+    return { metres: scene.spacing_m * this.pointScale * cover, pixels: 48 };
+  }
+
+  signs() {
+    placeSigns(this.drawing, this.scene, this.exaggeration);
+    this.choice();
+  }
+
+  choice() {
+    placeChoice(this.drawing, this.scene, this.chosen, this.measured);
+    this.still(0);
+  }
+
+  range() {
+    return this.mode === "confidence" ? [0, 1] : this.scene[this.mode === "colour" ? "height" : this.mode];
+  }
+
+  // Something has moved: draw soon, as much of the cloud as can be drawn in time.
+  moved() {
+    clearTimeout(this.timer);
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(now => {
+      this.asked = false;
+      this.pace(now);
+      if (this.flight) this.step(now);
+      this.draw(this.share);
+    });
+  }
+
+  // Draw fewer points where pictures come slowly, more where they come fast.
+  pace(now) {
+    const took = now - (this.lastFrame || 0);
+    this.lastFrame = now;
+    if (took > 300 && !this.slow) { this.slow = took < 2000; return; }
+    this.slow = false;
+    if (took > 42) this.share = Math.max(this.share * 0.8, Math.min(1, 4e4 / this.scene.shown));
+    else if (took < 21) this.share = Math.min(this.share * 1.1, 1);
+  }
+
+  step(now) {
+    const { from, to, begun } = this.flight, share = clamp((now - begun) / 450, 0, 1);
+    this.eye.between(from, to, share * share * (3 - 2 * share));
+    if (share < 1) {
+      this.moved();
+    } else {
+      this.flight = null;
+      this.still(0);
+    }
+  }
+
+  // All is still: draw everything, and turn about what is seen in the middle from now on.
+  still(wait = 120) {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      if (this.flight) return;
+      this.draw(1);
+      const hit = this.cloud.under(this.eye, this.eye.width / 2, this.eye.height / 2, this.size());
+      if (hit && hit.depth > 0) this.eye.rest(hit.depth);
+      this.toAddress();
+    }, wait);
+  }
+
+  draw(share) {
+    const { eye, drawing, panel, radius, middle } = this, at = eye.seen(middle)[2];
+    const near = eye.parallel ? at - radius : Math.max(at - radius, eye.distance * 0.004);
+    const shown = panel.shown();
+    for (const name of ["photographs", "control", "check"]) {
+      drawing.show(name, shown[name]);
+      for (const kind of ["casing", "errors"]) drawing.show(`${name} ${kind}`, shown[name] && shown.errors);
+    }
+    drawing.draw(eye, {
+      cloud: shown.cloud, mode: this.mode, range: this.range(), size: this.size(), pointScale: this.pointScale,
+      background: colourOf("--sky").map(value => value / 255), depths: [near, Math.max(at + radius, near * 2)],
+      tolerance: Math.max(3 * this.scene.spacing_m, 6 * eye.metresPerPixel),
+    }, share);
+    panel.follow();
+    this.canvas.dataset.drawn = share < 1 ? "part" : "all";
+  }
+
+  // ---- what is under the pointer ----
+
+  // The sign or photograph within a few pixels, the nearest first.
+  signAt(x, y) {
+    const shown = this.panel.shown(), { scene, eye } = this;
+    const things = [
+      ...scene.points.filter(p => shown[p.role]).map(point => ({ point, place: local(scene, point.surveyed_map_m), reach: 12 })),
+      ...(shown.photographs ? scene.photographs : []).map(photograph => ({ photograph, place: photograph.centre_m, reach: 10 })),
+    ];
+    let best = null;
+    for (const thing of things) {
+      const seen = eye.project(thing.place);
+      const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) / thing.reach : Infinity;
+      if (away <= 1 && (!best || away < best.away)) best = { ...thing, away };
+    }
+    return best;
+  }
+
+  hover(at) {
+    const thing = at && this.signAt(...at);
+    this.panel.tip(thing && { name: (thing.point || thing.photograph).name, at });
+    this.canvas.classList.toggle("measuring", this.measuring);
+  }
+
+  pick(x, y) {
+    let thing = this.signAt(x, y);
+    if (!thing && this.panel.shown().cloud) {
+      const hit = this.cloud.under(this.eye, x, y, this.size());
+      if (hit) thing = { cloud: this.cloud.figures(hit.index), place: this.cloud.place(hit.index) };
+    }
+    this.choose(thing);
+  }
+
+  choose(thing) {
+    if (this.measuring && thing) {
+      this.measured = [...(this.measured.length === 2 ? [] : this.measured), thing];
+      this.panel.sayMeasured(this.measured);
+    } else if (!this.measuring) {
+      this.chosen = thing;
+      this.panel.sayChosen(thing);
+    }
+    this.choice();
+  }
+
+  measure(on) {
+    this.measuring = on;
+    this.measured = [];
+    this.chosen = null;
+    this.canvas.classList.toggle("measuring", on);
+    $("measure").setAttribute("aria-pressed", String(on));
+    this.panel.sayMeasured(on ? [] : null);
+    this.choice();
+  }
+
+  dismiss() {
+    if (this.measuring) this.measure(false); else this.choose(null);
+  }
+
+  colourBy(index) {
+    if (index < this.modes.length) this.panel.setMode(this.modes[index]);
+  }
+
+  // ---- the address, so that a view can be kept and sent ----
+
+  toAddress() {
+    const { eye, scene } = this, round = (value, digits) => Number(value.toFixed(digits));
+    const facts = {
+      at: eye.target.map((value, k) => round(value + scene.origin_map_m[k], 3)).join(","),
+      azimuth: round(eye.azimuth * 180 / Math.PI, 3), tilt: round(eye.tilt * 180 / Math.PI, 3), distance: round(eye.distance, 3),
+      colour: this.mode, parallel: eye.parallel ? 1 : 0,
+    };
+    const text = Object.entries(facts).map(([name, value]) => `${name}=${value}`).join("&");
+    history.replaceState(null, "", `#${text}`);
+  }
+
+  fromAddress() {
+    const facts = new URLSearchParams(location.hash.slice(1)), { eye, scene } = this;
+    const at = (facts.get("at") || "").split(",").map(Number), number = name => Number(facts.get(name) ?? NaN);
+    if (at.length === 3 && at.every(Number.isFinite)) eye.target = local(scene, at);
+    if (Number.isFinite(number("azimuth"))) eye.azimuth = number("azimuth") * Math.PI / 180;
+    if (Number.isFinite(number("tilt"))) eye.tilt = clamp(number("tilt") * Math.PI / 180, 0, Math.PI / 2);
+    if (number("distance") > 0) eye.distance = clamp(number("distance"), eye.nearest, eye.farthest);
+    this.panel.setParallel(facts.get("parallel") === "1");
+    this.panel.setMode(this.modes.includes(facts.get("colour")) ? facts.get("colour") : this.mode);
+  }
+}
+
+function fault(title, text) {
+  $("fault-title").textContent = title;
+  $("fault-text").textContent = text;
+  $("fault").hidden = false;
+}
+
+function begin() {
+  const canvas = $("picture"), gl = canvas.getContext("webgl2", { alpha: false, antialias: true });
+  if (!gl) {
+    fault("This browser does not draw in 3-D here", "The page needs WebGL 2. Switch graphics acceleration on in the "
+      + "browser’s settings, or open the page in a current Firefox, Chrome, Edge or Safari; the cloud also opens in CloudCompare.");
+    return;
+  }
+  canvas.addEventListener("webglcontextlost", () =>
+    fault("The graphics processor was taken away", "Load the page again; with fewer points (photogram view --points) it needs less memory."));
+  new View(canvas, gl);
+}
+
+begin();

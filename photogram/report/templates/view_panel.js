@@ -1,0 +1,225 @@
+// Controls, legend, scale and cards: everything of the page that is text.
+
+const MODE_TITLES = { height: "Height, m", sigma: "Sigma of the height, m", confidence: "Confidence, 0 to 1" };
+
+class Panel {
+  constructor(view) {
+    this.view = view;
+    const { scene } = view, digits = scene.step_m < 0.001 ? 4 : 3;
+    this.digits = digits;
+    $("panel").open = innerWidth >= 736;
+    for (const name of ["oblique", "top", "whole"]) $(name).onclick = () => view.go(name);
+    $("compass").onclick = () => view.go("north");
+    $("measure").onclick = () => view.measure(!view.measuring);
+    $("size").oninput = () => this.setSize();
+    $("parallel").onchange = () => { this.setParallel($("parallel").checked); view.moved(); view.still(); };
+    document.querySelectorAll("#modes input").forEach(input => { input.onchange = () => this.setMode(input.value); });
+    document.querySelectorAll(".ticks input").forEach(input => input.addEventListener("change", () => view.still(0)));
+    this.enlargements();
+    this.places();
+    this.setSize();
+    this.labels = scene.points.map(point => this.label(point));
+  }
+
+  shown() {
+    const ticked = name => ($(`show-${name}`) ? $(`show-${name}`).checked : false);
+    return Object.fromEntries(["cloud", "photographs", "control", "check", "names", "errors"].map(n => [n, ticked(n)]));
+  }
+
+  setSize() {
+    this.view.pointScale = 2 ** Number($("size").value);
+    $("size-value").textContent = `× ${Number(this.view.pointScale.toPrecision(2))}`;
+    this.view.still(0);
+  }
+
+  setMode(mode) {
+    const { view } = this;
+    view.mode = mode;
+    document.querySelectorAll("#modes input").forEach(input => { input.checked = input.value === mode; });
+    this.legend();
+    view.still(0);
+  }
+
+  setParallel(on) {
+    this.view.eye.parallel = on;
+    $("parallel").checked = on;
+  }
+
+  enlargements() {
+    const { view } = this, select = $("exaggeration"), series = [1, 2, 5];
+    const values = [...Array(18).keys()].map(k => series[k % 3] * 10 ** Math.floor(k / 3));
+    const wanted = values.reduce((a, b) => (Math.abs(Math.log(b / view.exaggeration)) < Math.abs(Math.log(a / view.exaggeration)) ? b : a));
+    for (const value of values.filter(v => v === 1 || v >= wanted / 30 && v <= wanted * 30))
+      select.add(new Option(value === 1 ? "true to scale" : `${value} times enlarged`, value, false, value === wanted));
+    view.exaggeration = wanted;
+    select.onchange = () => { view.exaggeration = Number(select.value); view.signs(); };
+  }
+
+  places() {
+    const { view } = this, { scene } = view, select = $("places"), things = [];
+    const group = (title, entries) => {
+      if (!entries.length) return;
+      const list = document.createElement("optgroup");
+      list.label = title;
+      for (const entry of entries) {
+        list.append(new Option((entry.point || entry.photograph).name, things.length));
+        things.push(entry);
+      }
+      select.append(list);
+    };
+    for (const [role, title] of [["control", "Control points"], ["check", "Check points"]])
+      group(title, scene.points.filter(p => p.role === role).map(point => ({ point, place: local(scene, point.surveyed_map_m) })));
+    group("Photographs", scene.photographs.map(photograph => ({ photograph, place: photograph.centre_m })));
+    select.parentElement.hidden = !things.length;
+    select.onchange = () => {
+      const thing = things[Number(select.value)];
+      if (select.value === "" || !thing) return;
+      view.choose(thing);
+      view.goTo(thing.place);
+    };
+  }
+
+  label(point) {
+    const span = document.createElement("span");
+    span.textContent = point.name;
+    span.dataset.name = point.name;
+    $("labels").append(span);
+    return { span, point, place: local(this.view.scene, point.surveyed_map_m) };
+  }
+
+  // ---- what follows every picture ----
+
+  follow() {
+    const { view } = this, { eye } = view, shown = this.shown(), taken = [];
+    for (const label of this.labels) {
+      const seen = shown.names && shown[label.point.role] ? eye.project(label.place) : null;
+      label.width ||= label.span.offsetWidth;
+      const box = seen && [seen[0] + 10, seen[1] - 9, seen[0] + 10 + label.width, seen[1] + 9];
+      const free = box && box[0] > -100 && box[1] > -20 && box[0] < eye.width && box[1] < eye.height
+        && taken.every(other => box[2] < other[0] || other[2] < box[0] || box[3] < other[1] || other[3] < box[1]);
+      label.span.style.visibility = free ? "visible" : "hidden";
+      if (!free) continue;
+      taken.push(box);
+      label.span.style.transform = `translate(${box[0].toFixed(1)}px, ${box[1].toFixed(1)}px)`;
+      Object.assign(label.span.dataset, { x: seen[0].toFixed(2), y: seen[1].toFixed(2) });
+    }
+    const flat = Math.cos(eye.tilt) * 0.6 + 0.4;
+    $("needle").setAttribute("transform", `scale(1 ${flat.toFixed(3)}) rotate(${(-eye.azimuth * 180 / Math.PI).toFixed(2)})`);
+    this.scaleBar();
+  }
+
+  scaleBar() {
+    const { eye } = this.view, most = 110 * eye.metresPerPixel, decade = 10 ** Math.floor(Math.log10(most));
+    const length = [5, 2, 1].map(step => step * decade).find(value => value <= most);
+    const [unit, size] = [["km", 1000], ["m", 1], ["cm", 0.01], ["mm", 0.001]].find(([, s]) => length >= s * 0.999) || ["mm", 0.001];
+    $("scale-length").textContent = `${Number((length / size).toPrecision(3))} ${unit}`;
+    $("scale-bar").style.width = `${(length / eye.metresPerPixel).toFixed(1)}px`;
+    $("scale-where").textContent = eye.parallel ? "everywhere" : "in the middle";
+  }
+
+  legend() {
+    const { view } = this, title = MODE_TITLES[view.mode];
+    $("ramp").hidden = !title;
+    if (!title) return;
+    const [low, high] = view.range(), colours = view.scene.maps[view.mode];
+    const stops = colours.filter((_, k) => k % 7 === 0).map(colour => `rgb(${colour})`);
+    const digits = view.mode === "height" ? (high - low > 20 ? 1 : 2) : view.mode === "sigma" ? 3 : 1;
+    $("ramp-title").textContent = title;
+    $("ramp-colours").style.background = `linear-gradient(90deg, ${stops})`;
+    const more = view.mode !== "confidence";
+    $("ramp-low").textContent = `${more && view.mode === "height" ? "≤ " : ""}${minus(low.toFixed(digits))}`;
+    $("ramp-high").textContent = `${more ? "≥ " : ""}${minus(high.toFixed(digits))}`;
+    $("ramp-note").textContent = { height: "", sigma: "predicted standard deviation; grey: not known", confidence: "of the matching; grey: not known" }[view.mode];
+  }
+
+  tip(thing) {
+    const tip = $("tip");
+    tip.hidden = !thing;
+    if (!thing) return;
+    tip.textContent = thing.name;
+    const left = Math.min(thing.at[0] + 14, innerWidth - tip.offsetWidth - 8);
+    tip.style.transform = `translate(${left}px, ${Math.max(thing.at[1] - 34, 4)}px)`;
+  }
+
+  // ---- cards ----
+
+  card(title, rows, notes) {
+    const said = $("said");
+    said.replaceChildren();
+    said.hidden = title === null;
+    if (title === null) return;
+    const element = (name, text, to = said) => {
+      const made = document.createElement(name);
+      made.textContent = text;
+      to.append(made);
+      return made;
+    };
+    const close = element("button", "×");
+    close.type = "button";
+    close.className = "close";
+    close.setAttribute("aria-label", "Close");
+    close.onclick = () => this.view.dismiss();
+    element("h2", title);
+    if (rows.length) {
+      const list = element("dl", "");
+      for (const [name, value] of rows) {
+        element("dt", name, list);
+        element("dd", value, list);
+      }
+    }
+    for (const note of notes) element("p", note);
+  }
+
+  metres(value) { return `${minus(value.toFixed(this.digits))} m`; }
+
+  three(values, digits = 3) { return values.map(value => minus(value.toFixed(digits))).join("\u2002"); }
+
+  coordinates(position) {
+    return ["Easting", "Northing", "Height"].map((name, k) => [name, this.metres(position[k])]);
+  }
+
+  sayChosen(thing) {
+    if (!thing) { this.card(null); return; }
+    const { scene } = this.view, map = thing.place.map((value, k) => value + scene.origin_map_m[k]);
+    if (thing.cloud) {
+      const { sigma_m: sigma, plan_m: plan, confidence } = thing.cloud, rows = this.coordinates(map);
+      if (plan !== null) rows.push(["Sigma in plan", this.metres(plan)]);
+      if (sigma !== null) rows.push(["Sigma of height", this.metres(sigma)]);
+      if (confidence !== null) rows.push(["Confidence", confidence.toFixed(2)]);
+      this.card("Point of the cloud", rows, []);
+    } else if (thing.photograph) {
+      const p = thing.photograph, rows = this.coordinates(map);
+      if (p.sigma_m) rows.push(["Sigmas E, N, H, m", this.three(p.sigma_m)]);
+      rows.push(["ω, φ, κ, °", this.three(p.angles_deg)], ["Tie points", String(p.tie_points)], ["Camera", p.camera]);
+      this.card(p.name, rows, ["Adjusted projection centre. On the ground: where the corners of the photograph meet the mean height."]);
+    } else {
+      this.sayPoint(thing.point);
+    }
+  }
+
+  sayPoint(point) {
+    const rows = this.coordinates(point.surveyed_map_m), notes = [];
+    if (point.surveyed_sigma_m) rows.push(["Stated sigmas, m", this.three(point.surveyed_sigma_m)]);
+    if (point.residual_m) rows.push(["Residuals E, N, H, m", this.three(point.residual_m)]);
+    if (point.sigma_m) rows.push(["Predicted sigmas, m", this.three(point.sigma_m)]);
+    notes.push(point.residual_m ? "Surveyed coordinates; residuals are adjusted minus surveyed." : "Surveyed coordinates; too few marks to intersect it.");
+    const mixed = new Set(point.axis_roles).size > 1;
+    const role = mixed ? `easting ${point.axis_roles[0]}, northing ${point.axis_roles[1]}, height ${point.axis_roles[2]}` : `${point.role} point`;
+    this.card(`${point.name}, ${role}`, rows, notes);
+  }
+
+  sayMeasured(ends) {
+    if (ends === null) { this.card(null); return; }
+    if (ends.length < 2) {
+      this.card("Measure a distance", [], [ends.length ? "Click the second point." : "Click two points of the cloud, or signs."]);
+      return;
+    }
+    const [e, n, h] = [0, 1, 2].map(k => ends[1].place[k] - ends[0].place[k]), plan = Math.hypot(e, n);
+    const bearing = (Math.atan2(e, n) * 180 / Math.PI + 360) % 360;
+    const rows = [["In plan", this.metres(plan)], ["Height difference", this.metres(h)], ["Slope distance", this.metres(Math.hypot(plan, h))],
+      ["Grid bearing", `${bearing.toFixed(3)}°`], ["Slope", `${minus((Math.atan2(h, plan) * 180 / Math.PI).toFixed(2))}°`]];
+    this.card("Distance", rows, ["In the map grid, without its scale factor and heights reduced. Click two more, or Esc."]);
+  }
+}
+
+function minus(text) { return text.replace("-", "−"); }

@@ -1,0 +1,241 @@
+"""view.html: cloud, photographs and ground points in 3-D, in one file that needs no network.
+
+Positions stand in it relative to a local origin, as packed by `packing`; a hand-written WebGL program draws them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from scipy.spatial import cKDTree
+
+from photogram.camera import Camera, image_plane_or_nan
+from photogram.files.described_points import DescribedCloud
+from photogram.report.completion import axis_roles
+from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
+from photogram.report.packing import as_text as packed_text
+from photogram.report.page import fixed
+from photogram.report.pictures import round_length
+from photogram.report.thinning import even_choice
+from photogram.survey import FloatArray
+
+Json = dict[str, Any]
+
+COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
+UNKNOWN_CONFIDENCE = 255
+
+_SPACING_SAMPLE = 4000
+_WIDEST_TANGENT = 1.5
+
+
+def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str, maximum_points: int) -> str:
+    """Return the page of a cloud and of what report.json says of photographs and ground points.
+
+    Shows at most ``maximum_points`` of the cloud, evenly thinned. ``cloud_name`` is the file that the cloud came from.
+    """
+    total = len(cloud)
+    shown = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
+    scene, arrays = _cloud(shown)
+    origin = np.array(scene["origin_map_m"])
+    photographs = _photographs(report, origin)
+    scene |= {
+        "file": cloud_name,
+        "total": total,
+        "photographs": photographs,
+        "frustum_m": _frustum_m(photographs, scene["extent_m"]),
+        "points": _ground_points(report),
+        "exaggeration": _exaggeration(report, scene["extent_m"]),
+        "maps": {name: _colour_map(title) for name, title in COLOUR_MAPS.items()},
+    }
+    environment = Environment(
+        loader=PackageLoader("photogram.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(whole=lambda n: fixed(n, 0))
+    survey = report.get("survey") or {}
+    return environment.get_template("view.html.jinja").render(
+        title=survey.get("name") or "Photogrammetric survey",
+        version=report["photogram"],
+        system=_system(report),
+        scene=scene,
+        arrays=arrays,
+    )
+
+
+def _system(report: Mapping[str, Any]) -> str:
+    """Return the reference system of all coordinates in words."""
+    name = (report.get("survey") or {}).get("crs_name")
+    grid = f"{name} ({report['crs']})" if name and name != report["crs"] else str(report["crs"])
+    kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
+    output = (report.get("heights") or {}).get("output")
+    return f"{grid}, {kind.get(str(output), 'heights in the system in which the project gives them')}"
+
+
+# ---- the cloud -----------------------------------------------------------------------------------------------------
+
+
+def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
+    """Return what the page must know of the points, and their bytes as text.
+
+    ``points``: step east, north, up, and sigma of the height, 16 bits each. ``looks``: red, green, blue, confidence, 8
+    bits each. ``plan``: sigma in plan, 16 bits, where there is one.
+    """
+    packed = pack_positions(cloud.position_map_m)
+    cloud = cloud.chosen(packed.order)
+    n, position = len(cloud), cloud.position_map_m
+    sigma, sigma_plan = cloud.figures.get("sigma z"), cloud.figures.get("sigma xy")
+    confidence = cloud.figures.get("confidence")
+    height_steps, height_step_m = pack_figures(sigma, n)
+    looks = np.zeros((n, 4), dtype=np.uint8)
+    looks[:, 3] = UNKNOWN_CONFIDENCE
+    if cloud.colour is not None:
+        looks[:, :3] = cloud.colour
+    if confidence is not None:
+        known = np.isfinite(confidence)
+        looks[known, 3] = np.rint(254 * np.clip(confidence[known], 0.0, 1.0)).astype(np.uint8)
+    arrays = {"points": packed_text(np.column_stack([packed.step, height_steps])), "looks": packed_text(looks)}
+    plan_step_m = None
+    if sigma_plan is not None:
+        plan_steps, plan_step_m = pack_figures(sigma_plan, n)
+        arrays["plan"] = packed_text(plan_steps)
+    height = position[:, 2]
+    core_low_m, core_high_m = np.percentile(position, [0.5, 99.5], axis=0)
+    scene = {
+        "shown": n,
+        "origin_map_m": packed.origin_map_m.tolist(),
+        "step_m": packed.step_m,
+        "blocks": packed.blocks.tolist(),
+        "low_m": (position.min(axis=0) - packed.origin_map_m).tolist(),
+        "high_m": (position.max(axis=0) - packed.origin_map_m).tolist(),
+        "core_low_m": (core_low_m - packed.origin_map_m).tolist(),
+        "core_high_m": (core_high_m - packed.origin_map_m).tolist(),
+        "ground_m": float(np.median(height) - packed.origin_map_m[2]),
+        "extent_m": max(float(np.linalg.norm((core_high_m - core_low_m)[:2])), 1e-3),
+        "spacing_m": _spacing_m(position),
+        "colour": cloud.colour is not None,
+        "height": _range(height, 1, 99),
+        "sigma": None if sigma is None else _range(sigma, 0, 98),
+        "sigma_step_m": height_step_m,
+        "sigma_plan_step_m": plan_step_m,
+        "unknown": UNKNOWN,
+        "confidence": confidence is not None,
+    }
+    return scene, arrays
+
+
+def _range(values: FloatArray, low: float, high: float) -> list[float] | None:
+    """Return the percentiles between which colours are spread, apart; None where nothing is known."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return None
+    bottom, top = (float(np.percentile(known, end)) for end in (low, high))
+    return [bottom, max(top, bottom + 1e-3)]
+
+
+def _spacing_m(position_map_m: FloatArray) -> float:
+    """Return the median distance of a sample of points to their nearest neighbours."""
+    if len(position_map_m) < 2:
+        return 1.0
+    sample = position_map_m[:: max(len(position_map_m) // _SPACING_SAMPLE, 1)]
+    distance = np.asarray(cKDTree(position_map_m).query(sample, k=2)[0])
+    return float(max(np.median(distance[:, 1]), 1e-4))
+
+
+def _colour_map(name: str) -> list[list[int]]:
+    """Return 64 colours of a colour map, red, green, blue from 0 to 255."""
+    colours = mpl.colormaps[name](np.linspace(0, 1, 64))[:, :3]
+    return [[round(255 * float(v)) for v in colour] for colour in colours]
+
+
+# ---- photographs and ground points ---------------------------------------------------------------------------------
+
+
+def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
+    """Return rays (4, 3) to the corners of the format in the camera frame, from the top left clockwise, depth 1.
+
+    A field of view wider than a frustum can show, and corners at which the distortion cannot be undone, are drawn
+    narrower: the frustum is a symbol.
+    """
+    model = Camera(
+        "",
+        camera["width_px"],
+        camera["height_px"],
+        camera["focal_px"],
+        np.array(camera["principal_point_px"]),
+        radial=np.array(camera["radial"]),
+        tangential=np.array(camera["tangential"]),
+        affinity=np.array(camera["affinity"]),
+        model=camera["model"],
+    )
+    u, v = model.width_px - 0.5, model.height_px - 0.5
+    pixel = np.array([[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]])
+    ideal = image_plane_or_nan(model, pixel)
+    plain = (pixel - model.principal_point_px) / model.focal_px
+    ideal = np.where(np.isfinite(ideal), ideal, plain)
+    wide = np.maximum(np.linalg.norm(ideal, axis=1, keepdims=True) / _WIDEST_TANGENT, 1.0)
+    return np.column_stack([ideal / wide, np.ones(4)])
+
+
+def _photographs(report: Mapping[str, Any], origin_map_m: FloatArray) -> list[Json]:
+    """Return the registered photographs: centre relative to the origin, rays to the corners in the map, and sigmas."""
+    rays = {name: _corner_rays(camera) for name, camera in report["cameras"].items()}
+    return [
+        {
+            "name": name,
+            "camera": photograph["camera"],
+            "centre_m": (np.array(photograph["position_map_m"]) - origin_map_m).tolist(),
+            "rays": (rays[photograph["camera"]] @ np.array(photograph["rotation_camera_from_map"])).tolist(),
+            "sigma_m": _finite(photograph["sigma_m"]),
+            "angles_deg": photograph["omega_phi_kappa_deg"],
+            "tie_points": photograph["tie_points"],
+        }
+        for name, photograph in report["photographs"].items()
+        if photograph.get("registered", True)
+    ]
+
+
+def _frustum_m(photographs: list[Json], extent_m: float) -> float:
+    """Return how deep frusta are drawn: a part of the way to the next photograph."""
+    centres = np.array([photograph["centre_m"] for photograph in photographs]).reshape(-1, 3)
+    apart = _spacing_m(centres) if len(centres) > 1 else extent_m / 8
+    return float(np.clip(0.4 * apart, 0.008 * extent_m, 0.05 * extent_m))
+
+
+def _ground_points(report: Mapping[str, Any]) -> list[Json]:
+    """Return control and check points with their surveyed positions in the map, residuals and sigmas."""
+    return [
+        {
+            "name": point["name"],
+            "role": point["role"],
+            "axis_roles": list(axis_roles(point)),
+            "surveyed_map_m": point["surveyed_map_m"],
+            "residual_m": _finite(point.get("residual_m")),
+            "sigma_m": _finite(point.get("sigma_m")),
+            "surveyed_sigma_m": _finite(point.get("surveyed_sigma_m")),
+        }
+        for point in report["control_points"]
+    ]
+
+
+def _finite(values: list[float] | None) -> list[float] | None:
+    """Return three figures, None where one of them is missing."""
+    known = values is not None and all(v is not None and math.isfinite(v) for v in values)
+    return values if known else None
+
+
+def _exaggeration(report: Mapping[str, Any], extent_m: float) -> float:
+    """Return the round enlargement that draws a large but usual residual or sigma as a fortieth of the survey."""
+    points = report["control_points"]
+    vectors = [v for p in points for v in (_finite(p.get("residual_m")), _finite(p.get("sigma_m"))) if v]
+    size = np.linalg.norm(np.array(vectors).reshape(-1, 3), axis=1)
+    if not len(size) or not size.max() > 0:
+        return 1.0
+    return max(round_length(0.025 * extent_m / max(float(np.percentile(size, 90)), 1e-9)), 1.0)
