@@ -1,7 +1,8 @@
 """Cloud Optimized GeoTIFFs, written tile by tile: heights and figures as float32, orthophotos as RGBA, codes as bytes.
 
-The cells go into an uncompressed GeoTIFF beside the file first, in whatever order they come; GDAL's COG driver copies it
-(OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raster, and the file depends on the values alone.
+The cells go into an uncompressed GeoTIFF beside the file first, in whatever order they come; GDAL's COG driver copies
+it (OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raster, and the file depends on the values
+alone.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import rasterio
 import rasterio.shutil
 import rasterio.windows
 from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 
@@ -172,5 +174,25 @@ def _write(
             for window, bands in tiles:
                 rows, columns = window.shape
                 dataset.write(bands, window=rasterio.windows.Window(window.column, window.row, columns, rows))
-        rasterio.shutil.copy(cells, finished, **options)
+        _copy(cells, finished, options)
         finished.replace(partial)
+
+
+def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
+    """Copy a GeoTIFF to a COG and read it back. Raises OSError where that failed.
+
+    GDAL does not say of every block that it could not write it, on a full disk for example.
+    """
+    try:
+        rasterio.shutil.copy(cells, finished, **options)
+        with rasterio.open(cells) as source, rasterio.open(finished) as copy:
+            for row in range(0, copy.height, BLOCK_CELLS):
+                strip = rasterio.windows.Window(0, row, copy.width, min(BLOCK_CELLS, copy.height - row))
+                if not np.array_equal(copy.read(window=strip), source.read(window=strip)) and _lossless(options):
+                    raise OSError(f"rows from {row} do not come back as written")
+    except CPLE_BaseError as fault:
+        raise OSError(str(fault)) from fault
+
+
+def _lossless(options: Mapping[str, Any]) -> bool:
+    return bool(options["compress"] == "deflate")

@@ -25,8 +25,8 @@ def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) 
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
-    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written, ValueError
-    where a cell holds NODATA as its value.
+    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
+    ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
     write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews)
