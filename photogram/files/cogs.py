@@ -7,9 +7,7 @@ alone.
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,7 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 
-from photogram.files.atomic import replacing
+from photogram.files.atomic import replacing, scratch_folder
 from photogram.frames import written_crs
 from photogram.heights import flat_crs
 from photogram.map_grid import MapGrid, Window
@@ -132,17 +130,6 @@ def _bytes(path: Path, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return values
 
 
-@contextmanager
-def _folder_for(partial: Path) -> Iterator[Path]:
-    """Give a folder beside a partial file for what is only needed on the way; GDAL leaves files where it is stopped."""
-    folder = partial.with_name(f"{partial.name}.cells")
-    folder.mkdir(exist_ok=True)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 def _write(
     path: Path,
     grid: MapGrid,
@@ -168,7 +155,7 @@ def _write(
         "overviews": "auto" if overviews else "none",
         "num_threads": "all_cpus",
     }
-    with replacing(path) as partial, _folder_for(partial) as folder, rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
+    with replacing(path) as partial, scratch_folder(partial) as folder, rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
         cells, finished = folder / "cells.tif", folder / "finished.tif"
         with rasterio.open(cells, "w", **_PLACE, **place, **kind) as dataset:
             for window, bands in tiles:
