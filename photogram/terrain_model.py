@@ -1,19 +1,15 @@
 """Digital terrain model (DTM) from a surface: houses and trees taken away by a cloth simulation, the gaps interpolated.
 
 The surface is turned upside down and a cloth dropped on it: what it does not reach stands on the ground (Zhang et al.
-2016, An Easy-to-Use Airborne LiDAR Data Filtering Method Based on Cloth Simulation). The simulation is its authors'
-own, the package cloth-simulation-filter.
+2016, An Easy-to-Use Airborne LiDAR Data Filtering Method Based on Cloth Simulation). The simulation is the package
+csf-3dfin, built on that of the authors.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
-import CSF
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
@@ -130,41 +126,32 @@ def _blocks(values: NDArray[np.float32], block: int, rule: Callable[[FloatArray]
 
 def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArray:
     """Return which blocks the cloth says are ground."""
+    try:
+        from CSF_3DFin import CSF
+    except ImportError as fault:
+        raise PhotogramError(
+            "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin, with "
+            "a Python it is made for, or leave terrain out"
+        ) from fault
     row, column = np.nonzero(np.isfinite(low))
     ground = np.zeros(low.shape, dtype=bool)
     if not len(row):
         return ground
-    filter_ = CSF.CSF()
-    filter_.params.bSloopSmooth = True
-    filter_.params.cloth_resolution = max(settings.cloth_m, side_m)
-    filter_.params.rigidness = settings.rigidness
-    filter_.params.class_threshold = settings.reach_m
-    filter_.setPointCloud(np.column_stack([column * side_m, -row * side_m, low[row, column]]))
-    kept, others = CSF.VecInt(), CSF.VecInt()
-    with _silent():
-        filter_.do_filtering(kept, others, False)
-    chosen = np.array(kept, dtype=np.int64)
+    cloth = CSF()
+    cloth.params.verbose = False
+    cloth.params.smooth_slope = True
+    cloth.params.cloth_resolution = max(settings.cloth_m, side_m)
+    cloth.params.rigidness = settings.rigidness
+    cloth.params.class_threshold = settings.reach_m
+    cloth.set_point_cloud(np.column_stack([column * side_m, -row * side_m, low[row, column]]))
+    cloth.run_cloth_simulation()
+    chosen = np.asarray(cloth.classify_ground()[0])
     ground[row[chosen], column[chosen]] = True
     return ground
 
 
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep what compiled code prints, which has no setting for it, from standard output."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
-
-
 def _between(values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return values of a grid where ``known``, elsewhere linear between the nearest around; outside them the nearest."""
+    """Return values of a grid where ``known``, elsewhere linear between those around; outside them the nearest."""
     result = values.copy()
     unknown = ~known
     if not unknown.any():
