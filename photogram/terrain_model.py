@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
+from threadpoolctl import threadpool_limits
 
 from photogram.errors import PhotogramError
 from photogram.survey import BoolArray, FloatArray, Raster
@@ -130,8 +131,8 @@ def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArr
         from CSF_3DFin import CSF
     except ImportError as fault:
         raise PhotogramError(
-            "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin, with "
-            "a Python it is made for, or leave terrain out"
+            "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin "
+            "with a Python it is made for, or leave terrain out"
         ) from fault
     row, column = np.nonzero(np.isfinite(low))
     ground = np.zeros(low.shape, dtype=bool)
@@ -144,8 +145,9 @@ def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArr
     cloth.params.rigidness = settings.rigidness
     cloth.params.class_threshold = settings.reach_m
     cloth.set_point_cloud(np.column_stack([column * side_m, -row * side_m, low[row, column]]))
-    cloth.run_cloth_simulation()
-    chosen = np.asarray(cloth.classify_ground()[0])
+    with threadpool_limits(1, "openmp"):  # its loops are so short that threads wait for each other
+        cloth.run_cloth_simulation()
+        chosen = np.asarray(cloth.classify_ground()[0])
     ground[row[chosen], column[chosen]] = True
     return ground
 
@@ -161,7 +163,8 @@ def _between(values: FloatArray, known: BoolArray) -> FloatArray:
     edge = known & binary_dilation(unknown, np.ones((3, 3), dtype=bool))
     places = np.argwhere(edge)
     if np.linalg.matrix_rank(places - places[:1]) == 2:
-        linear = LinearNDInterpolator(places, values[edge])(np.argwhere(unknown))
+        with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
+            linear = LinearNDInterpolator(places, values[edge])(np.argwhere(unknown))
         result[unknown] = np.where(np.isfinite(linear), linear, result[unknown])
     return result
 
