@@ -7,9 +7,10 @@ inside. What is finer than the cells that are contoured is averaged away first.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
-from contourpy import LineType, contour_generator
+from contourpy import ContourGenerator, LineType, contour_generator
 from numpy.typing import NDArray
 
 from photogram.errors import PhotogramError
@@ -113,7 +114,7 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     )
     corner = np.array([raster.west_map_m + cell_m / 2, raster.north_map_m - cell_m / 2])
     levels = np.round(steps * interval_m, 9)
-    lines = [_of_level(generator.lines(float(level)), shortest_m / cell_m) for level in levels]
+    lines = [_of_level(generator, float(level), shortest_m / cell_m) for level in levels]
     vertices = np.concatenate([v for v, _ in lines] or [np.zeros((0, 2))])
     count = np.concatenate([c for _, c in lines] or [np.zeros(0, np.int64)])
     height = np.repeat(levels, [len(c) for _, c in lines])
@@ -121,11 +122,9 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     return Contours(height, corner + vertices * [cell_m, -cell_m], first, interval_m, cell_m)
 
 
-def _of_level(
-    traced: tuple[list[FloatArray | None], list[IntArray | None]], shortest: float
-) -> tuple[FloatArray, IntArray]:
+def _of_level(generator: ContourGenerator, level: float, shortest: float) -> tuple[FloatArray, IntArray]:
     """Return the vertices (V, 2), in cells, of lines of one height that are long enough, and their numbers (L,)."""
-    (vertices,), (offset,) = traced
+    (vertices,), (offset,) = cast(Any, generator.lines(level))
     if vertices is None or offset is None:
         return np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
     first = offset.astype(np.int64)
@@ -142,8 +141,9 @@ def _block(raster: Raster, cell_m: float | None) -> int:
     return max(wanted, int(np.ceil(np.sqrt(raster.values.size / MAXIMUM_CELLS))))
 
 
-def block_means(values: NDArray[np.float32], block: int) -> FloatArray:
-    """Return the mean of what is known in blocks of ``block`` × ``block`` cells, NaN where less than half is.
+def block_means(values: NDArray[np.float32], block: int, least: float = 0.5) -> FloatArray:
+    """Return the mean of what is known in blocks of ``block`` × ``block`` cells, NaN where less than ``least``
+    of a block, or none of it, is.
 
     Blocks at the south and east may be cut; they count as the cells they have. Memory beside the result is that of a
     row of blocks.
@@ -157,5 +157,5 @@ def block_means(values: NDArray[np.float32], block: int) -> FloatArray:
         total = np.add.reduceat(np.where(known, part, 0.0).sum(axis=0), starts)
         count = np.add.reduceat(known.sum(axis=0), starts)
         cells = len(part) * np.diff(np.append(starts, columns))
-        np.divide(total, count, out=result[row], where=2 * count >= np.maximum(cells, 1))
+        np.divide(total, count, out=result[row], where=count >= np.maximum(least * cells, 1))
     return result

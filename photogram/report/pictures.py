@@ -26,6 +26,7 @@ from scipy.ndimage import distance_transform_edt
 
 from photogram.camera import Camera
 from photogram.comparison import Comparison
+from photogram.contours import block_means
 from photogram.files.atomic import make_folder, replacing
 from photogram.survey import ByteArray, FloatArray, Raster
 
@@ -192,15 +193,9 @@ def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> F
 def _thinned(raster: Raster) -> tuple[FloatArray, float]:
     """Return the values as means of blocks, few enough for a picture, and the size of a block in m."""
     block = int(np.ceil(max(raster.values.shape) / MAXIMUM_RASTER_PX))
-    values = raster.values.astype(np.float64)
     if block == 1:
-        return values, raster.cell_m
-    rows, columns = (-(-n // block) for n in values.shape)
-    spare = ((0, rows * block - values.shape[0]), (0, columns * block - values.shape[1]))
-    blocks = np.pad(values, spare, constant_values=np.nan).reshape(rows, block, columns, block)
-    count = np.isfinite(blocks).sum(axis=(1, 3))
-    total = np.nansum(blocks, axis=(1, 3))
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan), raster.cell_m * block
+        return raster.values.astype(np.float64), raster.cell_m
+    return block_means(raster.values, block, 0.0), raster.cell_m * block
 
 
 def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> None:
