@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -41,3 +42,19 @@ def replacing(path: Path) -> Iterator[Path]:
         # where the name cannot even be looked for, the fault above says so
         with suppress(OSError):
             partial.unlink()
+
+
+@contextmanager
+def scratch_folder(partial: Path) -> Iterator[Path]:
+    """Give an empty folder beside the partial file of ``replacing`` for what is only needed on the way.
+
+    Libraries that write several files, or leave some where they are stopped, do it there. Raises OSError where the
+    folder cannot be made.
+    """
+    folder = partial.with_name(f"{partial.name}.parts")
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

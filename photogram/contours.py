@@ -1,0 +1,161 @@
+"""Contour lines of a surface, traced by contourpy: lines of one height through the centres of cells, cut at holes.
+
+Nothing is smoothed: between the centres of four cells the surface is bilinear on its edges, and a line is straight
+inside. What is finer than the cells that are contoured is averaged away first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from contourpy import ContourGenerator, LineType, contour_generator
+from numpy.typing import NDArray
+
+from photogram.errors import PhotogramError
+from photogram.survey import FloatArray, IntArray, Raster, check_shape
+
+INDEX_EVERY = 5
+"""Every fifth line is an index contour: those through multiples of five intervals."""
+
+LINES_OVER_RELIEF = 20
+"""About so many lines lie between the lowest and the highest ground where no interval is given."""
+
+MAXIMUM_CELLS = 16_000_000
+MAXIMUM_LEVELS = 2000
+_FINEST_INTERVAL_M = 0.01
+
+
+@dataclass(frozen=True)
+class ContourSettings:
+    """How a surface becomes lines.
+
+    ``interval_m``: difference in height of two lines; None chooses by the relief (``interval_for``). ``cell_m``: the
+    raster is averaged to about cells of this size first; None takes its own cells, or as many together as leave
+    MAXIMUM_CELLS. ``minimum_length_m``: shorter lines are left out; None takes eight of the cells that are contoured.
+    """
+
+    interval_m: float | None = None
+    cell_m: float | None = None
+    minimum_length_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("interval_m", "cell_m"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
+        if self.minimum_length_m is not None and not self.minimum_length_m >= 0:
+            raise PhotogramError("minimum_length_m cannot be negative (0 keeps every line)")
+
+
+@dataclass(frozen=True, eq=False)
+class Contours:
+    """Lines of one height each: ``height_m`` (L,), and of all lines the vertices ``vertex_map_m`` (V, 2).
+
+    Line n has the vertices ``first[n]`` to ``first[n + 1]`` (L + 1,); it is closed where the last is the first again,
+    and higher ground lies to its right. ``interval_m`` is the difference of two neighbours, ``cell_m`` the side of the
+    cells that were contoured.
+    """
+
+    height_m: FloatArray
+    vertex_map_m: FloatArray
+    first: IntArray
+    interval_m: float
+    cell_m: float
+
+    def __post_init__(self) -> None:
+        check_shape("vertex_map_m", self.vertex_map_m, (None, 2))
+        check_shape("first", self.first, (len(self.height_m) + 1,))
+
+    def __len__(self) -> int:
+        return len(self.height_m)
+
+    @property
+    def is_index(self) -> NDArray[np.bool_]:
+        """Which lines (L,) are index contours."""
+        return np.asarray(np.rint(self.height_m / self.interval_m).astype(np.int64) % INDEX_EVERY == 0)
+
+
+def interval_for(relief_m: float) -> float:
+    """Return the interval, 1, 2 or 5 times a power of ten and 1 cm at least, that comes nearest to LINES_OVER_RELIEF
+    lines over a relief."""
+    wanted = max(relief_m / LINES_OVER_RELIEF, _FINEST_INTERVAL_M)
+    decade = np.floor(np.log10(wanted))
+    candidates = [step * 10.0 ** (decade + shift) for shift in (0, 1) for step in (1, 2, 5)]
+    return float(f"{min(candidates, key=lambda interval: abs(np.log(interval / wanted))):.1g}")
+
+
+def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Contours:
+    """Trace the lines of the multiples of the interval, lowest first; none runs through a cell without data.
+
+    The raster is treated as a whole: beside it some 40 bytes for each cell that is contoured, 0.7 GB at most. Raises
+    PhotogramError where no cell has data, or the interval makes more than MAXIMUM_LEVELS heights.
+    """
+    settings = settings or ContourSettings()
+    block = _block(raster, settings.cell_m)
+    values, cell_m = block_means(raster.values, block), raster.cell_m * block
+    known = np.isfinite(values)
+    if not known.any():
+        raise PhotogramError("contours: no cell of the surface has a height")
+    heights = values[known]
+    low, high = float(heights.min()), float(heights.max())
+    spread = np.percentile(heights, [0.5, 99.5])
+    interval_m = settings.interval_m or interval_for(float(spread[1] - spread[0]))
+    steps = np.arange(np.ceil(low / interval_m), np.floor(high / interval_m) + 1)
+    if len(steps) > MAXIMUM_LEVELS:
+        raise PhotogramError(
+            f"contours: an interval of {interval_m:g} m makes {len(steps)} heights from {low:.1f} to {high:.1f} m, "
+            f"more than {MAXIMUM_LEVELS}: choose a larger interval_m"
+        )
+    shortest_m = 8 * cell_m if settings.minimum_length_m is None else settings.minimum_length_m
+    generator = contour_generator(
+        z=np.ma.masked_array(values, ~known), name="serial", corner_mask=False, line_type=LineType.ChunkCombinedOffset
+    )
+    corner = np.array([raster.west_map_m + cell_m / 2, raster.north_map_m - cell_m / 2])
+    levels = np.round(steps * interval_m, 9)
+    lines = [_of_level(generator, float(level), shortest_m / cell_m) for level in levels]
+    vertices = np.concatenate([v for v, _ in lines] or [np.zeros((0, 2))])
+    count = np.concatenate([c for _, c in lines] or [np.zeros(0, np.int64)])
+    height = np.repeat(levels, [len(c) for _, c in lines])
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    return Contours(height, corner + vertices * [cell_m, -cell_m], first, interval_m, cell_m)
+
+
+def _of_level(generator: ContourGenerator, level: float, shortest: float) -> tuple[FloatArray, IntArray]:
+    """Return the vertices (V, 2), in cells, of lines of one height that are long enough, and their numbers (L,)."""
+    (vertices,), (offset,) = cast(Any, generator.lines(level))
+    if vertices is None or offset is None:
+        return np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+    first = offset.astype(np.int64)
+    step = np.hypot(*np.diff(vertices, axis=0, append=vertices[-1:]).T)
+    step[first[1:] - 1] = 0.0  # from the end of a line to the start of the next
+    keep = np.add.reduceat(step, first[:-1]) >= shortest
+    count = np.diff(first)
+    return vertices[np.repeat(keep, count)], count[keep]
+
+
+def _block(raster: Raster, cell_m: float | None) -> int:
+    """Return how many cells along a side are averaged into one."""
+    wanted = 1 if cell_m is None else max(1, round(cell_m / raster.cell_m))
+    return max(wanted, int(np.ceil(np.sqrt(raster.values.size / MAXIMUM_CELLS))))
+
+
+def block_means(values: NDArray[np.float32], block: int, least: float = 0.5) -> FloatArray:
+    """Return the mean of what is known in blocks of ``block`` × ``block`` cells, NaN where less than ``least``
+    of a block, or none of it, is.
+
+    Blocks at the south and east may be cut; they count as the cells they have. Memory beside the result is that of a
+    row of blocks.
+    """
+    rows, columns = values.shape
+    starts = np.arange(0, columns, block)
+    result = np.full((-(-rows // block), len(starts)), np.nan)
+    for row in range(len(result)):
+        part = values[row * block : (row + 1) * block].astype(np.float64)
+        known = np.isfinite(part)
+        total = np.add.reduceat(np.where(known, part, 0.0).sum(axis=0), starts)
+        count = np.add.reduceat(known.sum(axis=0), starts)
+        cells = len(part) * np.diff(np.append(starts, columns))
+        np.divide(total, count, out=result[row], where=count >= np.maximum(least * cells, 1))
+    return result

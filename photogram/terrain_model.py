@@ -1,0 +1,177 @@
+"""Digital terrain model (DTM) from a surface: houses and trees taken away by a cloth simulation, the gaps interpolated.
+
+The surface is turned upside down and a cloth dropped on it: what it does not reach stands on the ground (Zhang et al.
+2016, An Easy-to-Use Airborne LiDAR Data Filtering Method Based on Cloth Simulation). The simulation is the package
+csf-3dfin, built on that of the authors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
+from threadpoolctl import threadpool_limits
+
+from photogram.errors import PhotogramError
+from photogram.survey import BoolArray, FloatArray, Raster
+
+MAXIMUM_BLOCKS = 4_000_000
+_LOW_SHARE = 0.2
+_STRIP_BLOCKS = 64
+
+
+@dataclass(frozen=True)
+class TerrainSettings:
+    """What counts as ground.
+
+    ``cell_m``: side of the blocks on which the cloth is dropped, in m; never less than a cell of the surface.
+    ``cloth_m``: distance of the cloth's knots, in m. ``rigidness``: 1 for steep, 2 for rolling, 3 for flat ground.
+    ``reach_m``: a block this near to the cloth, in m, is ground. ``step_m``: a cell this near to the ground of the
+    blocks is ground. ``maximum_gap_m``: what is further than this from any ground stays open.
+    """
+
+    cell_m: float = 0.5
+    cloth_m: float = 1.0
+    rigidness: int = 2
+    reach_m: float = 0.5
+    step_m: float = 0.3
+    maximum_gap_m: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in ("cell_m", "cloth_m", "reach_m", "step_m", "maximum_gap_m"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise PhotogramError(f"{name} is {value}: give a positive length in metres")
+        if self.rigidness not in (1, 2, 3):
+            raise PhotogramError(f"rigidness is {self.rigidness}: give 1 (steep), 2 (rolling) or 3 (flat ground)")
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """A DTM on the grid of its surface, and which of its cells (rows, columns) are interpolated: what stood there is no
+    ground."""
+
+    heights: Raster
+    interpolated: BoolArray
+
+
+def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = None) -> Terrain:
+    """Take away what does not lie on the ground.
+
+    Cells on the ground keep the surface's height; the others take the height between the ground around them, linear in
+    the triangles of the blocks' means. Cells without data stay so, and what is wider than the maximum gap is left open.
+    The same surface gives the same terrain. Raises PhotogramError where the surface holds no ground.
+    """
+    settings = settings or TerrainSettings()
+    block = max(1, round(settings.cell_m / surface.cell_m), int(np.ceil(np.sqrt(surface.values.size / MAXIMUM_BLOCKS))))
+    side_m, values = surface.cell_m * block, surface.values
+    low = _blocks(values, block, _low_height)
+    ground = _cloth(low, side_m, settings)
+    if not ground.any():
+        raise PhotogramError("terrain: the surface holds no ground: choose a larger reach_m, or leave terrain out")
+    rough = _between(low, ground)
+    on_ground = np.zeros(values.shape, dtype=bool)
+    for rows in _strips(values, block):
+        off = np.abs(values[rows] - _refined(rough, block, rows, values.shape[1]))
+        on_ground[rows] = off <= settings.step_m
+    mean = _blocks(np.where(on_ground, values, np.float32(np.nan)), block, _mean_height)
+    # a block of few ground cells beside a wall says little of its middle
+    enough = _blocks(on_ground.astype(np.float32), block, _mean_height) >= 0.5
+    supported = enough if enough.any() else np.isfinite(mean)
+    fill = _between(mean, supported)
+    fill[distance_transform_edt(~supported) * side_m > settings.maximum_gap_m] = np.nan
+    heights = np.full(values.shape, np.nan, dtype=np.float32)
+    for rows in _strips(values, block):
+        between = _refined(fill, block, rows, values.shape[1])
+        heights[rows] = np.where(on_ground[rows], values[rows], np.where(np.isfinite(values[rows]), between, np.nan))
+    terrain = Raster(heights, surface.west_map_m, surface.north_map_m, surface.cell_m)
+    return Terrain(terrain, np.isfinite(heights) & ~on_ground)
+
+
+def _strips(values: NDArray[np.float32], block: int) -> Iterator[slice]:
+    side = _STRIP_BLOCKS * block
+    return (slice(row, min(row + side, len(values))) for row in range(0, len(values), side))
+
+
+def _low_height(cells: FloatArray) -> FloatArray:
+    """Return of cells (..., N) a low height that single wrong cells do not lower; NaN where none is known."""
+    ordered = np.sort(cells, axis=-1)  # NaN comes last
+    known = np.isfinite(cells).sum(axis=-1)
+    chosen = np.floor(_LOW_SHARE * np.maximum(known - 1, 0)).astype(np.int64)
+    return np.asarray(np.take_along_axis(ordered, chosen[..., None], axis=-1)[..., 0])
+
+
+def _mean_height(cells: FloatArray) -> FloatArray:
+    known = np.isfinite(cells)
+    count = known.sum(axis=-1)
+    mean = np.where(known, cells, 0.0).sum(axis=-1) / np.maximum(count, 1)
+    return np.asarray(np.where(count > 0, mean, np.nan))
+
+
+def _blocks(values: NDArray[np.float32], block: int, rule: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return what ``rule`` makes of the cells (..., N) of each block, strip by strip."""
+    columns = -(-values.shape[1] // block)
+    parts = []
+    for rows in _strips(values, block):
+        strip = values[rows].astype(np.float64)
+        count = -(-len(strip) // block)
+        spare = ((0, count * block - len(strip)), (0, columns * block - strip.shape[1]))
+        whole = np.pad(strip, spare, constant_values=np.nan)
+        parts.append(rule(whole.reshape(count, block, columns, block).swapaxes(1, 2).reshape(count, columns, -1)))
+    return np.concatenate(parts)
+
+
+def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArray:
+    """Return which blocks the cloth says are ground."""
+    try:
+        from CSF_3DFin import CSF
+    except ImportError as fault:
+        raise PhotogramError(
+            "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin "
+            "with a Python it is made for, or leave terrain out"
+        ) from fault
+    row, column = np.nonzero(np.isfinite(low))
+    ground = np.zeros(low.shape, dtype=bool)
+    if not len(row):
+        return ground
+    cloth = CSF()
+    cloth.params.verbose = False
+    cloth.params.smooth_slope = True
+    cloth.params.cloth_resolution = max(settings.cloth_m, side_m)
+    cloth.params.rigidness = settings.rigidness
+    cloth.params.class_threshold = settings.reach_m
+    cloth.set_point_cloud(np.column_stack([column * side_m, -row * side_m, low[row, column]]))
+    with threadpool_limits(1, "openmp"):  # its loops are so short that threads wait for each other
+        cloth.run_cloth_simulation()
+        chosen = np.asarray(cloth.classify_ground()[0])
+    ground[row[chosen], column[chosen]] = True
+    return ground
+
+
+def _between(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Return values of a grid where ``known``, elsewhere linear between those around; outside them the nearest."""
+    result = values.copy()
+    unknown = ~known
+    if not unknown.any():
+        return result
+    row, column = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    result[unknown] = values[row, column][unknown]
+    edge = known & binary_dilation(unknown, np.ones((3, 3), dtype=bool))
+    places = np.argwhere(edge)
+    if np.linalg.matrix_rank(places - places[:1]) == 2:
+        with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
+            linear = LinearNDInterpolator(places, values[edge])(np.argwhere(unknown))
+        result[unknown] = np.where(np.isfinite(linear), linear, result[unknown])
+    return result
+
+
+def _refined(blocks: FloatArray, block: int, rows: slice, columns: int) -> FloatArray:
+    """Return values of blocks at the centres of the cells of some rows, bilinear between the blocks' middles."""
+    row = (np.arange(rows.start, rows.stop) + 0.5) / block - 0.5
+    column = (np.arange(columns) + 0.5) / block - 0.5
+    place = np.stack(np.meshgrid(row, column, indexing="ij"))
+    return np.asarray(map_coordinates(blocks, place, order=1, mode="nearest"))
