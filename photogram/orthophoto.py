@@ -245,7 +245,7 @@ def _mix(
     """Turn shares into weights of the photographs that see a place; False where none does."""
     largest, best = 0.0, -1
     for k in range(4):
-        if found[k] >= 0 and share[k] > 0.0 and not sees(views, found[k], relief, centre, X, place):
+        if found[k] >= 0 and share[k] > 0.0 and not sees(views, found[k], relief, centre, X, place, True):
             found[k] = -1
         if found[k] >= 0 and share[k] > largest:
             largest, best = share[k], k
@@ -273,10 +273,12 @@ def _second_best(
     found: IntArray,
     share: FloatArray,
 ) -> None:
-    """Give all weight to the first candidate that sees a place; to none where none does."""
+    """Give all weight to the first candidate that sees a place wide of everything, or at all; to none where none
+    does."""
     found[:] = -1
     share[:] = 0.0
-    for k in range(len(candidate)):
-        if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place):
-            found[0], share[0] = candidate[k], 1.0
-            return
+    for wide in (True, False):
+        for k in range(len(candidate)):
+            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, wide):
+                found[0], share[0] = candidate[k], 1.0
+                return

@@ -44,6 +44,10 @@ s, for a base b of h/5 and a flying height h; it is worth moving it away from an
 STEEP = 1.5
 """Slope over three blocks from which they count as a height edge."""
 
+OBJECT_SIZE, OBJECT_HEIGHT = 0.3, 0.03
+"""What is narrower than this and rises above the ground around it by this, in flying heights, counts as a height edge
+all over, so that a roof is not cut in two."""
+
 SWEEPS = 15
 
 
@@ -123,6 +127,11 @@ def _prices(height: CostArray, side_m: float, flying_m: float) -> tuple[CostArra
     high = np.where(np.isnan(height[..., 2]), -np.inf, height[..., 2])
     range_m = maximum_filter(high, 3, mode="nearest") - minimum_filter(low, 3, mode="nearest")
     steep = np.clip(range_m / (3.0 * side_m * STEEP), 0.0, 1.0) ** 2
+    across = 2 * round(0.5 * OBJECT_SIZE * flying_m / side_m) + 1
+    ground = maximum_filter(minimum_filter(low, across, mode="nearest"), across, mode="nearest")
+    with np.errstate(invalid="ignore"):
+        raised = np.clip((height[..., 0] - ground) / (OBJECT_HEIGHT * flying_m), 0.0, 1.0)
+    steep = np.fmax(steep, raised)
     full = SEAM_COST * flying_m / side_m
     price = (full * (OPEN_SHARE + (1.0 - OPEN_SHARE) * steep)).astype(np.float32)
     right, below = price.copy(), price.copy()
@@ -200,13 +209,15 @@ def sees(
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
+    wide: bool,
 ) -> bool:
-    """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map."""
+    """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map; ``wide``
+    as in ``is_hidden``."""
     model, q, R, C, largest, size = views
     u, v, _ = seen_at(model[n], q[n], R[n], C[n], largest[n], X)
     if not (u >= 0.0 and v >= 0.0 and u <= size[n, 0] - 1.0 and v <= size[n, 1] - 1.0):
         return False
-    return not is_hidden(relief, place[0], place[1], place[2], centre[n])
+    return not is_hidden(relief, place, centre[n], wide)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -256,7 +267,7 @@ def _rate(
                     X[k] = foot[r, c, k] + (h - base) * up[r, c, k]
                 for k in range(len(seen)):
                     n = candidate[i, j, k]
-                    if n >= 0 and sees(views, n, relief, centre, X, (east[c], north[r], h)):
+                    if n >= 0 and sees(views, n, relief, centre, X, (east[c], north[r], h), True):
                         seen[k] += 1.0
             _order_again(candidate[i, j], cost[i, j], clear[i, j], seen, max(count, 1.0), order)
 

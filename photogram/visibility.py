@@ -1,7 +1,6 @@
 """What a photograph sees of a surface: heights of a DSM, and rays that are followed over it to the projection centre.
 
-A ray is tested at places that depend on the cell and the photograph alone, against the highest of the nine cells around
-each; where it stays above a whole block of cells, these are passed over, which changes nothing but the time.
+A ray is tested at places that depend on the cell and the photograph alone; where it stays above a whole block of cells, these are passed over, which changes nothing but the time.
 """
 
 from __future__ import annotations
@@ -150,8 +149,14 @@ def at_edge(relief: Relief, east: float, north: float) -> bool:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def is_hidden(relief: Relief, east: float, north: float, height: float, centre: FloatArray) -> bool:
-    """Return whether the surface hides a place of the map from a projection centre (3,) in the map."""
+def is_hidden(relief: Relief, place: tuple[float, float, float], centre: FloatArray, wide: bool) -> bool:
+    """Return whether the surface hides a place of the map from a projection centre (3,) in the map.
+
+    ``wide`` gives what stands in the way a rim of a cell, so that nothing of a roof whose edge is not where the DSM has
+    it is taken for the ground behind.
+    """
+    east, north, height = place
+    surface = relief.highest if wide else relief.height
     dx, dy = (centre[0] - east) / relief.cell, (north - centre[1]) / relief.cell
     length = np.sqrt(dx * dx + dy * dy)
     if length <= START_CELLS:
@@ -168,7 +173,7 @@ def is_hidden(relief: Relief, east: float, north: float, height: float, centre: 
         c, r = int(np.floor(x + s * dx)) - relief.column, int(np.floor(y + s * dy)) - relief.row
         if r < 0 or c < 0 or r >= relief.height.shape[0] or c >= relief.height.shape[1]:
             return False
-        if relief.highest[r, c] > ray:
+        if surface[r, c] > ray:
             return True
         k += 1
         if rise > 0.0 and ray >= relief.blocks[r // BLOCK_CELLS, c // BLOCK_CELLS]:
