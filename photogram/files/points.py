@@ -26,14 +26,14 @@ LAS_SUFFIXES = (".las", ".laz")
 NO_DATE = date(2000, 1, 1)
 """The creation date of LAZ files whose caller names none: the same cloud gives the same bytes on every day."""
 
-_SCALE_M = 0.001
+SCALE_M = 0.001
 _COMMENTS = ("#", "//")
 _SEPARATORS = (";", ",", "\t")
 # "sigma xy" and "sigma z" are the names that the LAS working group's draft of standard extra bytes gives to the
 # uncertainty in plan and in height (ASPRS, Standard ExtraByte Definitions); the two others follow their pattern.
 _SIGMA_NAMES = ("sigma x", "sigma y", "sigma z")
 _PLAN_NAME = "sigma xy"
-_SIGMA_DESCRIPTIONS = {
+SIGMA_DESCRIPTIONS = {
     "sigma x": "st. deviation easting [m]",
     "sigma y": "st. deviation northing [m]",
     "sigma xy": "st. deviation in plan [m]",
@@ -78,6 +78,27 @@ def write_xyz(path: Path, cloud: PointCloud) -> None:
         np.savetxt(stream, position, fmt="%.3f", delimiter=",")
 
 
+def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
+    """Return the header of a LAS 1.4 file in ``crs``, to the millimetre. Raises FrameError where ``crs`` is no map grid
+    in metres."""
+    header = laspy.LasHeader(version="1.4", point_format=7 if colour else 6)
+    header.creation_date = created
+    header.system_identifier, header.generating_software = "photogram", "photogram"
+    header.scales = np.full(3, SCALE_M)
+    # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
+    header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written_crs(crs))))
+    header.global_encoding.wkt = True
+    return header
+
+
+def add_extra_bytes(header: laspy.LasHeader, fields: Mapping[str, tuple[type[np.generic], str]]) -> None:
+    """Add extra bytes to a header: of each name the type and the description. They state no range of values."""
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind, text) for name, (kind, text) in fields.items()])
+    # laspy 2.7 takes the first point of each chunk for the range of all, so that none is better.
+    for described in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
+
+
 def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) -> None:
     """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre; whole or not at
     all.
@@ -87,20 +108,12 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     written, ValueError where the cloud is wider than the format's 4 294 km.
     """
     position = _finite(path, cloud)
-    header = laspy.LasHeader(version="1.4", point_format=6 if cloud.colour is None else 7)
-    header.creation_date = created
-    header.system_identifier, header.generating_software = "photogram", "photogram"
-    header.scales = np.full(3, _SCALE_M)
+    header = las_header(crs, created, colour=cloud.colour is not None)
     if len(cloud):
         header.offsets = np.floor((position.min(axis=0) + position.max(axis=0)) / 2)
-    # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
-    header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written_crs(crs))))
-    header.global_encoding.wkt = True
     if cloud.sigma_m is not None:
-        header.add_extra_dims(
-            [laspy.ExtraBytesParams(name, np.float32, text) for name, text in _SIGMA_DESCRIPTIONS.items()]
-        )
-    steps = np.rint((position - header.offsets) / _SCALE_M)
+        add_extra_bytes(header, {name: (np.float32, text) for name, text in SIGMA_DESCRIPTIONS.items()})
+    steps = np.rint((position - header.offsets) / SCALE_M)
     if len(cloud) and np.abs(steps).max() > np.iinfo(np.int32).max:
         raise ValueError(f"{path}: a point cloud {np.ptp(position, axis=0).max() / 1000:.0f} km wide does not fit LAZ")
     points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header))

@@ -6,71 +6,30 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from rasterio.crs import CRS
-from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.atomic import replacing
-from photogram.frames import projected_crs, written_crs
-from photogram.heights import flat_crs
+from photogram.files.cogs import NODATA, write_cog
+from photogram.frames import projected_crs
+from photogram.map_grid import MapGrid
 from photogram.survey import Raster
 
-NODATA = -9999.0
-"""Stands for NaN in the files; other programs expect a number."""
+__all__ = ["NODATA", "read_raster", "write_geotiff"]
 
-_TILE = 256
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
 
 
-def _overview_factors(rows: int, columns: int) -> list[int]:
-    factors = []
-    factor = 2
-    while max(rows, columns) > _TILE * factor // 2:
-        factors.append(factor)
-        factor *= 2
-    return factors
-
-
 def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) -> None:
-    """Write ``raster`` as a tiled, compressed GeoTIFF in ``crs``, NaN as NODATA, overviews averaged; all or nothing.
+    """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
+    raster in memory.
 
-    The file names the height system where ``crs`` does.
-
-    The same raster gives the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
-    the file cannot be written, ValueError where a cell holds NODATA as its value.
+    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
+    ValueError where a cell holds NODATA as its value.
     """
-    grid = flat_crs(written_crs(crs))
-    if np.any(raster.values == NODATA):
-        raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
-    rows, columns = raster.values.shape
-    values = np.where(np.isnan(raster.values), np.float32(NODATA), raster.values).astype(np.float32)
-    with (
-        replacing(path) as partial,
-        rasterio.open(
-            partial,
-            "w",
-            driver="GTiff",
-            height=rows,
-            width=columns,
-            count=1,
-            dtype="float32",
-            crs=CRS.from_wkt(grid.to_wkt()),
-            transform=Affine(raster.cell_m, 0.0, raster.west_map_m, 0.0, -raster.cell_m, raster.north_map_m),
-            nodata=NODATA,
-            tiled=True,
-            blockxsize=_TILE,
-            blockysize=_TILE,
-            compress="deflate",
-            predictor=3,
-            bigtiff="if_safer",
-        ) as dataset,
-    ):
-        dataset.write(values, 1)
-        if overviews and (factors := _overview_factors(rows, columns)):
-            dataset.build_overviews(factors, Resampling.average)
+    grid = MapGrid.of(raster)
+    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews)
 
 
 def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
