@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 IntArray = NDArray[np.int32]
 
-TILE_CELLS = 1024
+TILE_CELLS = 512
 TILES_AHEAD = 4
 """Tiles that are worked on, or wait, at the same time."""
 
@@ -105,7 +105,8 @@ class Orthophoto:
         """
         rows, columns = window.shape
         # one more to the south and east, for the sides of the last cells
-        lines = verticals(self.frame, self.grid, Window(window.row, window.column, window.row_end + 1, window.column_end + 1))
+        widened = Window(window.row, window.column, window.row_end + 1, window.column_end + 1)
+        lines = verticals(self.frame, self.grid, widened)
         label, weight = np.full((rows, columns, 4), -1, np.int32), np.zeros((rows, columns, 4), np.float32)
         height = np.full((rows, columns), np.nan)
         _choose(
@@ -211,6 +212,9 @@ def _choose(
     X, found, share = np.empty(3), np.empty(4, np.int32), np.empty(4)
     for i in range(len(north)):
         for j in range(len(east)):
+            _shares(corner[0] + i, corner[1] + j, block, label, found, share)
+            if found[0] < 0:
+                continue
             h = height_at(relief, east[j], north[i])
             if np.isnan(h):
                 continue
@@ -218,7 +222,6 @@ def _choose(
             for k in range(3):
                 X[k] = foot[i, j, k] + (h - base) * up[i, j, k]
             place = (east[j], north[i], h)
-            _shares(corner[0] + i, corner[1] + j, block, label, found, share)
             soft = 0.0 if at_edge(relief, east[j], north[i]) else feather
             if not _mix(relief, views, centre, X, place, soft, found, share):
                 row = min((corner[0] + i) // block, label.shape[0] - 1)

@@ -127,6 +127,4 @@ def _add_cell(
         s = (a + 0.5) / n - 0.5
         for b in range(n):
             t = (b + 0.5) / n - 0.5
-            add_linear(
-                picture, u + s * (du - u) + t * (eu - u), v + s * (dv - v) + t * (ev - v), 1.0 / (n * n), colour
-            )
+            add_linear(picture, u + s * (du - u) + t * (eu - u), v + s * (dv - v) + t * (ev - v), 1.0 / (n * n), colour)

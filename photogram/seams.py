@@ -35,11 +35,11 @@ MIDDLE_WEIGHT, SCALE_WEIGHT, HIDDEN_COST = 0.5, 0.5, 0.1
 """Costs beside tan² of the angle from the nadir: of r² in the photograph, of the squared logarithm of how much coarser
 its pixels are than the finest there, and of being hidden or cut off over the whole of a block."""
 
-SEAM_COST, OPEN_SHARE = 7e-4, 0.05
+SEAM_COST, OPEN_SHARE = 1.4e-3, 0.03
 """Cost of a seam along a height edge, per flying height over the side of a block, and the share of it on open ground.
 
 From the costs of the photographs: a seam that lies D beside its best place costs some b D²/(h² s) more per block of side
-s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.06 h."""
+s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.08 h."""
 
 STEEP = 1.5
 """Slope over three blocks from which they count as a height edge."""
@@ -76,9 +76,10 @@ def block_cells(grid: MapGrid) -> int:
 
 
 def find_seams(
-    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_blocks: int = 96
+    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_cells: int = 512
 ) -> Seams:
-    """Choose a photograph for every block of a grid; ``side_blocks`` at once change nothing but memory and time."""
+    """Choose a photograph for every block of a grid; about ``side_cells`` ×
+    ``side_cells`` cells at once change nothing but memory and time."""
     block = block_cells(grid)
     shape = (-(-grid.rows // block), -(-grid.columns // block))
     candidate = np.full((*shape, CANDIDATES), -1, np.int32)
@@ -96,7 +97,7 @@ def find_seams(
             (candidate[part], cost[part], clear[part], height[part]),
         )  # fmt: skip
 
-    for done in [executor.submit(fill, window) for window in grid.tiles(side_blocks * block)]:
+    for done in [executor.submit(fill, window) for window in grid.tiles(max(side_cells // block, 1) * block)]:
         done.result()
     flying = float(np.median(terrain.position_map_m[:, 2]) - np.nanmedian(terrain.surface.values))
     price = _prices(height, block * grid.cell_m, max(flying, block * grid.cell_m))
@@ -215,7 +216,7 @@ def sees(
     as in ``is_hidden``."""
     model, q, R, C, largest, size = views
     u, v, _ = seen_at(model[n], q[n], R[n], C[n], largest[n], X)
-    if not (u >= 0.0 and v >= 0.0 and u <= size[n, 0] - 1.0 and v <= size[n, 1] - 1.0):
+    if not (u >= -0.5 and v >= -0.5 and u <= size[n, 0] - 0.5 and v <= size[n, 1] - 0.5):
         return False
     return not is_hidden(relief, place, centre[n], wide)
 
@@ -339,18 +340,20 @@ def _sweep(
                 price = right[i, j] if step > 0 else right[i, j - 1]
                 copy[:] = belief
                 back, to = (1, 0) if step > 0 else (0, 1)
-                _send(copy, message[back, i, j], candidate[i, j], candidate[i, j + step], price, message[to, i, j + step])
+                _send(
+                    copy, message[back, i, j], candidate[i, j], candidate[i, j + step], price, message[to, i, j + step]
+                )
             if 0 <= i + step < rows:
                 price = below[i, j] if step > 0 else below[i - 1, j]
                 copy[:] = belief
                 back, to = (3, 2) if step > 0 else (2, 3)
-                _send(copy, message[back, i, j], candidate[i, j], candidate[i + step, j], price, message[to, i + step, j])
+                _send(
+                    copy, message[back, i, j], candidate[i, j], candidate[i + step, j], price, message[to, i + step, j]
+                )
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def chosen_labels(
-    candidate: IntArray, cost: CostArray, right: CostArray, below: CostArray, sweeps: int
-) -> IntArray:
+def chosen_labels(candidate: IntArray, cost: CostArray, right: CostArray, below: CostArray, sweeps: int) -> IntArray:
     """Return labels (R, C) out of lists ``candidate`` (R, C, K) with costs, sorted, that make small the sum of costs
     and of what differing neighbours pay: ``right`` and ``below`` (R, C); −1 where a list is empty."""
     rows, columns, k = candidate.shape

@@ -110,7 +110,9 @@ class Terrain:
 def _clipped(grid: MapGrid, window: Window, margin: int) -> Window:
     """Return a window that may reach beyond the grid, widened by a margin, as far as the grid goes; one cell at
     least."""
-    row, column = (int(np.clip(a - margin, 0, n - 1)) for a, n in ((window.row, grid.rows), (window.column, grid.columns)))
+    row, column = (
+        int(np.clip(a - margin, 0, n - 1)) for a, n in ((window.row, grid.rows), (window.column, grid.columns))
+    )
     row_end = int(np.clip(window.row_end + margin, row + 1, grid.rows))
     return Window(row, column, row_end, int(np.clip(window.column_end + margin, column + 1, grid.columns)))
 
