@@ -1,7 +1,7 @@
 """Exposure balance: one gain per channel for every photograph, and the fall of light towards its corners.
 
-The colour of a place in a photograph is taken as gain · falloff · colour, with falloff exp(v r²), r the ideal radius and
-v of the camera. In logarithms this is linear; the colour of each place is eliminated, and what remains is solved by
+The colour of a place in a photograph is taken as gain · falloff · colour, with falloff exp(v r²), r the ideal radius
+and v of the camera. In logarithms this is linear; the colour of each place is eliminated, and what remains is solved by
 least squares with Cauchy weights (Holland & Welsch 1977), because shadows move and surfaces shine.
 """
 
@@ -161,7 +161,7 @@ def _solve(samples: Samples, channel: int, camera: IntArray) -> tuple[FloatArray
     y, x, weight = samples.colour[:, channel], np.zeros(views + cameras), np.ones(n)
     for _ in range(ROUNDS):
         W = sparse.diags_array(weight)
-        share = sparse.diags_array(1.0 / np.maximum(S @ weight, 1e-12))
+        share = sparse.diags_array(1.0 / np.maximum(np.asarray(S @ weight), 1e-12))
         SWA, SWy = S @ (W @ A), S @ (weight * y)
         N = A.T @ (W @ A) - SWA.T @ (share @ SWA)
         N = sparse.csc_array(N + sparse.diags_array(prior))

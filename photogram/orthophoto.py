@@ -1,8 +1,8 @@
 """Orthophoto: photographs resampled on the surface, each cell from the photograph that shows it best.
 
 Three steps: ``find_seams`` chooses a photograph for every block of cells, for the whole survey at once;
-``balance_exposure`` makes the photographs equally bright; then tile by tile each cell is read from the photograph of its
-block, from another where that one does not see it, and across seams from both for a few cells. What a cell holds
+``balance_exposure`` makes the photographs equally bright; then tile by tile each cell is read from the photograph of
+its block, from another where that one does not see it, and across seams from both for a few cells. What a cell holds
 depends on its place alone, never on the tile in which it is made.
 """
 
@@ -40,8 +40,8 @@ TILES_AHEAD = 4
 class OrthophotoSettings:
     """How photographs become an orthophoto.
 
-    ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to two digits. ``balance``: whether
-    photographs are made equally bright. ``feather_cells``: how many cells a seam is wide, 0 for a sharp one.
+    ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to two digits. ``balance``:
+    whether photographs are made equally bright. ``feather_cells``: how many cells a seam is wide, 0 for a sharp one.
     """
 
     cell_m: float | None = None
@@ -82,7 +82,8 @@ def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None)
         cell_m = float(f"{gsd:.1e}")
     dsm, known = MapGrid.of(terrain.surface), np.isfinite(terrain.surface.values)
     row, column = np.flatnonzero(known.any(axis=1))[[0, -1]], np.flatnonzero(known.any(axis=0))[[0, -1]]
-    east, north = dsm.west_map_m + (column + [0, 1]) * dsm.cell_m, dsm.north_map_m - (row + [0, 1]) * dsm.cell_m
+    east = dsm.west_map_m + np.array([column[0], column[1] + 1]) * dsm.cell_m
+    north = dsm.north_map_m - np.array([row[0], row[1] + 1]) * dsm.cell_m
     return MapGrid.around(np.column_stack([east, north]), cell_m)
 
 
@@ -152,8 +153,8 @@ def plan_orthophoto(
     """Choose the seams and the gains of an orthophoto; then its tiles can be made.
 
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view,
-    and may be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is not
-    given. Raises PhotogramError where no photograph is above the surface, ValueError where the surface has no height.
+    and may be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is
+    not given. Raises PhotogramError where no photograph is above the surface, ValueError where the surface has no height.
     """
     settings = settings or OrthophotoSettings()
     terrain = Terrain.under(views, frame, surface)

@@ -1,8 +1,8 @@
 """Which photograph an orthophoto takes where: labels of square blocks of cells, chosen for the whole survey at once.
 
 Each block has a short list of the photographs that see it best, with their costs; neighbouring blocks pay for
-different photographs, much near height edges, little on open ground. The sum is made small by sequential tree-reweighted
-message passing (Kolmogorov 2006, section 4, TRW-S) on the grid of blocks, always in the same order.
+different photographs, much near height edges, little on open ground. The sum is made small by sequential
+tree-reweighted message passing (Kolmogorov 2006, section 4, TRW-S) on the grid of blocks, always in the same order.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ its pixels are than the finest there, and of being hidden or cut off over the wh
 SEAM_COST, OPEN_SHARE = 1.4e-3, 0.03
 """Cost of a seam along a height edge, per flying height over the side of a block, and the share of it on open ground.
 
-From the costs of the photographs: a seam that lies D beside its best place costs some b D²/(h² s) more per block of side
-s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.08 h."""
+From the costs of the photographs: a seam that lies D beside its best place costs some b D²/(h² s) more per block of
+side s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.08 h."""
 
 STEEP = 1.5
 """Slope over three blocks from which they count as a height edge."""

@@ -1,6 +1,7 @@
 """What a photograph sees of a surface: heights of a DSM, and rays that are followed over it to the projection centre.
 
-A ray is tested at places that depend on the cell and the photograph alone; where it stays above a whole block of cells, these are passed over, which changes nothing but the time.
+A ray is tested at places that depend on the cell and the photograph alone; where it stays above a whole block of cells,
+these are passed over, which changes nothing but the time.
 """
 
 from __future__ import annotations
