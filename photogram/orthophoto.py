@@ -154,7 +154,8 @@ def plan_orthophoto(
 
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view,
     and may be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is
-    not given. Raises PhotogramError where no photograph is above the surface, ValueError where the surface has no height.
+    not given. Raises PhotogramError where no photograph is above the surface, ValueError where the surface has no
+    height.
     """
     settings = settings or OrthophotoSettings()
     terrain = Terrain.under(views, frame, surface)
@@ -223,11 +224,12 @@ def _choose(
             for k in range(3):
                 X[k] = foot[i, j, k] + (h - base) * up[i, j, k]
             place = (east[j], north[i], h)
-            soft = 0.0 if at_edge(relief, east[j], north[i]) else feather
+            edge = at_edge(relief, east[j], north[i])
+            soft = 0.0 if edge else feather
             if not _mix(relief, views, centre, X, place, soft, found, share):
                 row = min((corner[0] + i) // block, label.shape[0] - 1)
                 column = min((corner[1] + j) // block, label.shape[1] - 1)
-                _second_best(relief, views, centre, X, place, candidate[row, column], found, share)
+                _second_best(relief, views, centre, X, place, edge, candidate[row, column], found, share)
             n = 0
             for k in range(4):
                 if found[k] >= 0 and share[k] > 0.0:
@@ -273,16 +275,17 @@ def _second_best(
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
+    edge: bool,
     candidate: IntArray,
     found: IntArray,
     share: FloatArray,
 ) -> None:
-    """Give all weight to the first candidate that sees a place wide of everything, or at all; to none where none
-    does."""
+    """Give all weight to the first candidate that sees a place wide of everything, at a height edge to the first
+    that sees it at all; to none where none does."""
     found[:] = -1
     share[:] = 0.0
-    for wide in (True, False):
+    for narrow in range(2 if edge else 1):
         for k in range(len(candidate)):
-            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, wide):
+            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, narrow == 0):
                 found[0], share[0] = candidate[k], 1.0
                 return

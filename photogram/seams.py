@@ -31,15 +31,15 @@ CANDIDATES = 12
 SMALLEST_BLOCK, LARGEST_LATTICE = 8, 400_000
 """Cells along a block, and the number of blocks above which they are made larger."""
 
-MIDDLE_WEIGHT, SCALE_WEIGHT, HIDDEN_COST = 0.5, 0.5, 0.1
+MIDDLE_WEIGHT, SCALE_WEIGHT, HIDDEN_COST = 0.5, 0.5, 0.02
 """Costs beside tan² of the angle from the nadir: of r² in the photograph, of the squared logarithm of how much coarser
 its pixels are than the finest there, and of being hidden or cut off over the whole of a block."""
 
-SEAM_COST, OPEN_SHARE = 1.4e-3, 0.03
+SEAM_COST, OPEN_SHARE = 4e-3, 0.01
 """Cost of a seam along a height edge, per flying height over the side of a block, and the share of it on open ground.
 
-From the costs of the photographs: a seam that lies D beside its best place costs some b D²/(h² s) more per block of
-side s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.08 h."""
+From the costs of the photographs: a seam that lies D beside its best place costs some 1.5 b D²/(h² s) more per block of
+side s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.115 h."""
 
 STEEP = 1.5
 """Slope over three blocks from which they count as a height edge."""

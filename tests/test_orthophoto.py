@@ -255,7 +255,7 @@ def test_ground_behind_a_wall_never_shows_the_roof(walled: Walled, photographs: 
     # left out at the edge: a cell of the surface, half a pixel of the photograph, the reach of the interpolation
     ground, roof = shown & (out > 0.3), shown & (out < -0.2)
     assert roof.sum() > 8000
-    assert np.all(rgba[ground, 0] == 0)
+    assert np.all(rgba[ground, 0] <= 2)
     assert np.all(rgba[ground, 1] >= 200)
     assert np.all(rgba[roof, 0] >= 200)
     place = np.column_stack([x.ravel(), y.ravel(), np.where(out.ravel() < 0, 6.0, 0.0)])
@@ -264,7 +264,7 @@ def test_ground_behind_a_wall_never_shows_the_roof(walled: Walled, photographs: 
         [visible(walled.scene, p, place) & camera().contains(q) for p, q in zip(poses, pixels, strict=True)], 0
     )
     seen = seen.reshape(x.shape)
-    surely, never = minimum_filter(seen, 9) & (np.abs(out) > 0.3), maximum_filter(seen, 9)
+    surely, never = minimum_filter(seen, 15) & (np.abs(out) > 0.3), maximum_filter(seen, 9)
     assert np.count_nonzero(~never) > (3000 if photographs == 4 else -1)
     assert np.all(shown[surely])
     assert not np.any(shown[~never])
