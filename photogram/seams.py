@@ -131,7 +131,7 @@ def _prices(height: CostArray, side_m: float, flying_m: float) -> tuple[CostArra
     across = 2 * round(0.5 * OBJECT_SIZE * flying_m / side_m) + 1
     ground = maximum_filter(minimum_filter(low, across, mode="nearest"), across, mode="nearest")
     with np.errstate(invalid="ignore"):
-        raised = np.clip((height[..., 0] - ground) / (OBJECT_HEIGHT * flying_m), 0.0, 1.0)
+        raised = np.clip((height[..., 0] - ground) / (OBJECT_HEIGHT * flying_m), 0.0, 1.0) ** 2
     steep = np.fmax(steep, raised)
     full = SEAM_COST * flying_m / side_m
     price = (full * (OPEN_SHARE + (1.0 - OPEN_SHARE) * steep)).astype(np.float32)

