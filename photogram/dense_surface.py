@@ -1,0 +1,190 @@
+"""From matched heights to a surface model: which cells are kept, how sure they are, how holes may be closed.
+
+A cell is kept when the photographs agree on it as well as they do elsewhere, and when at least SUPPORT of its eight
+neighbours lie within reach of it at the steepest slope: what hangs between a roof and the ground has too few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+
+from photogram.dense_levels import DOUBTFUL_BETWEEN, DOUBTFUL_NMAD
+from photogram.map_grid import MapGrid, Window
+from photogram.surface_model import NMAD_FACTOR
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+ByteArray = NDArray[np.uint8]
+
+HOLE, MEASURED, FILLED = 0, 1, 2
+"""What a cell of the surface is."""
+
+SUPPORT = 6
+STEEPEST = 1.5
+"""Rise over run up to which neighbouring cells belong to one surface."""
+
+FILL_DIRECTIONS = 5
+"""A hole is closed when it meets the surface in this many of eight directions."""
+
+CORRELATION_BINS = 1000
+_NEAREST = 8
+
+
+def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:
+    """Return how many cells have which correlation, in CORRELATION_BINS from 0 to 1; cells without any do not count."""
+    known = correlation[correlation > 0]
+    bins = np.minimum((known * CORRELATION_BINS).astype(np.int64), CORRELATION_BINS - 1)
+    return np.bincount(bins, minlength=CORRELATION_BINS)
+
+
+def least_correlation_of(histogram: NDArray[np.int64]) -> float:
+    """Return the correlation below which a height is not kept: so many NMAD below the median of all cells."""
+    if not histogram.sum():
+        return DOUBTFUL_BETWEEN[0]
+    value = (np.arange(CORRELATION_BINS) + 0.5) / CORRELATION_BINS
+    middle = _weighted_median(value, histogram)
+    nmad = NMAD_FACTOR * _weighted_median(np.abs(value - middle), histogram)
+    return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
+
+
+def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
+    order = np.argsort(value, kind="stable")
+    reached = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(reached, reached[-1] / 2)])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _supported(height: Float32Array, rise_m: float, out: NDArray[np.bool_]) -> None:
+    rows, columns = height.shape
+    for r in range(rows):
+        for c in range(columns):
+            near = 0
+            for k in range(9):
+                rr, cc = r + k // 3 - 1, c + k % 3 - 1
+                if k != 4 and 0 <= rr < rows and 0 <= cc < columns:
+                    run = np.sqrt(2.0) if k % 2 == 0 else 1.0
+                    near += abs(height[rr, cc] - height[r, c]) < rise_m * run
+            out[r, c] = near >= SUPPORT
+
+
+def kept_heights(
+    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, cell_m: float, least: float
+) -> Float32Array:
+    """Return the heights (rows, columns) without those that too few photographs or neighbours confirm.
+
+    The outermost cells of the arrays lack neighbours: give one more on each side than is needed.
+    """
+    agreed = (correlation >= least) & (rays >= 2)
+    height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
+    supported = np.empty(height.shape, dtype=bool)
+    _supported(height, STEEPEST * cell_m, supported)
+    return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) -> None:
+    rows, columns = height.shape
+    z, run = np.empty(8), np.empty(8)
+    for r in range(rows):
+        for c in range(columns):
+            out[r, c] = height[r, c]
+            if not np.isnan(height[r, c]):
+                continue
+            met = 0
+            for k in range(9):
+                dr, dc = k // 3 - 1, k % 3 - 1
+                if k == 4:
+                    continue
+                for step in range(1, reach + 1):
+                    rr, cc = r + step * dr, c + step * dc
+                    if not (0 <= rr < rows and 0 <= cc < columns):
+                        break
+                    if not np.isnan(height[rr, cc]):
+                        z[met], run[met] = height[rr, cc], step * np.hypot(dr, dc)
+                        met += 1
+                        break
+            if met < FILL_DIRECTIONS:
+                continue
+            low = 0
+            for k in range(met):
+                low = k if z[k] < z[low] else low
+            total, weight = 0.0, 0.0
+            for k in range(met):
+                if z[k] - z[low] <= rise_m * (run[k] + run[low]):
+                    total += z[k] / (run[k] * run[k])
+                    weight += 1.0 / (run[k] * run[k])
+            out[r, c] = total / weight
+
+
+def filled_heights(height_m: Float32Array, cell_m: float, reach_cells: int) -> Float32Array:
+    """Return heights whose holes are closed where the surface lies within ``reach_cells`` in most of eight directions.
+
+    The height is the mean of what was met, weighted by the inverse square of the distance. What the photographs cannot
+    see behind a wall is the ground, so what stands higher than the lowest by more than the steepest slope is left out.
+    """
+    out = np.empty_like(height_m)
+    _fill(height_m, reach_cells, STEEPEST * cell_m, out)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError:
+    """Covariances (rows, columns, 6), m², of the surface as a whole at the nodes of a wide grid: what the errors of
+    photographs and calibration do to it. The six are EE, NN, HH, EN, EH, NH."""
+
+    grid: MapGrid
+    covariance_m2: FloatArray
+
+
+def shared_error(points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid, spacing_m: float) -> SharedError:
+    """Return what errors of the photographs do to a surface, from the covariances (N, 3, 3) of tie points (N, 3): the
+    mean of the nearest ones at every node."""
+    corner = np.array([grid.west_map_m, grid.north_map_m])
+    far = corner + np.array([grid.columns, -grid.rows]) * grid.cell_m
+    wide = MapGrid.around(
+        np.vstack([corner - spacing_m, corner + spacing_m, far - spacing_m, far + spacing_m]), spacing_m
+    )
+    east, north = wide.centres_map_m(wide.whole)
+    nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
+    count = min(_NEAREST, len(points_map_m))
+    _, near = cKDTree(points_map_m[:, :2]).query(nodes, k=list(range(1, count + 1)))
+    mean = cameras_m2[near].mean(axis=1)
+    six = np.stack([mean[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=-1)
+    return SharedError(wide, six.reshape(wide.rows, wide.columns, 6))
+
+
+def surface_sigma_m(
+    shared: SharedError, grid: MapGrid, window: Window, height_m: Float32Array, matching_sigma_m: Float32Array
+) -> Float32Array:
+    """Return the standard deviations (rows, columns), m, of heights at fixed places: σ² = σ_matching² + nᵀ Σ n with
+    n = (−∂h/∂E, −∂h/∂N, 1), Σ being what photographs and calibration contribute."""
+    east, north = grid.centres_map_m(window)
+    wide = shared.grid
+    row = (wide.north_map_m - north) / wide.cell_m - 0.5
+    column = (east - wide.west_map_m) / wide.cell_m - 0.5
+    place = np.meshgrid(row, column, indexing="ij")
+    ee, nn, hh, en, eh, nh = (
+        map_coordinates(shared.covariance_m2[..., k], place, order=1, mode="nearest") for k in range(6)
+    )
+    e, n = _gradient(height_m, grid.cell_m)
+    variance = e * e * ee + n * n * nn + hh + 2.0 * (e * n * en - e * eh - n * nh)
+    return np.sqrt(np.maximum(variance, 0.0) + matching_sigma_m.astype(np.float64) ** 2).astype(np.float32)
+
+
+def _gradient(height_m: Float32Array, cell_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return ∂h/∂E and ∂h/∂N, each of the gentler side; 0 where no neighbour is known."""
+    slopes = []
+    for axis in (1, 0):
+        step = np.diff(height_m.astype(np.float64), axis=axis) / cell_m
+        edge = np.full_like(np.take(height_m, [0], axis=axis), np.inf, dtype=np.float64)
+        step = np.where(np.isnan(step), np.inf, step)
+        ahead, behind = np.concatenate([step, edge], axis=axis), np.concatenate([edge, step], axis=axis)
+        gentle = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
+        slopes.append(np.where(np.isfinite(gentle), gentle, 0.0))
+    return slopes[0], -slopes[1]
