@@ -109,6 +109,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     write_json(folder / "grid.json", {**asdict(grid), "side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2]})
     return {
         "enabled": True, "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "gsd_m": known.gsd_m,
+        "flying_height_m": known.flying_height_m,
         "levels": len(levels), "photographs": len(views),
     }  # fmt: skip
 

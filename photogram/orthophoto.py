@@ -40,10 +40,11 @@ TILES_AHEAD = 4
 class OrthophotoSettings:
     """How photographs become an orthophoto.
 
-    ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to two digits. ``balance``:
+    ``enabled``: whether they do. ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to two digits. ``balance``:
     whether photographs are made equally bright. ``feather_cells``: how many cells a seam is wide, 0 for a sharp one.
     """
 
+    enabled: bool = True
     cell_m: float | None = None
     balance: bool = True
     feather_cells: float = 4.0

@@ -58,6 +58,8 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
 
 def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], None]) -> Mapping[str, object]:
     """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile."""
+    if not run.project.orthophoto.enabled:
+        return {"enabled": False}
     block = run.adjustment().block
     views = Views.of(block)
     paths = [run.project.photographs[i].path for i in views.photograph]
@@ -66,7 +68,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], 
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "seams and exposure")
     orthophoto = plan_orthophoto(
-        views, block.frame, run.surface(), pixels_of, run.executor, run.project.orthophoto, camera=camera
+        views, block.frame, run.filled_surface(), pixels_of, run.executor, run.project.orthophoto, camera=camera
     )
     grid, shown = orthophoto.grid, 0
 

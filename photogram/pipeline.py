@@ -2,9 +2,10 @@
 
     photographs ─> features ─> matches ─> tie_points ─> orientation ─> transfer ─┐
     ┌────────────────────────────────────────────────────────────────────────────┘
-    ├─> intersection ─┬─> comparison ─┐
-    └─> adjustment ───┤               ├─> results
-                      └─> surface ────┘
+    ├─> intersection ─┬─> comparison ──────────────────┐
+    └─> adjustment ───┤                                │
+                      └─> dense ─> surface ─┬─> relief ─────┼─> results
+                                            └─> orthophoto ─┘
 
 Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
 carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
@@ -22,10 +23,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from photogram import __version__
+from photogram.dense_stages import match_surface
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.matlab import read_camera
 from photogram.memory import peak_memory
+from photogram.orthophoto_stage import make_orthophoto
 from photogram.preflight_heights import stop_at_contradictions
 from photogram.project import Project, read_project
 from photogram.publication import publish
@@ -38,11 +41,11 @@ from photogram.stages import (
     intersect_clouds,
     join_tie_points,
     match_photographs,
-    model_surface,
     orient_photographs,
     read_photographs,
     transfer_tie_points,
 )
+from photogram.surface_stages import model_surface, trace_relief
 from photogram.workspace import Workspace, file_fingerprint, fingerprint, read_json
 
 STAGES = (
@@ -108,7 +111,28 @@ STAGES = (
         lambda run: [run.project.adjustment, run.project.gnss_offset_sigma_m, run.project.calibration],
         adjust_block,
     ),
-    Stage("surface", "Surface model", ("adjustment",), lambda run: run.project.surface, model_surface),
+    Stage(
+        "dense",
+        "Dense matching",
+        ("adjustment",),
+        lambda run: [run.photograph_fingerprints, run.project.dense, run.project.surface.cell_m],
+        match_surface,
+    ),
+    Stage("surface", "Surface model", ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
+    Stage(
+        "relief",
+        "Terrain and contours",
+        ("surface",),
+        lambda run: [run.project.terrain, run.project.contours],
+        trace_relief,
+    ),
+    Stage(
+        "orthophoto",
+        "Orthophoto",
+        ("adjustment", "surface"),
+        lambda run: [run.photograph_fingerprints, run.project.orthophoto],
+        make_orthophoto,
+    ),
     Stage(
         "comparison",
         "Comparison",
@@ -123,7 +147,7 @@ STAGES = (
     Stage(
         "results",
         "Report",
-        ("orientation", "matches", "intersection", "adjustment", "surface", "comparison"),
+        ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
         lambda run: [str(run.project.results), run.project.report],
         publish,
     ),

@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 from photogram.adjustment import AdjustmentSettings
 from photogram.asprs import ReportSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
+from photogram.contours import ContourSettings
+from photogram.dense_matching import DenseSettings
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
 from photogram.frames import LocalFrame, WorldKind, product_crs
 from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
+from photogram.orthophoto import OrthophotoSettings
 from photogram.pair_selection import PairSettings
 from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
@@ -44,6 +47,7 @@ from photogram.project_schema import (
 )
 from photogram.surface_model import SurfaceSettings
 from photogram.survey import ControlPoints, Role, Roles, check_shape
+from photogram.terrain_model import TerrainSettings
 from photogram.transfer import TransferSettings
 
 FloatArray = NDArray[np.float64]
@@ -156,7 +160,11 @@ class Project:
     orientation: OrientationSettings
     transfer: TransferSettings
     adjustment: AdjustmentSettings
+    dense: DenseSettings
     surface: SurfaceSettings
+    terrain: TerrainSettings
+    contours: ContourSettings
+    orthophoto: OrthophotoSettings
     reference: Path | None
     results: Path
     work: Path
@@ -218,7 +226,11 @@ def read_project(
     orientation = read_settings(document, "orientation", OrientationSettings)
     transfer = read_settings(document, "transfer", TransferSettings)
     adjustment = read_settings(document, "adjustment", AdjustmentSettings)
+    dense = read_settings(document, "dense", DenseSettings)
     surface = read_settings(document, "surface", SurfaceSettings)
+    terrain = read_settings(document, "terrain", TerrainSettings)
+    contours = read_settings(document, "contours", ContourSettings)
+    orthophoto = read_settings(document, "orthophoto", OrthophotoSettings)
     report = read_settings(document, "report", ReportSettings)
     folder = photographs_folder
     if folder is None and file.photographs.folder is not None:
@@ -263,7 +275,11 @@ def read_project(
         _given(orientation),
         _given(transfer),
         _given(adjustment),
+        _given(dense),
         _given(surface),
+        _given(terrain),
+        _given(contours),
+        _given(orthophoto),
         None if file.comparison.reference is None else base / file.comparison.reference,
         base / file.results,
         base / file.work,

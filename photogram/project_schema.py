@@ -295,7 +295,11 @@ class ProjectFile(Entry):
     orientation: Any = None
     transfer: Any = None
     adjustment: Any = None
+    dense: Any = None
     surface: Any = None
+    terrain: Any = None
+    contours: Any = None
+    orthophoto: Any = None
     comparison: ComparisonEntry = ComparisonEntry()
     report: Any = None
     results: Text = "results"

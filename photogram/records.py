@@ -144,6 +144,12 @@ class Run:
         """Return the DSM. Needs the stage `surface`."""
         return self._raster("dsm")
 
+    def filled_surface(self) -> Raster:
+        """Return the DSM with its holes closed where it was matched, the DSM as it is otherwise. Needs the stage
+        `surface`."""
+        matched = (self.workspace.stage("surface") / "dsm_filled.tif").is_file()
+        return self._raster("dsm_filled" if matched else "dsm")
+
     def surface_sigma(self) -> Raster:
         """Return the standard deviations of the DSM. Needs the stage `surface`."""
         return self._raster("dsm_sigma")

@@ -363,8 +363,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     }
 
 
-def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Make the DSM from the adjusted cloud, and the standard deviations of its heights."""
+def interpolate_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
     raster = surface.heights
     write_geotiff(folder / "dsm.tif", raster, run.project.product_crs)

@@ -28,12 +28,14 @@ _STRIP_BLOCKS = 64
 class TerrainSettings:
     """What counts as ground.
 
-    ``cell_m``: side of the blocks on which the cloth is dropped, in m; never less than a cell of the surface.
+    ``enabled``: whether a terrain model is made. ``cell_m``: side of the blocks on which the cloth is dropped, in m;
+    never less than a cell of the surface.
     ``cloth_m``: distance of the cloth's knots, in m. ``rigidness``: 1 for steep, 2 for rolling, 3 for flat ground.
     ``reach_m``: a block this near to the cloth, in m, is ground. ``step_m``: a cell this near to the ground of the
     blocks is ground. ``maximum_gap_m``: what is further than this from any ground stays open.
     """
 
+    enabled: bool = False
     cell_m: float = 0.5
     cloth_m: float = 1.0
     rigidness: int = 2

@@ -1,0 +1,177 @@
+"""The stages that make surfaces: the DSM from matched heights or tie points, terrain and contour lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.block_files import BlockFiles
+from photogram.contours import contour_lines
+from photogram.dense_surface import (
+    FILLED,
+    HOLE,
+    MEASURED,
+    SharedError,
+    correlation_histogram,
+    filled_heights,
+    kept_heights,
+    least_correlation_of,
+    shared_error,
+    surface_sigma_m,
+)
+from photogram.files.cogs import write_cog, write_cog_codes
+from photogram.files.contour_files import write_contours
+from photogram.frames import plan_of
+from photogram.map_grid import MapGrid, Window
+from photogram.records import Run
+from photogram.stages import Progress, interpolate_surface
+from photogram.survey import Raster
+from photogram.terrain_model import terrain_from_surface
+from photogram.workspace import read_json, write_arrays, write_json
+
+TILE_CELLS = 1024
+FILL_CELLS, MOST_FILL_CELLS = 25, 100
+_SHARED_SPACING_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class MatchedHeights:
+    """The heights of the stage `dense` on disk: their grid, what they count from, and their blocks."""
+
+    blocks: BlockFiles
+    base_map_m: float
+
+    @staticmethod
+    def of(run: Run) -> MatchedHeights:
+        """Return what the stage `dense` has written."""
+        folder = run.workspace.stage("dense")
+        note = read_json(folder / "grid.json")
+        grid = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
+        return MatchedHeights(BlockFiles(folder / "heights", grid, note["side"]), note["base_map_m"])
+
+    @property
+    def grid(self) -> MapGrid:
+        """Return the grid of the heights."""
+        return self.blocks.grid
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """What a tile of the surface holds, (rows, columns) each: heights of the map, the same with holes closed, standard
+    deviations, what each cell is, and how it was matched."""
+
+    height: NDArray[np.float32]
+    filled: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    source: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+    rays: NDArray[np.uint8]
+
+
+def matched(run: Run) -> bool:
+    """Return whether heights were matched, or the surface comes from tie points alone."""
+    return bool(run.workspace.summary("dense")["enabled"])
+
+
+def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
+    alone where nothing was matched."""
+    if not matched(run):
+        return interpolate_surface(run, folder, progress)
+    heights = MatchedHeights.of(run)
+    grid = heights.grid
+    histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
+    least = least_correlation_of(np.asarray(histogram))
+    flying_m = _flying_height_m(run)
+    cloud = run.cloud("adjusted").position_map_m
+    shared = shared_error(cloud, run.precision().cameras_m2, grid, _SHARED_SPACING_SHARE * flying_m)
+    gap_m = run.project.surface.maximum_gap_m
+    reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
+
+    def tile(window: Window) -> tuple[Window, _Tile]:
+        return window, _tile(heights, shared, window, least, reach)
+
+    counts = np.zeros(3, np.int64)
+    layers = folder / "tiles"
+    store = BlockFiles(layers, grid, TILE_CELLS)
+    windows = store.windows
+    for done, (window, made) in enumerate(run.executor.map(tile, windows), 1):
+        store.write(window, vars(made))
+        counts += np.bincount(made.source.ravel(), minlength=3)
+        progress(done, len(windows), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
+    crs, plan = run.project.product_crs, plan_of(run.project.crs)
+    write_cog(folder / "dsm.tif", grid, crs, _layer(store, "height"))
+    write_cog(folder / "dsm_filled.tif", grid, crs, _layer(store, "filled"))
+    write_cog(folder / "dsm_sigma.tif", grid, plan, _layer(store, "sigma"))
+    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"))
+    write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
+    write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
+    return {
+        "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
+        "measured": int(counts[MEASURED]), "filled": int(counts[FILLED]), "least_correlation": round(least, 3),
+    }  # fmt: skip
+
+
+def _flying_height_m(run: Run) -> float:
+    return float(run.workspace.summary("dense")["flying_height_m"])
+
+
+def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]]:
+    return ((window, store.read(window, name)[0]) for window in store.windows)
+
+
+def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: float, reach: int) -> _Tile:
+    """Return one tile of the surface; what it needs from beyond its edge it reads itself."""
+    grid = heights.grid
+    outer = grid.around_window(window, reach + 2)
+    height, sigma, correlation, rays = heights.blocks.read(outer, "height_m", "sigma_m", "correlation", "rays")
+    kept = kept_heights(height, correlation, rays, grid.cell_m, least)
+    filled = filled_heights(kept, grid.cell_m, reach)
+    known = np.isfinite(kept)
+    whole = surface_sigma_m(shared, grid, outer, kept, np.where(known, sigma, np.float32(0.0)))
+    source = np.where(known, MEASURED, np.where(np.isfinite(filled), FILLED, HOLE)).astype(np.uint8)
+    base = np.float32(heights.base_map_m)
+    rows, columns = window.shape
+    at = (slice(window.row - outer.row, window.row - outer.row + rows),
+          slice(window.column - outer.column, window.column - outer.column + columns))  # fmt: skip
+    none = np.float32(np.nan)
+    return _Tile(
+        (kept + base)[at], (filled + base)[at], np.where(known, whole, none)[at], source[at],
+        np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at],
+    )  # fmt: skip
+
+
+def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the terrain model and the contour lines that the project asks for."""
+    terrain, contours = run.project.terrain, run.project.contours
+    summary: dict[str, object] = {}
+    surface: Raster | None = None
+    if terrain.enabled:
+        progress(0, 0, "terrain model")
+        found = terrain_from_surface(run.filled_surface(), terrain)
+        surface, grid = found.heights, MapGrid.of(found.heights)
+        write_cog(folder / "dtm.tif", grid, run.project.product_crs, [(grid.whole, surface.values)])
+        codes = np.where(found.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
+        write_cog_codes(
+            folder / "dtm_source.tif", grid, plan_of(run.project.crs), [(grid.whole, codes.astype(np.uint8))]
+        )
+        summary["interpolated"] = int(np.count_nonzero(found.interpolated))
+    if contours.enabled:
+        progress(0, 0, "contour lines")
+        lines = contour_lines(surface or run.filled_surface(), contours)
+        write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
+        summary |= {"contours": len(lines), "interval_m": lines.interval_m, "of": "terrain" if surface else "surface"}
+    return summary
+
+
+def layers_of(run: Run) -> Callable[[Window], tuple[NDArray[Any], ...]]:
+    """Return what reads a window of the matched surface: heights of the map, standard deviations, confidence, rays and
+    what each cell is. Needs the stage `surface`."""
+    grid = MatchedHeights.of(run).grid
+    store = BlockFiles(run.workspace.stage("surface") / "tiles", grid, TILE_CELLS)
+    return lambda window: store.read(window, "height", "sigma", "confidence", "rays", "source")
