@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
-from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
+from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, maximum_filter
 from threadpoolctl import threadpool_limits
 
 from photogram.errors import PhotogramError
@@ -32,7 +32,8 @@ class TerrainSettings:
     never less than a cell of the surface.
     ``cloth_m``: distance of the cloth's knots, in m. ``rigidness``: 1 for steep, 2 for rolling, 3 for flat ground.
     ``reach_m``: a block this near to the cloth, in m, is ground. ``step_m``: a cell this near to the ground of the
-    blocks is ground. ``maximum_gap_m``: what is further than this from any ground stays open.
+    blocks is ground, but for the feet of walls: cells within ``margin_m`` of what stands three steps high or more.
+    ``maximum_gap_m``: what is further than this from any ground stays open.
     """
 
     enabled: bool = False
@@ -41,10 +42,11 @@ class TerrainSettings:
     rigidness: int = 2
     reach_m: float = 0.5
     step_m: float = 0.3
+    margin_m: float = 0.5
     maximum_gap_m: float = 30.0
 
     def __post_init__(self) -> None:
-        for name in ("cell_m", "cloth_m", "reach_m", "step_m", "maximum_gap_m"):
+        for name in ("cell_m", "cloth_m", "reach_m", "step_m", "margin_m", "maximum_gap_m"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise PhotogramError(f"{name} is {value}: give a positive length in metres")
@@ -76,10 +78,12 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
     if not ground.any():
         raise PhotogramError("terrain: the surface holds no ground: choose a larger reach_m, or leave terrain out")
     rough = _between(low, ground)
-    on_ground = np.zeros(values.shape, dtype=bool)
+    on_ground, high = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=np.uint8)
     for rows in _strips(values, block):
-        off = np.abs(values[rows] - _refined(rough, block, rows, values.shape[1]))
-        on_ground[rows] = off <= settings.step_m
+        off = values[rows] - _refined(rough, block, rows, values.shape[1])
+        on_ground[rows] = np.abs(off) <= settings.step_m
+        high[rows] = off > 3 * settings.step_m
+    on_ground &= maximum_filter(high, 2 * round(settings.margin_m / surface.cell_m) + 1) == 0
     mean = _blocks(np.where(on_ground, values, np.float32(np.nan)), block, _mean_height)
     # a block of few ground cells beside a wall says little of its middle
     enough = _blocks(on_ground.astype(np.float32), block, _mean_height) >= 0.5

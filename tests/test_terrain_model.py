@@ -47,7 +47,8 @@ def test_houses_and_trees_are_taken_away(site: tuple[Raster, np.ndarray, np.ndar
     assert np.sqrt(np.mean(error[covered & known] ** 2)) < 0.15
     assert np.sqrt(np.mean(error[~covered & known] ** 2)) < 0.05
     assert terrain.interpolated[covered & known].mean() > 0.98
-    assert terrain.interpolated[~covered & known].mean() < 0.05
+    # half a metre beside walls and crowns is interpolated too
+    assert terrain.interpolated[~covered & known].mean() < 0.1
 
 
 def test_ground_keeps_its_heights_and_holes_stay(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:

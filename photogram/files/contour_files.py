@@ -43,6 +43,7 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                 driver="GPKG",
                 geometry_type="LineString",
                 crs=plan,
+                dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
                 layer_options={
                     "IDENTIFIER": "Contour lines",
                     "DESCRIPTION": f"interval {contours.interval_m:g} m, {written_crs(crs).name}",
