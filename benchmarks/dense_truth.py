@@ -14,17 +14,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, image_plane, project
 from photogram.files.matlab import read_camera
 from photogram.files.rasters import read_raster
 from photogram.map_grid import MapGrid
 from photogram.rendering import visible
 from photogram.scene import Material, Scene
 from photogram.simulation import SimulatedSurvey, simulate, whole_survey_plan
-from photogram.survey import Raster
-from photogram.workspace import fingerprint
+from photogram.survey import Block, Raster
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -32,6 +31,7 @@ Heights = Callable[[FloatArray], FloatArray]
 
 MARGIN_M = 1.0  # of smooth ground from buildings and trees
 HIDDEN_M = 0.05  # below the surface, along the ray
+NODE_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +169,74 @@ def simulated_survey(folder: Path) -> SimulatedSurvey:
     record = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     for width_px in (1200, 2400, 4000):
         plan = whole_survey_plan(width_px)
-        if record.get("made_from") == fingerprint(plan, record["seed"]):
-            return simulate(plan, record["seed"])
+        if abs(plan.gsd_m - record.get("gsd_m", 0.0)) > 1e-9:
+            continue
+        survey = simulate(plan, record["seed"])
+        made = survey.frame.map_from_world(np.array([pose.position_world_m for pose in survey.truth.poses]))
+        stated = [record["positions_map_m"].get(p.name, [np.nan] * 3) for p in survey.photographs]
+        if np.abs(made - np.array(stated)).max() < 1e-3:
+            return survey
     raise SystemExit(f"{folder}: its truth.json was not made by whole_survey_plan of this photogram: make it again")
+
+
+def block_error(truth: Truth, survey: SimulatedSurvey, block: Block) -> Callable[[FloatArray], FloatArray]:
+    """Return what an adjusted block alone puts wrong: easting, northing and height (N, 3) at places (N, 2) of the map.
+
+    Points of the true surface, every NODE_CELLS, are projected by the true photographs that see them, and intersected
+    again, by least squares of the distances from the rays, with the adjusted cameras and poses; linear between.
+    """
+    grid, frame = truth.grid, survey.frame
+    rows, columns = (np.arange(NODE_CELLS // 2, n, NODE_CELLS) for n in (grid.rows, grid.columns))
+    east, north = grid.centres_map_m(grid.whole)
+    height = truth.height_map_m[np.ix_(rows, columns)].ravel()
+    map_m = np.column_stack([np.tile(east[columns], len(rows)), np.repeat(north[rows], len(columns)), height])
+    known = np.isfinite(height)
+    X = frame.world_from_map(map_m[known])
+    normal, side, rays = np.zeros((len(X), 3, 3)), np.zeros((len(X), 3)), np.zeros(len(X), int)
+    poses = {p.name: (block.cameras[p.camera], q) for p, q in zip(block.photographs, block.poses, strict=True)}
+    for photograph, true in zip(survey.photographs, survey.truth.poses, strict=True):
+        camera, pose = poses.get(photograph.name, (None, None))
+        if camera is None or pose is None:
+            continue
+        pixel = project(survey.truth.camera, true, X)
+        shown = survey.truth.camera.contains(pixel)
+        shown[shown] = visible(survey.scene, true, X[shown], tolerance_m=HIDDEN_M)
+        ray = np.column_stack([image_plane(camera, pixel[shown]), np.ones(int(shown.sum()))])
+        ray = ray @ pose.rotation_world_from_camera.T
+        ray /= np.linalg.norm(ray, axis=1)[:, None]
+        across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
+        normal[shown] += across
+        side[shown] += across @ pose.position_world_m
+        rays[shown] += 1
+    error = np.full((len(map_m), 3), np.nan)
+    several = rays >= 2
+    found = np.linalg.solve(normal[several], side[several][..., None])[..., 0]
+    error[np.flatnonzero(known)[several]] = block.frame.map_from_world(found) - map_m[known][several]
+    field = error.reshape(len(rows), len(columns), 3)
+    nearest = distance_transform_edt(np.isnan(field[..., 0]), return_distances=False, return_indices=True)
+    field = field[tuple(nearest)]
+
+    def at(xy_map: FloatArray) -> FloatArray:
+        row = ((grid.north_map_m - xy_map[:, 1]) / grid.cell_m - 0.5 - rows[0]) / NODE_CELLS
+        column = ((xy_map[:, 0] - grid.west_map_m) / grid.cell_m - 0.5 - columns[0]) / NODE_CELLS
+        return np.column_stack(
+            [map_coordinates(field[..., k], [row, column], order=1, mode="nearest") for k in range(3)]
+        )
+
+    return at
+
+
+def as_adjusted(truth: Truth, survey: SimulatedSurvey, block: Block) -> Truth:
+    """Return the true surface where an adjusted block must find it: moved by the block's own error, so that what is
+    left of an error is that of the matching."""
+    error = block_error(truth, survey, block)
+
+    def height_at(xy_map: FloatArray) -> FloatArray:
+        shift = error(xy_map)
+        return np.asarray(truth.height_at(xy_map - shift[:, :2]) + shift[:, 2])
+
+    height = height_at(centres_map_m(truth.grid)).reshape(truth.height_map_m.shape)
+    return replace(truth, height_map_m=height, height_at=height_at)
 
 
 def founding_truth(folder: Path, cell_m: float) -> Truth:

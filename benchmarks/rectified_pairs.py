@@ -140,7 +140,7 @@ def choose_pairs(block: Block, neighbours: int) -> list[tuple[int, int]]:
             shared, _ = cv2.intersectConvexConvex(ground[i], ground[j])
             overlap = shared / min(cv2.contourArea(ground[i]), cv2.contourArea(ground[j]))
             if overlap >= OVERLAP:
-                gain[i, j] = overlap * ratio
+                gain[i, j] = GAIN(overlap, ratio)
     chosen = set()
     for i in oriented:
         mine = sorted((pair for pair in gain if i in pair), key=lambda pair: -gain[pair])
