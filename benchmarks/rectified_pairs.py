@@ -1,7 +1,7 @@
 """Dense heights as a careful user makes them with OpenCV: StereoSGBM on rectified pairs, fused on a grid of the map.
 
-Pairs: every photograph is joined with its best neighbours, those whose overlap × base/height is largest among pairs
-that overlap by half or more, of base/height 0.1 to 0.6 and axes within 20°. Both photographs of a pair are undistorted
+Pairs: every photograph is joined with its best neighbours, those whose overlap² × base/height is largest among
+pairs that overlap by half or more, of base/height 0.1 to 0.45 and axes within 20°. Both photographs of a pair are undistorted
 and turned in one step (cv2.initUndistortRectifyMap) so that the base runs along the rows (Fusiello, Trucco & Verri
 2000), whichever way it ran before. The range of disparities is that of the tie points of the overlap with a margin.
 Heights of a pair's pixels meet in the cells of the grid by median; heights of several pairs by the mean of the largest
@@ -30,7 +30,7 @@ from photogram.survey import Block, Raster
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 
-OVERLAP, BASE_TO_HEIGHT, AXES_DEG = 0.5, (0.1, 0.6), 20.0
+OVERLAP, BASE_TO_HEIGHT, AXES_DEG = 0.5, (0.1, 0.45), 20.0
 OUTLINE_PX = 200  # spacing of the places of a photograph's border that are projected
 
 
@@ -44,17 +44,17 @@ class Settings:
     must agree; ``fill`` closes cells among enough neighbours by their median.
     """
 
-    neighbours: int = 3
-    mode: int = cv2.STEREO_SGBM_MODE_SGBM
-    block_px: int = 5
+    neighbours: int = 4
+    mode: int = cv2.STEREO_SGBM_MODE_SGBM_3WAY
+    block_px: int = 3
     p1: int = 8
     p2: int = 32
-    prefilter: int = 31
-    uniqueness: int = 5
+    prefilter: int = 63
+    uniqueness: int = 10
     left_right_px: int = 1
     speckle_px: int = 100
     speckle_range: int = 1
-    range_margin: float = 0.3
+    range_margin: float = 0.15
     agree_gsd: float = 2.0
     least_pairs: int = 2
     fill: bool = True
@@ -140,7 +140,7 @@ def choose_pairs(block: Block, neighbours: int) -> list[tuple[int, int]]:
             shared, _ = cv2.intersectConvexConvex(ground[i], ground[j])
             overlap = shared / min(cv2.contourArea(ground[i]), cv2.contourArea(ground[j]))
             if overlap >= OVERLAP:
-                gain[i, j] = GAIN(overlap, ratio)
+                gain[i, j] = overlap**2 * ratio
     chosen = set()
     for i in oriented:
         mine = sorted((pair for pair in gain if i in pair), key=lambda pair: -gain[pair])
@@ -241,16 +241,20 @@ def map_polynomial(frame: LocalFrame, points_world_m: FloatArray) -> MapFromWorl
 def _grouped(
     cell: NDArray[np.int64], z: NDArray[np.float32], cells: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return values sorted by their cell, and where each cell's begin, of length cells + 1."""
+    """Return where the values of each cell begin, of length cells + 1, and the values, sorted within their cell."""
     begin = np.zeros(cells + 1, np.int64)
     for n in range(len(cell)):
         begin[cell[n] + 1] += 1
     for n in range(cells):
         begin[n + 1] += begin[n]
-    place, value = begin[:-1].copy(), np.empty(len(cell), np.float32)
+    end, value = begin[:-1].copy(), np.empty(len(cell), np.float32)
     for n in range(len(cell)):
-        value[place[cell[n]]] = z[n]
-        place[cell[n]] += 1
+        place = end[cell[n]]
+        while place > begin[cell[n]] and value[place - 1] > z[n]:
+            value[place] = value[place - 1]
+            place -= 1
+        value[place] = z[n]
+        end[cell[n]] += 1
     return begin, value
 
 
@@ -259,8 +263,9 @@ def _medians(begin: NDArray[np.int64], value: NDArray[np.float32], least: int) -
     """Return the median of each cell's values, NaN where there are fewer than ``least``."""
     result = np.full(len(begin) - 1, np.nan, np.float32)
     for n in range(len(result)):
-        if begin[n + 1] - begin[n] >= max(least, 1):
-            result[n] = np.median(value[begin[n] : begin[n + 1]])
+        count = begin[n + 1] - begin[n]
+        if count >= max(least, 1):
+            result[n] = (value[begin[n] + (count - 1) // 2] + value[begin[n] + count // 2]) / 2
     return result
 
 
@@ -270,17 +275,16 @@ def _modes(begin: NDArray[np.int64], value: NDArray[np.float32], least: int, rea
     two such groups the tighter."""
     result = np.full(len(begin) - 1, np.nan, np.float32)
     for n in range(len(result)):
-        z = np.sort(value[begin[n] : begin[n + 1]])
-        best, width, last = 0, np.inf, 0
-        for first in range(len(z)):
-            last = max(last, first)
-            while last < len(z) and z[last] - z[first] <= reach:
+        best, width, last = max(least, 1) - 1, np.inf, begin[n]
+        for first in range(begin[n], begin[n + 1]):
+            while last < begin[n + 1] and value[last] - value[first] <= reach:
                 last += 1
-            count, spread = last - first, z[last - 1] - z[first]
-            if count > best or (count == best and spread < width):
-                best, width = count, spread
-                if best >= max(least, 1):
-                    result[n] = np.mean(z[first:last])
+            count, spread = last - first, value[last - 1] - value[first]
+            if count > best or (count == best >= max(least, 1) and spread < width):
+                best, width, total = count, spread, 0.0
+                for k in range(first, last):
+                    total += value[k] - value[first]
+                result[n] = value[first] + total / count
     return result
 
 
@@ -311,7 +315,7 @@ def _pair_heights(
 
 
 def fill_tiny_holes(height: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return heights (rows, columns) with cells without one filled by the median of 3 × 3, where five neighbours are."""
+    """Return heights (rows, columns) whose cells without one have the median of their neighbours, where five do."""
     there = np.isfinite(height)
     enough = ~there & (uniform_filter(there.astype(np.float32), 3) * 9 > 4.5)
     row, column = np.nonzero(enough)
@@ -320,6 +324,13 @@ def fill_tiny_holes(height: NDArray[np.float32]) -> NDArray[np.float32]:
     result = height.copy()
     result[row, column] = np.nanmedian(around, axis=0) if len(row) else []
     return result
+
+
+def warm_up() -> None:
+    """Load what is compiled."""
+    begin, value = _grouped(np.zeros(3, np.int64), np.zeros(3, np.float32), 1)
+    _medians(begin, value, 1)
+    _modes(begin, value, 1, 1.0)
 
 
 def heights_of_pairs(
