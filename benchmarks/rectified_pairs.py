@@ -1,9 +1,10 @@
 """Dense heights as a careful user makes them with OpenCV: StereoSGBM on rectified pairs, fused on a grid of the map.
 
-Pairs: every photograph is joined with its best neighbours, those whose overlap² × base/height is largest among
-pairs that overlap by half or more, of base/height 0.1 to 0.45 and axes within 20°. Both photographs of a pair are undistorted
-and turned in one step (cv2.initUndistortRectifyMap) so that the base runs along the rows (Fusiello, Trucco & Verri
-2000), whichever way it ran before. The range of disparities is that of the tie points of the overlap with a margin.
+Pairs: every photograph is joined with its best neighbours, those whose overlap² × base/height is largest among pairs
+that overlap by half or more, of base/height 0.1 to 0.45 and axes within 20°. Both photographs of a pair are
+undistorted and turned in one step (cv2.initUndistortRectifyMap) so that the base runs along the rows (Fusiello, Trucco
+& Verri 2000), whichever way it ran before: cv2.stereoRectify would need a base near the rows or columns. The range of
+disparities is that of the tie points of the overlap with a margin.
 Heights of a pair's pixels meet in the cells of the grid by median; heights of several pairs by the mean of the largest
 group of them that agrees. Nothing of photogram's own matching is used.
 """

