@@ -77,7 +77,7 @@ def photographs_that_see(
         shown[shown] = visible(scene, pose, points_world_m[shown], tolerance_m=HIDDEN_M)
         return np.asarray(shown)
 
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(2) as pool:
         return np.asarray(sum(pool.map(sees, photographs), np.zeros(len(points_world_m), np.uint16)), np.uint16)
 
 

@@ -114,11 +114,6 @@ def _outline(camera: Camera) -> FloatArray:
     return image_plane(camera, np.concatenate(sides))
 
 
-def _seen_points(block: Block) -> list[set[int]]:
-    tie, first = block.tie_points, range(len(block.photographs))
-    return [set(tie.point[tie.photograph == i].tolist()) for i in first]
-
-
 def choose_pairs(block: Block, neighbours: int) -> list[tuple[int, int]]:
     """Return the pairs to match; overlap is the area that the two photographs share on the level of the tie points."""
     oriented = [i for i, pose in enumerate(block.poses) if pose is not None]
