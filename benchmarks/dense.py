@@ -5,7 +5,7 @@
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
 adjusted cameras and poses and each has a process of its own, two threads; the seconds are those from photographs to
-heights, the fastest of the repetitions. The peer is benchmarks/rectified_pairs.py with the settings that did best; its
+heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/rectified_pairs.py with the settings that did best; its
 grid is photogram's.
 
 Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/dense_scores.py), over cells
@@ -41,7 +41,7 @@ from photogram.survey import Block, Raster
 METHODS = ("photogram", "StereoSGBM")
 FEW_POINTS = 0.1  # of the cells: a cloud with fewer is compared point by point
 HEADINGS = (
-    f"{'':12}{'seconds':>9}{'s/Mcell':>9}{'peak GiB':>10}{'median m':>10}{'NMAD m':>9}{'GSD':>6}{'alone':>7}"
+    f"{'':12}{'seconds':>9}{'s/Mcell':>9}{'CPU s':>8}{'GiB':>6}{'median m':>10}{'NMAD m':>9}{'GSD':>6}{'alone':>7}"
     f"{'errors':>8}{'within 2 GSD':>14}{'of seen':>9}{'complete':>10}{'edges 50%':>11}{'95%':>6}{'e/sigma':>9}"
 )
 
@@ -53,6 +53,7 @@ class Outcome:
     heights: Raster
     sigma: Raster | None
     seconds: float
+    processor_s: float
     peak_gib: float
 
 
@@ -85,14 +86,14 @@ def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid
     sigma: Raster | None = None
     warm_up()
     with peak_memory() as peak:
-        began = time.perf_counter()
+        began, processor = time.perf_counter(), time.process_time()
         if method == "photogram":
             heights, sigma = photogram_heights(project_path, photographs)
         elif grid is not None:
             heights = heights_of_pairs(block, grid, gsd_m(block))
-        seconds = time.perf_counter() - began
+        seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
     place = (heights.west_map_m, heights.north_map_m, heights.cell_m)
-    figures = (seconds, float("nan") if peak.bytes is None else peak.bytes / 2**30)
+    figures = (seconds, processor_s, float("nan") if peak.bytes is None else peak.bytes / 2**30)
     arrays = {"heights": heights.values, "place": np.array(place), "figures": np.array(figures)}
     np.savez(out, **arrays, **({} if sigma is None else {"sigma": sigma.values}))
 
@@ -114,9 +115,9 @@ def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid |
                 heights, sigma = (
                     Raster(found[k], west, north, cell_m) if k in found else None for k in ("heights", "sigma")
                 )
-                seconds, peak_gib = map(float, found["figures"])
+                seconds, processor_s, peak_gib = map(float, found["figures"])
             if heights is not None and (best is None or seconds < best.seconds):
-                best = Outcome(heights, sigma, seconds, peak_gib)
+                best = Outcome(heights, sigma, seconds, processor_s, peak_gib)
     if best is None:
         raise SystemExit("--repeat: at least 1")
     return best
@@ -168,7 +169,7 @@ def prepare(source: Path | None, photographs: Path | None, cell_m: float | None,
 
 
 def _row(name: str, outcome: Outcome, million: float, truths: tuple[Truth, Truth] | None) -> str:
-    text = f"{name:12}{outcome.seconds:9.1f}{outcome.seconds / million:9.1f}{outcome.peak_gib:10.2f}"
+    text = f"{name:12}{outcome.seconds:9.1f}{outcome.seconds / million:9.1f}{outcome.processor_s:8.1f}{outcome.peak_gib:6.2f}"
     if truths is None:
         return text
     found, alone = (score(outcome.heights, truth, outcome.sigma) for truth in truths)
