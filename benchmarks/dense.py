@@ -5,8 +5,8 @@
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
 adjusted cameras and poses and each has a process of its own, two threads; the seconds are those from photographs to
-heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/rectified_pairs.py with the settings that did best; its
-grid is photogram's.
+heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/rectified_pairs.py
+with the settings that did best; its grid is photogram's.
 
 Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/dense_scores.py), over cells
 that three photographs see. `alone`: the NMAD against the surface where the adjusted block must find it, which leaves
@@ -169,7 +169,8 @@ def prepare(source: Path | None, photographs: Path | None, cell_m: float | None,
 
 
 def _row(name: str, outcome: Outcome, million: float, truths: tuple[Truth, Truth] | None) -> str:
-    text = f"{name:12}{outcome.seconds:9.1f}{outcome.seconds / million:9.1f}{outcome.processor_s:8.1f}{outcome.peak_gib:6.2f}"
+    text = f"{name:12}{outcome.seconds:9.1f}{outcome.seconds / million:9.1f}"
+    text += f"{outcome.processor_s:8.1f}{outcome.peak_gib:6.2f}"
     if truths is None:
         return text
     found, alone = (score(outcome.heights, truth, outcome.sigma) for truth in truths)
