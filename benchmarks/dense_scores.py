@@ -88,8 +88,12 @@ class Scores:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Heights beside another cloud: neither is truth. ``cells`` hold points of it, tiny holes closed; ``completeness``
-    of them with a height; differences are heights minus cloud; ``near`` the share within NEAR_M of their mean."""
+    """Heights beside another cloud: neither is truth; differences are heights minus cloud.
+
+    ``cells`` hold points of the cloud, tiny holes closed; ``completeness`` of them with a height; ``near`` the share
+    within NEAR_M of the mean. ``bent_nmad_m`` is what is left after a quadratic of easting and northing: blocks without
+    control differ by a dome and a tilt that no matching can help.
+    """
 
     cells: int
     compared: int
@@ -97,6 +101,7 @@ class Agreement:
     mean_m: float
     median_m: float
     nmad_m: float
+    bent_nmad_m: float
     near: float
 
 
@@ -275,16 +280,29 @@ def agreement(
     footprint = binary_closing(np.isfinite(other), disc) | np.isfinite(other)
     difference = (values - other)[np.isfinite(values) & np.isfinite(other)]
     complete = float((footprint & np.isfinite(values)).sum() / footprint.sum())
-    return _agreement(int(footprint.sum()), complete, difference)
+    row, column = np.nonzero(np.isfinite(values) & np.isfinite(other))
+    return _agreement(int(footprint.sum()), complete, difference, np.column_stack([column, row]) * cell)
 
 
-def _agreement(cells: int, completeness: float, difference: FloatArray) -> Agreement:
-    d = difference[np.isfinite(difference)]
+def _unbent(difference: FloatArray, xy: FloatArray) -> FloatArray:
+    """Return differences (N,) less a quadratic of their places (N, 2), fitted without those off by 3 NMAD."""
+    x, y = (2 * (xy - xy.mean(axis=0)) / np.maximum(np.ptp(xy, axis=0), 1e-9)).T
+    terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+    left = difference - np.median(difference)
+    for _ in range(5):
+        keep = np.abs(left - np.median(left)) <= 3 * max(nmad(left), 1e-9)
+        left = difference - terms @ np.linalg.lstsq(terms[keep], difference[keep], rcond=None)[0]
+    return np.asarray(left)
+
+
+def _agreement(cells: int, completeness: float, difference: FloatArray, xy: FloatArray) -> Agreement:
+    there = np.isfinite(difference)
+    d = difference[there]
     if not len(d):
-        return Agreement(cells, 0, completeness, *(float("nan"),) * 4)
+        return Agreement(cells, 0, completeness, *(float("nan"),) * 5)
     mean = float(d.mean())
     near = float(np.mean(np.abs(d - mean) <= NEAR_M))
-    return Agreement(cells, len(d), completeness, mean, float(np.median(d)), nmad(d), near)
+    return Agreement(cells, len(d), completeness, mean, float(np.median(d)), nmad(d), nmad(_unbent(d, xy[there])), near)
 
 
 def point_agreement(heights: Raster, cloud: PointCloud) -> Agreement:
@@ -297,7 +315,7 @@ def point_agreement(heights: Raster, cloud: PointCloud) -> Agreement:
     inside &= np.all(points[:, :2] < [grid.west_map_m + grid.columns * grid.cell_m, grid.north_map_m], axis=1)
     points = points[inside]
     height = _sampled(np.asarray(heights.values, np.float64), grid, points[:, :2])
-    return _agreement(len(points), float(np.isfinite(height).mean()), height - points[:, 2])
+    return _agreement(len(points), float(np.isfinite(height).mean()), height - points[:, 2], points[:, :2])
 
 
 HEADINGS = (

@@ -160,6 +160,11 @@ def test_agreement_with_another_cloud(scores: ModuleType, truths: ModuleType) ->
     assert found.completeness == pytest.approx(0.9, abs=0.01)
     assert found.mean_m == pytest.approx(1.5, abs=0.002)
     assert found.nmad_m == pytest.approx(0.02, abs=0.001)
+    assert found.bent_nmad_m == pytest.approx(0.02, abs=0.001)
+    dome = 0.4 * ((xy[:, 0] - 1004.0) / 5.0) ** 2 - 0.1 * (xy[:, 1] - 2010.0) / 5.0
+    bent = scores.agreement(heights, PointCloud(other + np.column_stack([0 * dome, 0 * dome, dome])))
+    assert bent.nmad_m > 0.1
+    assert bent.bent_nmad_m == pytest.approx(0.02, abs=0.001)
     few = scores.point_agreement(heights, PointCloud(other[::40]))
     assert few.mean_m == pytest.approx(1.5, abs=0.02)
 
