@@ -1,0 +1,233 @@
+"""photogram's dense matching beside OpenCV's StereoSGBM on rectified pairs of the same photographs, on one grid.
+
+    python benchmarks/dense.py [FOLDER …] [--photographs DIR] [--cell METRES] [--cloud FILE] [--peer-only] [--repeat 1]
+
+FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
+24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
+adjusted cameras and poses and each has a process of its own, two threads; the seconds are those from photographs to
+heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/rectified_pairs.py
+with the settings that did best; its grid is photogram's.
+
+Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/dense_scores.py), over cells
+that three photographs see. `alone`: NMAD and error rate against the surface where the adjusted block must find it,
+which leaves the matching's own errors. --cloud: agreement with another program's cloud, not accuracy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import shutil
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from dense_scores import agreement, point_agreement, score
+from dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
+from rectified_pairs import heights_of_pairs, warm_up
+
+from photogram.demonstration import write_demonstration
+from photogram.files.points import read_cloud
+from photogram.map_grid import MapGrid
+from photogram.memory import peak_memory
+from photogram.pipeline import load_project, open_run, run_pipeline
+from photogram.project import Project
+from photogram.simulation import whole_survey_plan
+from photogram.survey import Block, Raster
+
+METHODS = ("photogram", "StereoSGBM")
+FEW_POINTS = 0.1  # of the cells: a cloud with fewer is compared point by point
+HEADINGS = (
+    f"{'':12}{'seconds':>9}{'s/Mcell':>9}{'CPU s':>8}{'GiB':>6}{'median m':>10}{'NMAD m':>9}{'GSD':>6}{'alone':>7}"
+    f"{'errors':>8}{'alone':>8}{'in 2 GSD':>10}{'of seen':>9}{'complete':>10}{'edges 50%':>11}{'95%':>6}{'e/sigma':>9}"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one method made of a survey, with its sigmas where it has any."""
+
+    heights: Raster
+    sigma: Raster | None
+    seconds: float
+    processor_s: float
+    peak_gib: float
+
+
+def adjusted_block(project: Project) -> Block:
+    """Return the adjusted block of a project."""
+    with open_run(project) as run:
+        return run.adjustment().block
+
+
+def gsd_m(block: Block) -> float:
+    """Return the mean size of a pixel on the ground, over the photographs with a pose."""
+    level = float(np.median(block.tie_points.position_world_m[:, 2]))
+    return float(np.mean([
+        (pose.position_world_m[2] - level) / block.cameras[photograph.camera].focal_px
+        for photograph, pose in zip(block.photographs, block.poses, strict=True) if pose is not None
+    ]))  # fmt: skip
+
+
+def photogram_heights(project_path: Path, photographs: Path | None = None) -> tuple[Raster, Raster]:
+    """Return the heights and their sigmas that the stages `dense` and `surface` make of an adjusted project."""
+    project = load_project(project_path, photographs)
+    run_pipeline(project, start="dense", until="surface")
+    with open_run(project) as run:
+        return run.surface(), run.surface_sigma()
+
+
+def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid: MapGrid | None) -> None:
+    """Run one method in this process and write its outcome."""
+    block = adjusted_block(load_project(project_path, photographs))
+    sigma: Raster | None = None
+    warm_up()
+    with peak_memory() as peak:
+        began, processor = time.perf_counter(), time.process_time()
+        if method == "photogram":
+            heights, sigma = photogram_heights(project_path, photographs)
+        elif grid is not None:
+            heights = heights_of_pairs(block, grid, gsd_m(block))
+        seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
+    place = (heights.west_map_m, heights.north_map_m, heights.cell_m)
+    figures = (seconds, processor_s, float("nan") if peak.bytes is None else peak.bytes / 2**30)
+    arrays = {"heights": heights.values, "place": np.array(place), "figures": np.array(figures)}
+    np.savez(out, **arrays, **({} if sigma is None else {"sigma": sigma.values}))
+
+
+def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid | None, repeat: int) -> Outcome:
+    """Run one method in processes of its own, and return the fastest run."""
+    best: Outcome | None = None
+    with tempfile.TemporaryDirectory() as name:
+        out = Path(name) / "outcome.npz"
+        for _ in range(repeat):
+            arguments = (out, method, project_path, photographs, grid)
+            process = multiprocessing.get_context("spawn").Process(target=_measure, args=arguments)
+            process.start()
+            process.join()
+            if process.exitcode != 0:
+                raise SystemExit(f"{method} ended with exit code {process.exitcode}")
+            with np.load(out) as found:
+                west, north, cell_m = map(float, found["place"])
+                heights, sigma = (
+                    Raster(found[k], west, north, cell_m) if k in found else None for k in ("heights", "sigma")
+                )
+                seconds, processor_s, peak_gib = map(float, found["figures"])
+            if heights is not None and (best is None or seconds < best.seconds):
+                best = Outcome(heights, sigma, seconds, processor_s, peak_gib)
+    if best is None:
+        raise SystemExit("--repeat: at least 1")
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A survey to measure on: a project in a folder of its own, adjusted; ``reference`` is where it came from."""
+
+    title: str
+    project_path: Path
+    photographs: Path
+    block: Block
+    reference: Path
+
+    def truths(self, cell_m: float) -> tuple[Truth, Truth] | None:
+        """Return the truth on a lattice, and where the adjusted block must find it; None where none is known."""
+        if (self.reference / "surface_truth.tif").is_file():
+            truth = founding_truth(self.reference, cell_m)
+            return truth, truth
+        if not (self.project_path.parent / "truth.json").is_file():
+            return None
+        survey = simulated_survey(self.project_path.parent)
+        truth = simulated_truth(survey, cell_m)
+        return truth, as_adjusted(truth, survey, self.block)
+
+
+def prepare(source: Path | None, photographs: Path | None, cell_m: float | None, folder: Path) -> Survey:
+    """Copy a survey to a folder, or simulate one there, set the cell, and bring it to its adjustment."""
+    if source is None:
+        project_path = write_demonstration(folder, 1, lambda *_: None, whole_survey_plan())
+        photographs = folder / "photographs"
+    else:
+        original = load_project(source / "project.yaml", photographs)
+        photographs = original.photographs[0].path.parent
+        for path in source.iterdir():
+            if path.is_file():
+                shutil.copy2(path, folder / path.name)
+        if original.work.is_dir():
+            shutil.copytree(original.work, folder / "work", ignore=shutil.ignore_patterns("lock", "*.partial"))
+        project_path = folder / "project.yaml"
+    run_pipeline(load_project(project_path, photographs), until="adjustment")
+    block = adjusted_block(load_project(project_path, photographs))
+    document = yaml.safe_load(project_path.read_text(encoding="utf-8"))
+    document["surface"] = {**(document.get("surface") or {}), "cell_m": cell_m or round(2 * gsd_m(block), 2)}
+    project_path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    title = str(source or "simulated survey, seed 1")
+    return Survey(title, project_path, photographs, block, photographs.parent)
+
+
+def _row(name: str, outcome: Outcome, million: float, truths: tuple[Truth, Truth] | None) -> str:
+    text = f"{name:12}{outcome.seconds:9.1f}{outcome.seconds / million:9.1f}"
+    text += f"{outcome.processor_s:8.1f}{outcome.peak_gib:6.2f}"
+    if truths is None:
+        return text
+    found, alone = (score(outcome.heights, truth, outcome.sigma) for truth in truths)
+    return text + (
+        f"{found.median_m:+10.3f}{found.nmad_m:9.4f}{found.nmad_gsd:6.2f}{alone.nmad_gsd:7.2f}{found.error_rate:8.2%}{alone.error_rate:8.2%}"
+        f"{found.within_of_heights:10.2%}{found.within_of_seen:9.2%}{found.completeness:10.2%}"
+        f"{found.edges.median_cells:11.2f}{found.edges.p95_cells:6.2f}{found.normalised_rms:9.2f}"
+    )
+
+
+def peer_grid(survey: Survey, cell_m: float) -> MapGrid:
+    """Return the grid over the tie points, for the peer without photogram's."""
+    return MapGrid.around(survey.block.frame.map_from_world(survey.block.tie_points.position_world_m), cell_m)
+
+
+def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None) -> None:
+    """Run the methods on one survey and print their rows."""
+    cell_m = float(yaml.safe_load(survey.project_path.read_text(encoding="utf-8"))["surface"]["cell_m"])
+    outcomes: dict[str, Outcome] = {}
+    grid = peer_grid(survey, cell_m)
+    for method in methods:
+        outcomes[method] = measured(method, survey.project_path, survey.photographs, grid, repeat)
+        grid = MapGrid.of(outcomes[method].heights)
+    filled = np.logical_or.reduce([np.isfinite(o.heights.values) for o in outcomes.values()])
+    million, truths = float(filled.sum()) / 1e6, survey.truths(cell_m)
+    print(f"\n{survey.title}: cells of {cell_m} m, GSD {gsd_m(survey.block):.3f} m, {million:.2f} million cells")
+    print(HEADINGS)
+    for name, outcome in outcomes.items():
+        print(_row(name, outcome, million, truths), flush=True)
+    for path in [] if cloud is None else [cloud]:
+        other = read_cloud(path)
+        judge = point_agreement if len(other) < FEW_POINTS * filled.sum() else agreement
+        for name, outcome in outcomes.items():
+            found = judge(outcome.heights, other)
+            print(
+                f"{name:12}beside {path.name}: mean offset {found.mean_m:+.3f} m, NMAD {found.nmad_m:.3f} m, "
+                f"unbent {found.bent_nmad_m:.3f} m, within "
+                f"0.1 m {found.near:.1%}, complete {found.completeness:.1%} of {found.cells} cells or points"
+            )
+
+
+def main() -> None:
+    """Measure on every folder and print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER", help="folder of a project.yaml")
+    parser.add_argument("--photographs", type=Path, help="where the pictures are, in place of the project's folder")
+    parser.add_argument("--cell", type=float, help="size of a cell in m; default 2 GSD")
+    parser.add_argument("--cloud", type=Path, help="another program's cloud of the site")
+    parser.add_argument("--peer-only", action="store_true", help="measure StereoSGBM alone, over the tie points")
+    parser.add_argument("--repeat", type=int, default=1, help="runs of each; the fastest counts")
+    arguments = parser.parse_args()
+    methods = ["StereoSGBM"] if arguments.peer_only else list(METHODS)
+    for source in arguments.folders or [None]:
+        with tempfile.TemporaryDirectory() as name:
+            survey = prepare(source, arguments.photographs, arguments.cell, Path(name))
+            compare(survey, methods, arguments.repeat, arguments.cloud)
+
+
+if __name__ == "__main__":
+    main()
