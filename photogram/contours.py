@@ -31,9 +31,10 @@ _FINEST_INTERVAL_M = 0.01
 class ContourSettings:
     """How a surface becomes lines.
 
-    ``enabled``: whether it does. ``interval_m``: difference in height of two lines; None chooses by the relief (``interval_for``). ``cell_m``: the
-    raster is averaged to about cells of this size first; None takes its own cells, or as many together as leave
-    MAXIMUM_CELLS. ``minimum_length_m``: shorter lines are left out; None takes eight of the cells that are contoured.
+    ``enabled``: whether it does. ``interval_m``: difference in height of two lines; None chooses by the relief
+    (``interval_for``). ``cell_m``: the raster is averaged to about cells of this size first; None takes its own cells,
+    or as many together as leave MAXIMUM_CELLS. ``minimum_length_m``: shorter lines are left out; None takes eight of
+    the cells that are contoured.
     """
 
     enabled: bool = True

@@ -183,7 +183,7 @@ def finer_prior(
     """
     rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
     r, c = rows // 2 - at.row, columns // 2 - at.column
-    smooth = _nan_median(coarse)
+    smooth = median_of_known(coarse)
     has = np.isfinite(smooth)
     low = minimum_filter(np.where(has, smooth, np.inf), 3, mode="nearest")[np.ix_(r, c)]
     high = maximum_filter(np.where(has, smooth, -np.inf), 3, mode="nearest")[np.ix_(r, c)]
@@ -213,7 +213,7 @@ def least_correlation(correlation: Float32Array) -> float:
     return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
 
 
-def _nan_median(z: Float32Array) -> Float32Array:
+def median_of_known(z: Float32Array) -> Float32Array:
     """Return heights after a median over 3 × 3 cells; a cell without one stays so."""
     has = np.isfinite(z)
     filled = np.where(has, z, np.float32(0.0))

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
 from photogram.dense_kernels import NEUTRAL, Crops, Ground, fill_costs, grey_of_cells
 from photogram.dense_kernels import Window as Samples
-from photogram.dense_levels import Level, Prior, choose_views
+from photogram.dense_levels import Level, Prior, choose_views, median_of_known
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.height_refinement import refine_heights
@@ -80,17 +80,19 @@ class DenseSettings:
 @dataclass(frozen=True, eq=False)
 class Heights:
     """Heights (rows, columns) of a window over the base, in m, NaN where there is none; their standard deviations as
-    far as the matching goes, the mean correlation of the photographs that agree, and how many these are."""
+    far as the matching goes, the mean correlation of the photographs that agree, how many these are, and how many were
+    looked at because they show the place (to PATCH_CELLS cells)."""
 
     height_m: Float32Array
     sigma_m: Float32Array
     correlation: Float32Array
     rays: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
 
     def part(self, rows: slice, columns: slice) -> Heights:
         """Return a part of the window."""
         at = rows, columns
-        return Heights(self.height_m[at], self.sigma_m[at], self.correlation[at], self.rays[at])
+        return Heights(self.height_m[at], self.sigma_m[at], self.correlation[at], self.rays[at], self.seen[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +132,22 @@ def match_block(
     if not last:
         found = (index * level.step_m).astype(np.float32)
         none = np.full_like(found, np.nan)
-        return Heights(found, none, correlation, np.zeros(found.shape, np.uint8)).part(*inner)
+        return Heights(found, none, correlation, np.zeros(found.shape, np.uint8), _seen(ground, found.shape)).part(
+            *inner
+        )
     return _refined(crops, ground, index, level, settings).part(*inner)
 
 
 def _nothing(shape: tuple[int, int]) -> Heights:
     none = np.full(shape, np.nan, np.float32)
-    return Heights(none, none.copy(), np.zeros(shape, np.float32), np.zeros(shape, np.uint8))
+    zero = np.zeros(shape, np.uint8)
+    return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
+
+
+def _seen(ground: Ground, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return in how many photographs each cell is looked up."""
+    count = (ground.views >= 0).sum(axis=2).astype(np.uint8)
+    return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
 
 
 def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int) -> IntArray:
@@ -214,8 +225,7 @@ def _regularised(
     rows, columns = prior.surface.shape
     first = np.floor(prior.low / level.step_m).astype(np.int32).ravel()
     count = np.ceil(prior.high / level.step_m).astype(np.int64).ravel() - first + 1
-    seen = (ground.views >= 0).any(axis=2)
-    seen = np.repeat(np.repeat(seen, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[:rows, :columns]
+    seen = _seen(ground, (rows, columns)) > 0
     start = np.concatenate([[0], np.cumsum(np.where(seen.ravel(), count, 0))]).astype(np.int64)
     cost = np.empty(start[-1], np.uint8)
     slope = _slopes(prior.surface, ground.spacing, level.grid.cell_m)
@@ -232,12 +242,10 @@ def _regularised(
 
 def _refined(crops: Crops, ground: Ground, index: Float32Array, level: Level, settings: DenseSettings) -> Heights:
     """Return heights to a fraction of a hypothesis, with their standard deviations."""
-    has = np.isfinite(index)
-    z = (median_filter(np.where(has, index, np.float32(0.0)), 3, mode="nearest") * level.step_m).astype(np.float32)
-    z[~has] = np.nan
+    z = (median_of_known(index) * np.float32(level.step_m)).astype(np.float32)
     slope = _slopes(z, ground.spacing, level.grid.cell_m)
     height, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
-    found = Heights(height, sigma, correlation, np.empty(z.shape, np.uint8))
+    found = Heights(height, sigma, correlation, np.empty(z.shape, np.uint8), _seen(ground, z.shape))
     samples = Samples(_REFINEMENT_HALF, settings.noise_dn, settings.agreeing_share)
     probe, tolerance = _PROBE_SHARE * level.step_m, _TOLERANCE_SHARE * level.step_m
     refine_heights(

@@ -40,8 +40,9 @@ TILES_AHEAD = 4
 class OrthophotoSettings:
     """How photographs become an orthophoto.
 
-    ``enabled``: whether they do. ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to two digits. ``balance``:
-    whether photographs are made equally bright. ``feather_cells``: how many cells a seam is wide, 0 for a sharp one.
+    ``enabled``: whether they do. ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to
+    two digits. ``balance``: whether photographs are made equally bright. ``feather_cells``: how many cells a seam is
+    wide, 0 for a sharp one.
     """
 
     enabled: bool = True

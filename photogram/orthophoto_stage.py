@@ -81,7 +81,8 @@ def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], 
             progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
     write_cog_rgba(folder / "orthophoto.tif", grid, plan_of(run.project.crs), counted())
-    return {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "cells": shown, **summary(orthophoto)}
+    place = {"west_map_m": grid.west_map_m, "north_map_m": grid.north_map_m, "cell_m": grid.cell_m}
+    return {"rows": grid.rows, "columns": grid.columns, **place, "cells": shown, **summary(orthophoto)}
 
 
 def summary(orthophoto: Orthophoto) -> dict[str, object]:

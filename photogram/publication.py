@@ -21,8 +21,7 @@ from photogram.files.images import read_pixels
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
-from photogram.files.rasters import write_geotiff
-from photogram.frames import crs_in_words, plan_of
+from photogram.frames import crs_in_words
 from photogram.page_files import disbelieved, run_facts, write_report
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
@@ -39,6 +38,7 @@ from photogram.report.pictures import (
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
+from photogram.surface_products import copy_products, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
 from photogram.workspace import write_record
@@ -71,7 +71,7 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     products: list[str] = []
     result = run.adjustment()
     outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
-    steps = (_clouds, _tables, _photographs, _pictures, _match_pictures, _numbers)
+    steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures, _numbers)
     for number, step in enumerate(steps):
         progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
         products += step(outcome)
@@ -93,14 +93,16 @@ def _tables(outcome: _Outcome) -> list[str]:
     run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
     write_record(results / "tie_points.npz", tie_points)
     write_tie_points(results / "tie_points.mat", run.names, tie_points)
-    products = ["tie_points.npz", "tie_points.mat", "dsm.tif", "dsm_sigma.tif"]
+    products = ["tie_points.npz", "tie_points.mat"]
     common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
         write_record(results / "tie_points_in_all.npz", common)
         products.append("tie_points_in_all.npz")
-    write_geotiff(results / "dsm.tif", run.surface(), run.project.product_crs)
-    write_geotiff(results / "dsm_sigma.tif", run.surface_sigma(), plan_of(run.project.crs))
     return products
+
+
+def _surfaces(outcome: _Outcome) -> list[str]:
+    return copy_products(outcome.run, outcome.results) + write_dense_cloud(outcome.run, outcome.results)
 
 
 def _photographs(outcome: _Outcome) -> list[str]:
@@ -168,7 +170,10 @@ def _numbers(outcome: _Outcome) -> list[str]:
         "transfer",
         "intersection",
         "adjustment",
+        "dense",
         "surface",
+        "relief",
+        "orthophoto",
         "comparison",
     )
     value = report_numbers(
@@ -193,5 +198,9 @@ def _numbers(outcome: _Outcome) -> list[str]:
     value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
     value = {**value, **run_facts(run, stages)}
     value["adjustment"].update(disbelieved(run))
-    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], run.surface(), run.comparisons())
-    return write_report(run.project, value, figures, outcome.folder)
+    dense, drawn, pictures = report_surface(run, value, outcome.results)
+    if dense is not None:
+        value["dense"] = dense
+    sparse = run.surface() if dense is None else None
+    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons()) + drawn
+    return write_report(run.project, value, figures, outcome.folder) + pictures

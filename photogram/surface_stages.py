@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ class MatchedHeights:
 @dataclass(frozen=True, eq=False)
 class _Tile:
     """What a tile of the surface holds, (rows, columns) each: heights of the map, the same with holes closed, standard
-    deviations, what each cell is, and how it was matched."""
+    deviations, what each cell is, how it was matched, and in how many photographs it could be."""
 
     height: NDArray[np.float32]
     filled: NDArray[np.float32]
@@ -71,6 +71,7 @@ class _Tile:
     source: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     rays: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
 
 
 def matched(run: Run) -> bool:
@@ -121,6 +122,11 @@ def _flying_height_m(run: Run) -> float:
     return float(run.workspace.summary("dense")["flying_height_m"])
 
 
+def surface_layers(run: Run) -> BlockFiles:
+    """Return the layers of the matched surface by their names in _Tile. Needs the stage `surface`, with `dense` on."""
+    return BlockFiles(run.workspace.stage("surface") / "tiles", MatchedHeights.of(run).grid, TILE_CELLS)
+
+
 def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]]:
     return ((window, store.read(window, name)[0]) for window in store.windows)
 
@@ -129,7 +135,9 @@ def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: f
     """Return one tile of the surface; what it needs from beyond its edge it reads itself."""
     grid = heights.grid
     outer = grid.around_window(window, reach + 2)
-    height, sigma, correlation, rays = heights.blocks.read(outer, "height_m", "sigma_m", "correlation", "rays")
+    height, sigma, correlation, rays, seen = heights.blocks.read(
+        outer, "height_m", "sigma_m", "correlation", "rays", "seen"
+    )
     kept = kept_heights(height, correlation, rays, grid.cell_m, least)
     filled = filled_heights(kept, grid.cell_m, reach)
     known = np.isfinite(kept)
@@ -142,7 +150,7 @@ def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: f
     none = np.float32(np.nan)
     return _Tile(
         (kept + base)[at], (filled + base)[at], np.where(known, whole, none)[at], source[at],
-        np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at],
+        np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at], seen[at],
     )  # fmt: skip
 
 
@@ -167,11 +175,3 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
         summary |= {"contours": len(lines), "interval_m": lines.interval_m, "of": "terrain" if surface else "surface"}
     return summary
-
-
-def layers_of(run: Run) -> Callable[[Window], tuple[NDArray[Any], ...]]:
-    """Return what reads a window of the matched surface: heights of the map, standard deviations, confidence, rays and
-    what each cell is. Needs the stage `surface`."""
-    grid = MatchedHeights.of(run).grid
-    store = BlockFiles(run.workspace.stage("surface") / "tiles", grid, TILE_CELLS)
-    return lambda window: store.read(window, "height", "sigma", "confidence", "rays", "source")

@@ -6,16 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
+from numpy.typing import NDArray
+from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.transform import Affine
+from rasterio.vrt import WarpedVRT
 
 from photogram.errors import FrameError, ProjectError
 from photogram.files.cogs import NODATA, write_cog
 from photogram.frames import projected_crs
-from photogram.map_grid import MapGrid
+from photogram.map_grid import MapGrid, Window
 from photogram.survey import Raster
 
-__all__ = ["NODATA", "read_raster", "write_geotiff"]
+__all__ = ["NODATA", "picture_on_grid", "read_raster", "write_geotiff"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
@@ -79,3 +82,28 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     except FrameError as fault:
         raise FrameError(f"raster {path}: {fault}") from fault
     return Raster(values, float(transform.c), float(transform.f), cell_m), name
+
+
+def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
+    """Return what a picture file shows in a window of a grid of its own CRS: red, green, blue and alpha (rows, columns,
+    4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
+    corner = Affine.translation(
+        grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
+    )
+    rows, columns = window.shape
+    try:
+        with (
+            rasterio.open(path) as dataset,
+            WarpedVRT(
+                dataset,
+                crs=dataset.crs,
+                transform=corner * Affine.scale(grid.cell_m, -grid.cell_m),
+                width=columns,
+                height=rows,
+                resampling=Resampling.average,
+            ) as view,
+        ):
+            bands = view.read([1, 2, 3, 4])
+    except RasterioError as fault:
+        raise ProjectError(f"picture {path}: cannot be read ({fault}): delete it and run again") from fault
+    return np.ascontiguousarray(np.moveaxis(bands, 0, 2))

@@ -1,0 +1,121 @@
+"""Surface, orthophoto and dense cloud as they are handed over, and what the report shows of them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogram.block_files import BlockFiles
+from photogram.dense_surface import FILLED
+from photogram.files.atomic import replacing
+from photogram.files.dense_points import CHUNK_CELLS, DensePoints, points_of_cells, write_dense_laz
+from photogram.files.rasters import picture_on_grid
+from photogram.map_grid import MapGrid
+from photogram.records import Run
+from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
+from photogram.report.dense_numbers import dense_numbers
+from photogram.report.page_figures import PageFigure
+from photogram.report.surface_figures import drawn_surface, surface_figures, write_surface_pictures
+from photogram.surface_stages import matched, surface_layers
+
+PRODUCTS = {
+    "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif"),
+    "relief": ("dtm.tif", "dtm_source.tif", "contours.gpkg"),
+    "orthophoto": ("orthophoto.tif",),
+}
+"""Files of results by the stage that makes them; those that a project does not ask for are not there."""
+
+CLOUD = "dense.laz"
+MAXIMUM_PICTURE_PX = 1800
+SEEN_BY = 3
+"""A cell that so many photographs show counts for the completeness."""
+
+
+def copy_products(run: Run, results: Path) -> list[str]:
+    """Copy what the stages of surfaces have made into the folder of results, and remove what is not made any more;
+    returns the names."""
+    names = []
+    for stage, files in PRODUCTS.items():
+        for name in files:
+            made = run.workspace.stage(stage) / name
+            if made.is_file():
+                with replacing(results / name) as partial:
+                    shutil.copyfile(made, partial)
+                names.append(name)
+            else:
+                (results / name).unlink(missing_ok=True)
+    return names
+
+
+def write_dense_cloud(run: Run, results: Path) -> list[str]:
+    """Write a point for every measured cell of the dense surface, coloured by the orthophoto (black without one); no
+    file where nothing was matched. Returns the names of what was written."""
+    path = results / CLOUD
+    if not matched(run):
+        path.unlink(missing_ok=True)
+        return []
+    layers = surface_layers(run)
+    write_dense_laz(path, layers.grid, run.project.product_crs, _chunks(run, layers))
+    return [CLOUD]
+
+
+def _chunks(run: Run, layers: BlockFiles) -> Iterator[DensePoints]:
+    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    for window in layers.grid.tiles(CHUNK_CELLS):
+        height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
+        colour = np.zeros((*window.shape, 3), np.uint8)
+        if picture.is_file():
+            colour = picture_on_grid(picture, layers.grid, window)[..., :3]
+        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays)
+
+
+def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
+    """Return the orthophoto small enough for a page, None where there is none."""
+    summary = run.workspace.summary("orthophoto")
+    path = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    if not path.is_file():
+        return None
+    rows, columns, cell_m = int(summary["rows"]), int(summary["columns"]), float(summary["cell_m"])
+    block = -(-max(rows, columns) // MAXIMUM_PICTURE_PX)
+    grid = MapGrid(
+        float(summary["west_map_m"]),
+        float(summary["north_map_m"]),
+        cell_m * block,
+        -(-rows // block),
+        -(-columns // block),
+    )
+    rgba = picture_on_grid(path, grid, grid.whole)
+    return OrthophotoPicture(rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, cell_m, (rows, columns))
+
+
+def dense_surface(run: Run) -> DenseSurface | None:
+    """Return the dense surface as the report takes it, None where nothing was matched."""
+    if not matched(run):
+        return None
+    layers = surface_layers(run)
+    source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
+    names = tuple(p.name for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True) if pose)
+    return DenseSurface(
+        run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,
+        {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+    )  # fmt: skip
+
+
+def report_surface(
+    run: Run, numbers: dict[str, Any], results: Path
+) -> tuple[dict[str, Any] | None, list[PageFigure], list[str]]:
+    """Return the numbers of the dense surface, its figures for the page, and the names of its pictures, which are
+    written; nothing where nothing was matched."""
+    dense = dense_surface(run)
+    if dense is None:
+        return None, [], []
+    orthophoto, ground = orthophoto_picture(run), ground_marks(numbers["control_points"])
+    value = dense_numbers(dense, orthophoto, ground)
+    drawn = drawn_surface(dense, orthophoto, ground, value, run.project.report.target_rmse_v_m)
+    names = write_surface_pictures(results / "pictures", drawn)
+    return value, surface_figures(drawn), [f"pictures/{name}" for name in names]
