@@ -25,7 +25,7 @@ from photogram.resampling import add_photograph
 from photogram.seams import SMALLEST_BLOCK, Seams, ViewArrays, bundled, bundled_lines, find_seams, sees
 from photogram.survey import Raster
 from photogram.views import Views
-from photogram.visibility import Relief, Terrain, at_edge, height_at
+from photogram.visibility import LENIENT, NARROW, STRICT, Relief, Terrain, at_edge, height_at
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
@@ -253,7 +253,7 @@ def _mix(
     """Turn shares into weights of the photographs that see a place; False where none does."""
     largest, best = 0.0, -1
     for k in range(4):
-        if found[k] >= 0 and share[k] > 0.0 and not sees(views, found[k], relief, centre, X, place, True):
+        if found[k] >= 0 and share[k] > 0.0 and not sees(views, found[k], relief, centre, X, place, STRICT):
             found[k] = -1
         if found[k] >= 0 and share[k] > largest:
             largest, best = share[k], k
@@ -282,12 +282,12 @@ def _second_best(
     found: IntArray,
     share: FloatArray,
 ) -> None:
-    """Give all weight to the first candidate that sees a place wide of everything, at a height edge to the first
-    that sees it at all; to none where none does."""
+    """Give all weight to the first candidate that sees a place by the strict test, else by a lenient one; to none
+    where none does."""
     found[:] = -1
     share[:] = 0.0
-    for narrow in range(2 if edge else 1):
+    for mercy in (STRICT, NARROW if edge else LENIENT):
         for k in range(len(candidate)):
-            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, narrow == 0):
+            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, mercy):
                 found[0], share[0] = candidate[k], 1.0
                 return

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid, Verticals, Window, verticals
 from photogram.views import Views, seen_at
-from photogram.visibility import Relief, Terrain, height_at, is_hidden
+from photogram.visibility import STRICT, Relief, Terrain, height_at, is_hidden
 
 FloatArray = NDArray[np.float64]
 CostArray = NDArray[np.float32]
@@ -210,15 +210,15 @@ def sees(
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
-    wide: bool,
+    mercy: int,
 ) -> bool:
-    """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map; ``wide``
+    """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map; ``mercy``
     as in ``is_hidden``."""
     model, q, R, C, largest, size = views
     u, v, _ = seen_at(model[n], q[n], R[n], C[n], largest[n], X)
     if not (u >= -0.5 and v >= -0.5 and u <= size[n, 0] - 0.5 and v <= size[n, 1] - 0.5):
         return False
-    return not is_hidden(relief, place, centre[n], wide)
+    return not is_hidden(relief, place, centre[n], mercy)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -268,7 +268,7 @@ def _rate(
                     X[k] = foot[r, c, k] + (h - base) * up[r, c, k]
                 for k in range(len(seen)):
                     n = candidate[i, j, k]
-                    if n >= 0 and sees(views, n, relief, centre, X, (east[c], north[r], h), True):
+                    if n >= 0 and sees(views, n, relief, centre, X, (east[c], north[r], h), STRICT):
                         seen[k] += 1.0
             _order_again(candidate[i, j], cost[i, j], clear[i, j], seen, max(count, 1.0), order)
 

@@ -29,6 +29,9 @@ START_CELLS, STEP_CELLS = 2.0, 0.75
 TOLERANCE_CELLS = 1.0
 """How far, in cells, a surface must stick out above a ray to hide what lies behind: noise of a DSM stays below."""
 
+STRICT, LENIENT, NARROW, SLOPE_CELLS = 0, 1, 2, 2.5
+"""How a ray is tested, see ``is_hidden``."""
+
 EDGE_CELLS = 4.0
 """Difference in height within five cells, in cells, from which there is a height edge: 45° are no edge."""
 
@@ -152,21 +155,22 @@ def at_edge(relief: Relief, east: float, north: float) -> bool:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def is_hidden(relief: Relief, place: tuple[float, float, float], centre: FloatArray, wide: bool) -> bool:
+def is_hidden(relief: Relief, place: tuple[float, float, float], centre: FloatArray, mercy: int) -> bool:
     """Return whether the surface hides a place of the map from a projection centre (3,) in the map.
 
-    ``wide`` gives what stands in the way a rim of a cell, so that nothing of a roof whose edge is not where the DSM has
-    it is taken for the ground behind.
+    What stands in the way has a rim of a cell, so that nothing of a roof whose edge is not where the DSM has it is
+    taken for the ground behind. ``mercy`` is STRICT; LENIENT with SLOPE_CELLS more of tolerance, for roofs seen
+    at a glancing angle; or NARROW, without the rim.
     """
     east, north, height = place
-    surface = relief.highest if wide else relief.height
+    surface = relief.height if mercy == NARROW else relief.highest
     dx, dy = (centre[0] - east) / relief.cell, (north - centre[1]) / relief.cell
     length = np.sqrt(dx * dx + dy * dy)
     if length <= START_CELLS:
         return False
     dx, dy, rise = dx / length, dy / length, (centre[2] - height) / length
     x, y = (east - relief.west) / relief.cell, (relief.north - north) / relief.cell
-    lowered = height - TOLERANCE_CELLS * relief.cell
+    lowered = height - (TOLERANCE_CELLS + (SLOPE_CELLS if mercy == LENIENT else 0.0)) * relief.cell
     k = 0
     while True:
         s = START_CELLS + k * STEP_CELLS
