@@ -249,7 +249,7 @@ def _refined(crops: Crops, ground: Ground, index: Float32Array, level: Level, se
     samples = Samples(_REFINEMENT_HALF, settings.noise_dn, settings.agreeing_share)
     probe, tolerance = _PROBE_SHARE * level.step_m, _TOLERANCE_SHARE * level.step_m
     refine_heights(
-        crops, ground, samples, z, slope, probe, tolerance,
+        crops, ground, samples, z, slope, probe, tolerance, level.step_m / np.sqrt(3.0),
         found.height_m, found.sigma_m, found.correlation, found.rays,
     )  # fmt: skip
     return found

@@ -1,7 +1,8 @@
 """From matched heights to a surface model: which cells are kept, how sure they are, how holes may be closed.
 
 A cell is kept when the photographs agree on it as well as they do elsewhere, and when at least SUPPORT of its eight
-neighbours lie within reach of it at the steepest slope: what hangs between a roof and the ground has too few.
+neighbours lie within reach of it at the steepest slope, give or take their standard deviations: what hangs between a
+roof and the ground has too few.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ HOLE, MEASURED, FILLED = 0, 1, 2
 SUPPORT = 6
 STEEPEST = 1.5
 """Rise over run up to which neighbouring cells belong to one surface."""
+
+NOISE_SIGMAS = 2.0
 
 FILL_DIRECTIONS = 5
 """A hole is closed when it meets the surface in this many of eight directions."""
@@ -60,7 +63,7 @@ def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _supported(height: Float32Array, rise_m: float, out: NDArray[np.bool_]) -> None:
+def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, out: NDArray[np.bool_]) -> None:
     rows, columns = height.shape
     for r in range(rows):
         for c in range(columns):
@@ -69,12 +72,18 @@ def _supported(height: Float32Array, rise_m: float, out: NDArray[np.bool_]) -> N
                 rr, cc = r + k // 3 - 1, c + k % 3 - 1
                 if k != 4 and 0 <= rr < rows and 0 <= cc < columns:
                     run = np.sqrt(2.0) if k % 2 == 0 else 1.0
-                    near += abs(height[rr, cc] - height[r, c]) < rise_m * run
+                    noise = NOISE_SIGMAS * np.sqrt(sigma[rr, cc] ** 2 + sigma[r, c] ** 2)
+                    near += abs(height[rr, cc] - height[r, c]) < rise_m * run + noise
             out[r, c] = near >= SUPPORT
 
 
 def kept_heights(
-    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, cell_m: float, least: float
+    height_m: Float32Array,
+    sigma_m: Float32Array,
+    correlation: Float32Array,
+    rays: ByteArray,
+    cell_m: float,
+    least: float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm.
 
@@ -83,7 +92,7 @@ def kept_heights(
     agreed = (correlation >= least) & (rays >= 2)
     height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
     supported = np.empty(height.shape, dtype=bool)
-    _supported(height, STEEPEST * cell_m, supported)
+    _supported(height, sigma_m, STEEPEST * cell_m, supported)
     return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
 
 

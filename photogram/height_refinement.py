@@ -126,6 +126,7 @@ def refine_heights(
     slope: Float32Array,
     probe_m: float,
     tolerance_m: float,
+    doubt_m: float,
     height: Float32Array,
     sigma: Float32Array,
     correlation: Float32Array,
@@ -135,7 +136,8 @@ def refine_heights(
     each) from a surface ``z`` with the ``slope`` (rows, columns, 2) in m per sample.
 
     Three heights ``probe_m`` apart are tried, and where they do not hold the best, three further apart. A cell whose
-    best is not near them, or that fewer than two photographs see, has no height (NaN).
+    best is not near them keeps the height of ``z``, which its neighbours told, with the standard deviation ``doubt_m``.
+    One that fewer than two photographs see has no height (NaN).
     """
     rows, columns = z.shape
     half = window.half
@@ -180,10 +182,11 @@ def refine_heights(
                 if abs(shift) <= FARTHEST:
                     break
                 probe *= WIDER
+            correlation[r, c], rays[r, c] = value[1], kept
             if not abs(shift) <= FARTHEST:
+                height[r, c], sigma[r, c] = h, doubt_m
                 continue
             peak = min(value[1] + 0.5 * bend * shift * shift, 1.0)
             height[r, c] = h + probe * shift
             correlation[r, c] = peak
-            rays[r, c] = kept
             sigma[r, c] = probe * np.sqrt(2.0 * max(1.0 - peak, 1e-4) / ((many - 2) * (kept - 1) * bend))
