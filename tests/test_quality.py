@@ -26,7 +26,7 @@ def test_coarseness_is_that_of_the_picture_against_full_quality() -> None:
 
 def test_half_quality_states_sigmas_twice_as_large(survey: Path, edit: Callable[..., None]) -> None:
     project = survey / "project.yaml"
-    edit(project, lambda values: values.update(quality="medium"))
+    edit(project, lambda values: values.update(quality="medium", dense={"enabled": False}))
     report: dict[str, Any] = run_pipeline(load_project(project))
     assert report["block"]["registered"] == 4
     assert report["adjustment"]["converged"]

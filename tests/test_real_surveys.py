@@ -20,7 +20,8 @@ def reported(folder: Path, photogram: Callable[..., Any], settings: str, *option
     project = folder / "project.yaml"
     outcome = photogram("init", *options, "--project", project)
     assert outcome.code == 0, outcome.err
-    project.write_text(project.read_text(encoding="utf-8") + settings, encoding="utf-8")
+    sparse = "dense: {enabled: false}\northophoto: {enabled: false}\n"
+    project.write_text(project.read_text(encoding="utf-8") + settings + sparse, encoding="utf-8")
     return run_pipeline(load_project(project))
 
 

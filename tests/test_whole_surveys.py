@@ -47,6 +47,10 @@ def pictures(survey: SimulatedSurvey) -> Pictures:
     return dict(render_photographs(survey))
 
 
+SPARSE: dict[str, Any] = {"dense": {"enabled": False}, "orthophoto": {"enabled": False}}
+"""No dense surface: these tests are about orientation."""
+
+
 def settle(folder: Path, photogram: Run, *options: str) -> Path:
     """Write project.yaml with `photogram init`, and settings that keep the test short."""
     project = folder / "project.yaml"
@@ -54,6 +58,7 @@ def settle(folder: Path, photogram: Run, *options: str) -> Path:
     assert outcome.code == 0, outcome.err
     values = yaml.safe_load(project.read_text(encoding="utf-8"))
     values["features"] = {**(values.get("features") or {}), "maximum": 1500}
+    values |= SPARSE
     project.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return project
 
