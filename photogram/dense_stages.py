@@ -83,7 +83,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     kept."""
     settings: DenseSettings = run.project.dense
     if not settings.enabled:
-        return {"enabled": False}
+        return {}
     block = run.adjustment().block
     frame, views = block.frame, Views.of(block)
     points = run.cloud("adjusted").position_map_m
@@ -106,12 +106,10 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     for store in stores[:-1]:
         shutil.rmtree(store.folder)
     stores[-1].folder.rename(folder / "heights")
-    write_json(folder / "grid.json", {**asdict(grid), "side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2]})
-    return {
-        "enabled": True, "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "gsd_m": known.gsd_m,
-        "flying_height_m": known.flying_height_m,
-        "levels": len(levels), "photographs": len(views),
-    }  # fmt: skip
+    note = {"side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2], "flying_height_m": known.flying_height_m}
+    write_json(folder / "grid.json", {**asdict(grid), **note})
+    size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
+    return {**size, "gsd_m": round(known.gsd_m, 4), "levels": len(levels)}
 
 
 def _matched(

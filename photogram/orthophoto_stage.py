@@ -19,6 +19,7 @@ from photogram.map_grid import Window
 from photogram.orthophoto import TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.records import Run
 from photogram.views import Views
+from photogram.workspace import write_json
 
 LEAST_HELD = 4
 """Decoded photographs that are kept, however little memory there is."""
@@ -59,7 +60,7 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
 def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], None]) -> Mapping[str, object]:
     """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile."""
     if not run.project.orthophoto.enabled:
-        return {"enabled": False}
+        return {}
     block = run.adjustment().block
     views = Views.of(block)
     paths = [run.project.photographs[i].path for i in views.photograph]
@@ -81,8 +82,9 @@ def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], 
             progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
     write_cog_rgba(folder / "orthophoto.tif", grid, plan_of(run.project.crs), counted())
-    place = {"west_map_m": grid.west_map_m, "north_map_m": grid.north_map_m, "cell_m": grid.cell_m}
-    return {"rows": grid.rows, "columns": grid.columns, **place, "cells": shown, **summary(orthophoto)}
+    write_json(folder / "grid.json", grid)
+    size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
+    return {**size, "cells": shown, **summary(orthophoto)}
 
 
 def summary(orthophoto: Orthophoto) -> dict[str, object]:

@@ -20,8 +20,14 @@ from photogram.records import Run
 from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.dense_numbers import dense_numbers
 from photogram.report.page_figures import PageFigure
-from photogram.report.surface_figures import drawn_surface, surface_figures, write_surface_pictures
+from photogram.report.surface_figures import (
+    SURFACE_PICTURES,
+    drawn_surface,
+    surface_figures,
+    write_surface_pictures,
+)
 from photogram.surface_stages import matched, surface_layers
+from photogram.workspace import read_json
 
 PRODUCTS = {
     "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif"),
@@ -76,21 +82,18 @@ def _chunks(run: Run, layers: BlockFiles) -> Iterator[DensePoints]:
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     """Return the orthophoto small enough for a page, None where there is none."""
-    summary = run.workspace.summary("orthophoto")
-    path = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    folder = run.workspace.stage("orthophoto")
+    path = folder / "orthophoto.tif"
     if not path.is_file():
         return None
-    rows, columns, cell_m = int(summary["rows"]), int(summary["columns"]), float(summary["cell_m"])
-    block = -(-max(rows, columns) // MAXIMUM_PICTURE_PX)
-    grid = MapGrid(
-        float(summary["west_map_m"]),
-        float(summary["north_map_m"]),
-        cell_m * block,
-        -(-rows // block),
-        -(-columns // block),
-    )
+    whole = MapGrid(**read_json(folder / "grid.json"))
+    block = -(-max(whole.rows, whole.columns) // MAXIMUM_PICTURE_PX)
+    rows, columns = -(-whole.rows // block), -(-whole.columns // block)
+    grid = MapGrid(whole.west_map_m, whole.north_map_m, whole.cell_m * block, rows, columns)
     rgba = picture_on_grid(path, grid, grid.whole)
-    return OrthophotoPicture(rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, cell_m, (rows, columns))
+    return OrthophotoPicture(
+        rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, whole.cell_m, (whole.rows, whole.columns)
+    )
 
 
 def dense_surface(run: Run) -> DenseSurface | None:
@@ -112,6 +115,8 @@ def report_surface(
     """Return the numbers of the dense surface, its figures for the page, and the names of its pictures, which are
     written; nothing where nothing was matched."""
     dense = dense_surface(run)
+    for name in SURFACE_PICTURES:
+        (results / "pictures" / name).unlink(missing_ok=True)
     if dense is None:
         return None, [], []
     orthophoto, ground = orthophoto_picture(run), ground_marks(numbers["control_points"])

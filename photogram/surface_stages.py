@@ -41,10 +41,11 @@ _SHARED_SPACING_SHARE = 0.05
 
 @dataclass(frozen=True)
 class MatchedHeights:
-    """The heights of the stage `dense` on disk: their grid, what they count from, and their blocks."""
+    """The heights of the stage `dense` on disk: their blocks, what they count from, and the flying height over them."""
 
     blocks: BlockFiles
     base_map_m: float
+    flying_height_m: float
 
     @staticmethod
     def of(run: Run) -> MatchedHeights:
@@ -52,7 +53,9 @@ class MatchedHeights:
         folder = run.workspace.stage("dense")
         note = read_json(folder / "grid.json")
         grid = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
-        return MatchedHeights(BlockFiles(folder / "heights", grid, note["side"]), note["base_map_m"])
+        return MatchedHeights(
+            BlockFiles(folder / "heights", grid, note["side"]), note["base_map_m"], note["flying_height_m"]
+        )
 
     @property
     def grid(self) -> MapGrid:
@@ -76,7 +79,7 @@ class _Tile:
 
 def matched(run: Run) -> bool:
     """Return whether heights were matched, or the surface comes from tie points alone."""
-    return bool(run.workspace.summary("dense")["enabled"])
+    return (run.workspace.stage("dense") / "grid.json").is_file()
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -88,9 +91,8 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     grid = heights.grid
     histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
     least = least_correlation_of(np.asarray(histogram))
-    flying_m = _flying_height_m(run)
     cloud = run.cloud("adjusted").position_map_m
-    shared = shared_error(cloud, run.precision().cameras_m2, grid, _SHARED_SPACING_SHARE * flying_m)
+    shared = shared_error(cloud, run.precision().cameras_m2, grid, _SHARED_SPACING_SHARE * heights.flying_height_m)
     gap_m = run.project.surface.maximum_gap_m
     reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
 
@@ -116,10 +118,6 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
         "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
         "measured": int(counts[MEASURED]), "filled": int(counts[FILLED]), "least_correlation": round(least, 3),
     }  # fmt: skip
-
-
-def _flying_height_m(run: Run) -> float:
-    return float(run.workspace.summary("dense")["flying_height_m"])
 
 
 def surface_layers(run: Run) -> BlockFiles:
