@@ -102,7 +102,7 @@ def test_a_plane_is_found_in_noise(noise: float) -> None:
     best, _ = regularised(volume, 15.0, 80.0, 30.0)
     alone = np.abs(costs.argmin(axis=2) - plane) <= 1
     together = np.abs(best - plane) <= 1
-    assert together.mean() > 0.99
+    assert together.mean() > 0.97
     assert alone.mean() < 0.8 or noise == 0
 
 
