@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_too_little_to_start_from_is_named(made: SimulatedSurvey) -> None:
     points = tie_points(made, 2)
     with pytest.raises(PhotogramError, match="2 in 6 photographs are too few"):
         known_ground(points, points, views_of(made), 6)
-    above = tie_points(made) + [0.0, 0.0, 500.0]
+    above = [*tie_points(made), 0.0, 0.0, 500.0]
     with pytest.raises(PhotogramError, match="looks down"):
         known_ground(above, above, views_of(made), 6)
 
@@ -113,7 +114,7 @@ def test_the_grid_holds_all_that_two_photographs_see(
 
 def test_levels_nest(levels: tuple[Level, ...]) -> None:
     assert len(levels) > 1
-    for coarse, fine in zip(levels, levels[1:], strict=False):
+    for coarse, fine in itertools.pairwise(levels):
         a, b = coarse.grid, fine.grid
         assert (a.west_map_m, a.north_map_m, a.cell_m) == (b.west_map_m, b.north_map_m, 2 * b.cell_m)
         assert 0 <= 2 * a.rows - b.rows <= 2 * len(levels)
@@ -141,7 +142,7 @@ def test_finer_ranges_hold_the_truth_and_are_narrow(
 ) -> None:
     """From coarse heights with noise of a third of a step."""
     base = made.frame.origin_map_m[2]
-    for coarse, fine in zip(levels, levels[1:], strict=False):
+    for coarse, fine in itertools.pairwise(levels):
         first = first_prior(known, fine, fine.grid.whole, base)
         noise = np.random.default_rng(1).normal(0.0, coarse.step_m / 3, (coarse.grid.rows, coarse.grid.columns))
         heights = (truth_of(made, coarse.grid) + noise).astype(np.float32)

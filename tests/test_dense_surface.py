@@ -1,4 +1,4 @@
-"""From matched heights to a surface: made walls, curtains, holes and planes, and the law of the propagation of errors."""
+"""From matched heights to a surface: made walls, curtains, holes and planes; propagation of errors on a moved plane."""
 
 from __future__ import annotations
 
