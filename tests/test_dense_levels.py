@@ -18,10 +18,11 @@ from photogram.dense_levels import (
     Level,
     Prior,
     choose_views,
+    correlation_histogram,
     finer_prior,
     first_prior,
     known_ground,
-    least_correlation,
+    least_correlation_of,
     median_of_known,
     plan_levels,
     survey_grid,
@@ -89,7 +90,7 @@ def test_too_little_to_start_from_is_named(made: SimulatedSurvey) -> None:
     points = tie_points(made, 2)
     with pytest.raises(PhotogramError, match="2 in 6 photographs are too few"):
         known_ground(points, points, views_of(made), 6)
-    above = [*tie_points(made), 0.0, 0.0, 500.0]
+    above = tie_points(made) + np.array([0.0, 0.0, 500.0])
     with pytest.raises(PhotogramError, match="looks down"):
         known_ground(above, above, views_of(made), 6)
 
@@ -196,13 +197,19 @@ def test_where_photographs_disagree_all_heights_are_searched_again() -> None:
     assert np.all(np.isfinite(holed.low) & np.isfinite(holed.high) & np.isfinite(holed.surface))
 
 
-def test_a_doubtful_correlation_lies_below_the_ordinary_ones() -> None:
-    rng = np.random.default_rng(9)
-    ordinary = rng.normal(0.7, 0.06, 100_000).astype(np.float32)
-    assert least_correlation(ordinary) == pytest.approx(0.7 - 3 * 0.06, abs=0.005)
-    assert least_correlation(np.append(ordinary, np.full(5000, np.nan, np.float32))) == least_correlation(ordinary)
-    assert least_correlation(np.full((3, 3), np.nan, np.float32)) == DOUBTFUL_BETWEEN[0]
-    assert least_correlation(np.full((3, 3), 0.99, np.float32)) == pytest.approx(DOUBTFUL_BETWEEN[1])
+def test_the_least_correlation_follows_the_ordinary_one() -> None:
+    rng = np.random.default_rng(3)
+    good = np.clip(rng.normal(0.95, 0.01, 200_000), 0, 1).astype(np.float32)
+    poor = np.clip(rng.normal(0.7, 0.08, 200_000), 0, 1).astype(np.float32)
+    high, low = (least_correlation_of(correlation_histogram(v)) for v in (good, poor))
+    assert low == pytest.approx(0.7 - 3.0 * 0.08, abs=0.005)
+    assert low < high < 0.95
+    halves = correlation_histogram(poor[:7]) + correlation_histogram(poor[7:])
+    assert np.array_equal(halves, correlation_histogram(poor))
+    with_holes = np.concatenate([poor, np.zeros(90_000, np.float32), np.full(90_000, np.nan, np.float32)])
+    assert least_correlation_of(correlation_histogram(with_holes)) == low
+    assert least_correlation_of(correlation_histogram(np.full((3, 3), np.nan, np.float32))) == DOUBTFUL_BETWEEN[0]
+    assert least_correlation_of(correlation_histogram(np.full((3, 3), 0.99, np.float32))) == DOUBTFUL_BETWEEN[1]
 
 
 def test_the_median_takes_spikes_away_and_leaves_holes() -> None:

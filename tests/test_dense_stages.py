@@ -142,7 +142,7 @@ class StoppedError(Exception):
 
 
 def test_an_interrupted_run_goes_on(dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path) -> None:
-    """Interrupted again and again, after two more blocks each time: no block is matched twice."""
+    """Interrupted again and again: what is whole stays as it is, and the end is the same."""
     interruptions = 0
     for limit in range(2, 100, 2):
         before = contents(tmp_path / "dense")

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from photogram.dense_surface import (
     FILL_DIRECTIONS,
     STEEPEST,
-    correlation_histogram,
     filled_heights,
     kept_heights,
-    least_correlation_of,
     shared_error,
     surface_sigma_m,
 )
@@ -125,20 +123,6 @@ def test_filling_does_not_depend_on_the_window(seed: int, row: int, column: int,
     at = (slice(row - outer.row, window.row_end - outer.row), slice(column - outer.column, None))
     whole = filled_heights(height, CELL_M, reach)[window.slices]
     assert np.array_equal(part[at][:, : window.shape[1]], whole, equal_nan=True)
-
-
-def test_the_least_correlation_follows_the_ordinary_one() -> None:
-    rng = np.random.default_rng(3)
-    good = np.clip(rng.normal(0.95, 0.01, 200_000), 0, 1).astype(np.float32)
-    poor = np.clip(rng.normal(0.7, 0.08, 200_000), 0, 1).astype(np.float32)
-    high, low = (least_correlation_of(correlation_histogram(v)) for v in (good, poor))
-    assert low == pytest.approx(0.7 - 3.0 * 0.08, abs=0.005)
-    assert low < high < 0.95
-    halves = correlation_histogram(poor[:7]) + correlation_histogram(poor[7:])
-    assert np.array_equal(halves, correlation_histogram(poor))
-    with_holes = np.concatenate([poor, np.zeros(90_000, np.float32), np.full(90_000, np.nan, np.float32)])
-    assert least_correlation_of(correlation_histogram(with_holes)) == low
-    assert 0 < least_correlation_of(np.zeros(1000, np.int64)) < 1
 
 
 def covariances(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
