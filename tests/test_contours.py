@@ -102,7 +102,9 @@ def test_a_block_counts_where_half_of_it_is_known(unknown: int, cut: bool) -> No
     """Lines of a plane that rises to the east run from south to north; where a block is a hole they are in two."""
     values = np.tile(np.arange(64, dtype=np.float32), (40, 1))
     values[20:24, 28:32].flat[:unknown] = np.nan
-    found = contour_lines(Raster(values, WEST, NORTH, CELL), ContourSettings(interval_m=1.0, cell_m=4 * CELL))
+    found = contour_lines(
+        Raster(values, WEST, NORTH, CELL), ContourSettings(interval_m=1.0, cell_m=4 * CELL, minimum_length_m=0.0)
+    )
     through = np.count_nonzero(found.height_m == 28.0)
     assert through == (2 if cut else 1)
     assert np.count_nonzero(found.height_m == 50.0) == 1
