@@ -13,6 +13,7 @@ import numpy as np
 from contourpy import ContourGenerator, LineType, contour_generator
 from numpy.typing import NDArray
 
+from photogram.decimation import block_means
 from photogram.errors import PhotogramError
 from photogram.survey import FloatArray, IntArray, Raster, check_shape
 
@@ -21,6 +22,9 @@ INDEX_EVERY = 5
 
 LINES_OVER_RELIEF = 20
 """About so many lines lie between the lowest and the highest ground where no interval is given."""
+
+LEAST_SHARE = 0.5
+"""A block of cells that are averaged has a height where this share of it is known."""
 
 MAXIMUM_CELLS = 16_000_000
 MAXIMUM_LEVELS = 2000
@@ -96,8 +100,8 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     """
     settings = settings or ContourSettings()
     block = _block(raster, settings.cell_m)
-    values, cell_m = block_means(raster.values, block), raster.cell_m * block
-    known = np.isfinite(values)
+    values, share = block_means(raster.values, block)
+    known, cell_m = share >= LEAST_SHARE, raster.cell_m * block
     if not known.any():
         raise PhotogramError("contours: no cell of the surface has a height")
     heights = values[known]
@@ -141,23 +145,3 @@ def _block(raster: Raster, cell_m: float | None) -> int:
     """Return how many cells along a side are averaged into one."""
     wanted = 1 if cell_m is None else max(1, round(cell_m / raster.cell_m))
     return max(wanted, int(np.ceil(np.sqrt(raster.values.size / MAXIMUM_CELLS))))
-
-
-def block_means(values: NDArray[np.float32], block: int, least: float = 0.5) -> FloatArray:
-    """Return the mean of what is known in blocks of ``block`` × ``block`` cells, NaN where less than ``least``
-    of a block, or none of it, is.
-
-    Blocks at the south and east may be cut; they count as the cells they have. Memory beside the result is that of a
-    row of blocks.
-    """
-    rows, columns = values.shape
-    starts = np.arange(0, columns, block)
-    result = np.full((-(-rows // block), len(starts)), np.nan)
-    for row in range(len(result)):
-        part = values[row * block : (row + 1) * block].astype(np.float64)
-        known = np.isfinite(part)
-        total = np.add.reduceat(np.where(known, part, 0.0).sum(axis=0), starts)
-        count = np.add.reduceat(known.sum(axis=0), starts)
-        cells = len(part) * np.diff(np.append(starts, columns))
-        np.divide(total, count, out=result[row], where=count >= np.maximum(least * cells, 1))
-    return result

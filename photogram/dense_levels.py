@@ -32,6 +32,7 @@ RANGE_STEPS = 1.5
 DOUBTFUL_NMAD, DOUBTFUL_BETWEEN = 3.0, (0.3, 0.75)
 """A correlation so many NMAD below the median of all is not believed; the limit lies between these two."""
 
+CORRELATION_BINS = 1000
 _LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
 _LATTICE = 64
 
@@ -189,7 +190,8 @@ def finer_prior(
     high = maximum_filter(np.where(has, smooth, -np.inf), 3, mode="nearest")[np.ix_(r, c)]
     beyond = RANGE_STEPS * level.step_m
     none = ~np.isfinite(low)
-    doubtful = maximum_filter(has & (correlation < least_correlation(correlation)), 3, mode="nearest")[np.ix_(r, c)]
+    least = least_correlation_of(correlation_histogram(correlation))
+    doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
     low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
     place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
     weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")
@@ -202,15 +204,28 @@ def finer_prior(
     )
 
 
-def least_correlation(correlation: Float32Array) -> float:
-    """Return the correlation below which a height is doubtful, from the correlations of many cells, NaN where a cell
-    has none: what is ordinary depends on texture and light."""
-    known = correlation[np.isfinite(correlation)]
-    if not len(known):
+def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:
+    """Return how many cells have which correlation, in CORRELATION_BINS from 0 to 1; cells without any do not count."""
+    known = correlation[correlation > 0]
+    bins = np.minimum((known * CORRELATION_BINS).astype(np.int64), CORRELATION_BINS - 1)
+    return np.bincount(bins, minlength=CORRELATION_BINS)
+
+
+def least_correlation_of(histogram: NDArray[np.int64]) -> float:
+    """Return the correlation below which a height is doubtful: so many NMAD below the median of all cells, for what is
+    ordinary depends on texture and light."""
+    if not histogram.sum():
         return DOUBTFUL_BETWEEN[0]
-    middle = float(np.median(known))
-    nmad = NMAD_FACTOR * float(np.median(np.abs(known - middle)))
+    value = (np.arange(CORRELATION_BINS) + 0.5) / CORRELATION_BINS
+    middle = _weighted_median(value, histogram)
+    nmad = NMAD_FACTOR * _weighted_median(np.abs(value - middle), histogram)
     return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
+
+
+def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
+    order = np.argsort(value, kind="stable")
+    reached = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(reached, reached[-1] / 2)])
 
 
 def median_of_known(z: Float32Array) -> Float32Array:

@@ -96,7 +96,8 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     for done, _ in enumerate(run.executor.map(pictures.make, range(len(views)))):
         progress(done + 1, len(views), "reduced pictures")
     scene = Scene(frame, views, pictures)
-    stores = [BlockFiles(folder / f"level{n}", level.grid, BLOCK_CELLS) for n, level in enumerate(levels)]
+    names = [*(f"level{n}" for n in range(len(levels) - 1)), "heights"]
+    stores = [BlockFiles(folder / name, level.grid, BLOCK_CELLS) for name, level in zip(names, levels, strict=True)]
     total, done = sum(len(store.windows) for store in stores), 0
     for number in range(len(levels)):
         for _ in _matched(run.executor, scene, known, levels, stores, number, settings):
@@ -105,7 +106,6 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     shutil.rmtree(pictures.folder)
     for store in stores[:-1]:
         shutil.rmtree(store.folder)
-    stores[-1].folder.rename(folder / "heights")
     note = {"side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2], "flying_height_m": known.flying_height_m}
     write_json(folder / "grid.json", {**asdict(grid), **note})
     size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from photogram.dense_levels import DOUBTFUL_BETWEEN, DOUBTFUL_NMAD
 from photogram.map_grid import MapGrid, Window
-from photogram.surface_model import NMAD_FACTOR
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -35,31 +33,7 @@ NOISE_SIGMAS = 2.0
 FILL_DIRECTIONS = 5
 """A hole is closed when it meets the surface in this many of eight directions."""
 
-CORRELATION_BINS = 1000
 _NEAREST = 8
-
-
-def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:
-    """Return how many cells have which correlation, in CORRELATION_BINS from 0 to 1; cells without any do not count."""
-    known = correlation[correlation > 0]
-    bins = np.minimum((known * CORRELATION_BINS).astype(np.int64), CORRELATION_BINS - 1)
-    return np.bincount(bins, minlength=CORRELATION_BINS)
-
-
-def least_correlation_of(histogram: NDArray[np.int64]) -> float:
-    """Return the correlation below which a height is not kept: so many NMAD below the median of all cells."""
-    if not histogram.sum():
-        return DOUBTFUL_BETWEEN[0]
-    value = (np.arange(CORRELATION_BINS) + 0.5) / CORRELATION_BINS
-    middle = _weighted_median(value, histogram)
-    nmad = NMAD_FACTOR * _weighted_median(np.abs(value - middle), histogram)
-    return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
-
-
-def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
-    order = np.argsort(value, kind="stable")
-    reached = np.cumsum(weight[order])
-    return float(value[order][np.searchsorted(reached, reached[-1] / 2)])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 
 from photogram.block_files import BlockFiles
 from photogram.contours import contour_lines
+from photogram.dense_levels import correlation_histogram, least_correlation_of
 from photogram.dense_surface import (
     FILLED,
     HOLE,
     MEASURED,
     SharedError,
-    correlation_histogram,
     filled_heights,
     kept_heights,
-    least_correlation_of,
     shared_error,
     surface_sigma_m,
 )

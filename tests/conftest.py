@@ -7,9 +7,9 @@ import json
 import shutil
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,19 @@ from hypothesis import settings
 from pyproj import Transformer
 
 from photogram.asprs import ReportSettings
+from photogram.camera import Camera, Pose
 from photogram.cli.main import main
 from photogram.demonstration import write_demonstration
+from photogram.dense_kernels import Crops, Ground
+from photogram.dense_levels import choose_views
+from photogram.frames import LocalFrame
+from photogram.map_grid import MapGrid, cell_steps, verticals
 from photogram.pipeline import load_project, run_pipeline
+from photogram.rendering import render
 from photogram.report.completion import complete
+from photogram.scene import make_scene
 from photogram.simulation import SurveyPlan
+from photogram.views import Views
 
 # The same examples on every run: a test must not fail by chance.
 # To hunt for new ones: pytest --hypothesis-profile=default
@@ -86,6 +94,85 @@ class SlopingGeoid:
         longitude, latitude = np.meshgrid(8.0 + 0.25 * np.arange(25), 50.0 + 0.25 * np.arange(17))
         head = struct.pack(">4d2i", 50.0, 8.0, 0.25, 0.25, 17, 25)
         Path(self.path).write_bytes(head + self.height_m(longitude, latitude).astype(">f4").tobytes())
+
+
+@dataclass(frozen=True, eq=False)
+class PhotographedPlane:
+    """Five photographs of a tilted, textured plane from true poses, and a grid over what all of them show.
+
+    ``pictures`` are grey values (height, width) float32 without noise; ``slope`` is the plane's rise in m for a metre
+    to the east and to the south.
+    """
+
+    frame: LocalFrame
+    views: Views
+    pictures: tuple[np.ndarray[Any, Any], ...]
+    grid: MapGrid
+    slope: tuple[float, float]
+    spacing: float = 0.5
+    patch: int = 16
+
+    @property
+    def height_m(self) -> np.ndarray[Any, Any]:
+        """Return the plane's heights (rows, columns) over the base, float64."""
+        foot = verticals(self.frame, self.grid, self.grid.whole).foot_world_m
+        return np.asarray(self.slope[0] * foot[..., 0] - self.slope[1] * foot[..., 1])
+
+    @property
+    def tilt(self) -> np.ndarray[Any, Any]:
+        """Return its rise in m to the next sample of a window (rows, columns, 2)."""
+        rise = np.array(self.slope, np.float32) * np.float32(self.spacing * self.grid.cell_m)
+        return np.ascontiguousarray(np.broadcast_to(rise, (self.grid.rows, self.grid.columns, 2)))
+
+    def crops(self, pictures: Sequence[np.ndarray[Any, Any]] | None = None) -> Crops:
+        """Return whole pictures, its own where none are given, as the kernels take them."""
+        views, shown = self.views, self.pictures if pictures is None else pictures
+        size, none = [p.size for p in shown], np.zeros(len(shown), np.int64)
+        start = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
+        height, width = (np.array([p.shape[k] for p in shown], np.int64) for k in (0, 1))
+        return Crops(
+            views.model, views.parameters, views.rotation_world_from_camera, views.position_world_m,
+            views.largest_radius, start, none, none, width, height,
+            np.concatenate([p.ravel() for p in shown]).astype(np.float32), 1.0,
+        )  # fmt: skip
+
+    def ground(self) -> Ground:
+        """Return the cells of the grid as the kernels take them, each looked up in all photographs that show it."""
+        lines = verticals(self.frame, self.grid, self.grid.whole)
+        middle = np.ix_(*(np.minimum(np.arange(0, n, self.patch) + self.patch // 2, n - 1) for n in lines.up.shape[:2]))
+        place = lines.foot_world_m[middle]
+        chosen, _ = choose_views(self.views, place.reshape(-1, 3), len(self.views))
+        east, south = (step * self.spacing for step in cell_steps(self.frame, self.grid))
+        of_patches = chosen.reshape(*place.shape[:2], len(self.views))
+        return Ground(lines.foot_world_m, lines.up, east, south, self.spacing, of_patches, self.patch)
+
+
+@pytest.fixture(scope="session")
+def photographed_plane() -> PhotographedPlane:
+    """Photographs of 340 × 280 px, 10 cm on the ground, from 40 m above a plane that is tilted by 10 % and 6 %."""
+    camera = Camera("plane", 340, 280, 400.0, np.array([169.0, 141.0]), np.array([-0.03, 0.01, 0.0]))
+    rng = np.random.default_rng(8)
+    poses = []
+    for east, north in ((-7.0, 0.5), (-3.5, -4.0), (0.0, 0.0), (3.5, 4.0), (7.0, -0.5)):
+        turn = np.radians(rng.normal(0.0, 1.0, 3))
+        small = np.array([[1.0, -turn[2], turn[1]], [turn[2], 1.0, -turn[0]], [-turn[1], turn[0], 1.0]])
+        rotation, _ = np.linalg.qr(small @ np.diag([1.0, -1.0, -1.0]))
+        rotation *= np.sign(np.diag(rotation)) * np.array([1.0, -1.0, -1.0])
+        poses.append(Pose(rotation, np.array([east, north, 40.0])))
+    slope = 0.10, 0.06
+    flat = make_scene(11, 90.0, 0.5, relief_m=0.0, buildings=0, trees=0, finest_wavelength_m=0.3)
+    row, column = np.mgrid[: flat.height_m.shape[0], : flat.height_m.shape[1]]
+    east, north = flat.west_m + flat.cell_m * column, flat.south_m + flat.cell_m * row
+    scene = replace(flat, height_m=(slope[0] * east - slope[1] * north).astype(np.float32))
+    coloured = (render(scene, camera, pose, seed=0, noise_dn=0.0) for pose in poses)
+    pictures = tuple((rgb @ np.array([0.299, 0.587, 0.114])).astype(np.float32) for rgb in coloured)
+    views = Views(
+        np.arange(5), np.full(5, camera.kind, np.int64), np.tile(camera.parameters, (5, 1)),
+        np.array([p.rotation_world_from_camera for p in poses]), np.array([p.position_world_m for p in poses]),
+        np.tile(np.array([340, 280]), (5, 1)), np.full(5, camera.largest_radius),
+    )  # fmt: skip
+    frame = LocalFrame("EPSG:25832", (600000.0, 5800000.0, 100.0), "grid")
+    return PhotographedPlane(frame, views, pictures, MapGrid(599992.0, 5800008.0, 0.2, 80, 80), slope)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pyproj import CRS
 
 from photogram import contours as module
-from photogram.contours import Contours, ContourSettings, block_means, contour_lines, interval_for
+from photogram.contours import Contours, ContourSettings, contour_lines, interval_for
 from photogram.errors import FrameError, PhotogramError, WorkspaceError
 from photogram.files.contour_files import LAYER, write_contours
 from photogram.survey import Raster
@@ -97,20 +97,17 @@ def test_short_lines_are_left_out() -> None:
     np.testing.assert_allclose(lengths[0], lengths[1][lengths[1] >= 8 * CELL])
 
 
-@given(
-    st.integers(1, 7), st.integers(1, 19), st.integers(1, 23), st.floats(0.0, 1.0), st.integers(0, 99)
-)  # fmt: skip
-def test_block_means_are_means_of_what_is_known(block: int, rows: int, columns: int, holes: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    values = rng.normal(size=(rows, columns)).astype(np.float32)
-    values[rng.random((rows, columns)) < holes] = np.nan
-    found = block_means(values, block)
-    for row in range(found.shape[0]):
-        for column in range(found.shape[1]):
-            part = values[row * block : (row + 1) * block, column * block : (column + 1) * block].astype(float)
-            known = part[np.isfinite(part)]
-            expected = known.mean() if len(known) and 2 * len(known) >= part.size else np.nan
-            np.testing.assert_allclose(found[row, column], expected, rtol=1e-9, atol=1e-12)
+@pytest.mark.parametrize(("unknown", "cut"), [(0, False), (8, False), (9, True), (16, True)])
+def test_a_block_counts_where_half_of_it_is_known(unknown: int, cut: bool) -> None:
+    """Lines of a plane that rises to the east run from south to north; where a block is a hole they are in two."""
+    values = np.tile(np.arange(64, dtype=np.float32), (40, 1))
+    values[20:24, 28:32].flat[:unknown] = np.nan
+    found = contour_lines(
+        Raster(values, WEST, NORTH, CELL), ContourSettings(interval_m=1.0, cell_m=4 * CELL, minimum_length_m=0.0)
+    )
+    through = np.count_nonzero(found.height_m == 28.0)
+    assert through == (2 if cut else 1)
+    assert np.count_nonzero(found.height_m == 50.0) == 1
 
 
 def test_large_rasters_are_averaged_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from photogram.report import decimation
-from photogram.report.decimation import bands, block_means, block_of, decimated
+from photogram import decimation
+from photogram.decimation import bands, block_means, block_of, decimated
 from photogram.report.dense import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
 from photogram.report.dense_numbers import dense_numbers, surface_check_numbers
 from photogram.survey import Raster

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from photogram.asprs import MINIMUM_POINTS, accuracy
-from photogram.report.decimation import bands
+from photogram.decimation import bands
 from photogram.report.dense import DenseSurface, GroundMarks, OrthophotoPicture, sampled
 from photogram.survey import FloatArray
 

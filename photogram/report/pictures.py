@@ -26,8 +26,8 @@ from scipy.ndimage import distance_transform_edt
 
 from photogram.camera import Camera
 from photogram.comparison import Comparison
+from photogram.decimation import decimated
 from photogram.files.atomic import make_folder, replacing
-from photogram.report.decimation import decimated
 from photogram.survey import ByteArray, FloatArray, Raster
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 
-from photogram.report.decimation import bands, decimated
+from photogram.decimation import bands, decimated
 from photogram.report.dense import BoolArray, DenseSurface
 from photogram.report.pictures import BLUE, GREEN, GREY, SKY, VERMILION, new_figure
 from photogram.report.plan import BLACK, HALO

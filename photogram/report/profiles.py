@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, uniform_filter, uniform_filter1d
 
-from photogram.report.decimation import decimated
+from photogram.decimation import decimated
 from photogram.report.dense import DenseSurface, GroundMarks, Sampled, sampled
 from photogram.survey import FloatArray, Raster
 

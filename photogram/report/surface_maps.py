@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize,
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
-from photogram.report.decimation import block_means, block_of, decimated
+from photogram.decimation import block_means, block_of, decimated
 from photogram.report.dense import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.report.pictures import GREEN, VERMILION, map_axes, new_figure, surface_figure
 from photogram.report.plan import ENOUGH, FEW, HALO, overlap_levels, place_labels

@@ -1,0 +1,102 @@
+"""Blocks of heights matched on a tilted plane that is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photogram.dense_levels import Level, Prior
+from photogram.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, blocks, match_block
+from photogram.errors import PhotogramError
+from photogram.map_grid import LATTICE_CELLS, MapGrid, Window
+
+GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
+STEP_M = 0.25
+
+
+def level_of(grid: MapGrid) -> Level:
+    return Level(grid, 1, 0.8, STEP_M)
+
+
+def truth_m(plane: Any, grid: MapGrid, window: Window) -> np.ndarray[Any, Any]:
+    east, north = grid.centres_map_m(window)
+    return np.asarray(plane.slope[0] * (east - 600000.0) - plane.slope[1] * (north[:, None] - 5800000.0))
+
+
+def matched(plane: Any, grid: MapGrid, block: Window, *, last: bool = True, pictures: Any = None) -> Heights:
+    outer = grid.around_window(block, MARGIN_CELLS)
+    shown = plane.pictures if pictures is None else pictures
+    scene = Scene(plane.frame, plane.views, lambda view, _: shown[view])
+    surface = (np.rint(truth_m(plane, grid, outer)) + 0.1).astype(np.float32)
+    prior = Prior(surface - np.float32(2.0), surface + np.float32(2.0), surface)
+    return match_block(scene, level_of(grid), block, prior, DenseSettings(), last=last)
+
+
+def bytes_of(heights: Heights) -> list[bytes]:
+    return [np.ascontiguousarray(v).tobytes() for v in vars(heights).values()]
+
+
+def test_heights_of_a_plane(photographed_plane: Any) -> None:
+    block = Window(40, 40, 120, 130)
+    found = matched(photographed_plane, GRID, block)
+    error = found.height_m - truth_m(photographed_plane, GRID, block)
+    assert np.isfinite(error).mean() > 0.99
+    assert abs(np.nanmedian(error)) < 0.005
+    assert 1.4826 * np.nanmedian(np.abs(error)) < 0.03
+    assert np.median(found.rays) == 5
+    assert np.all(found.seen == 5)
+    assert np.nanmedian(found.correlation) > 0.9
+    coarse = matched(photographed_plane, GRID, block, last=False)
+    assert np.nanmedian(np.abs(coarse.height_m - truth_m(photographed_plane, GRID, block))) < 0.5 * STEP_M
+    assert np.isnan(coarse.sigma_m).all()
+
+
+def test_a_block_is_the_same_in_a_grid_of_another_size(photographed_plane: Any) -> None:
+    """As long as the grid reaches beyond its margin and starts at a node of the lattice."""
+    cut = LATTICE_CELLS
+    part = MapGrid(GRID.west_map_m + cut * 0.125, GRID.north_map_m - cut * 0.125, 0.125, 128, 128)
+    whole = matched(photographed_plane, GRID, Window(64, 64, 128, 128))
+    assert bytes_of(matched(photographed_plane, part, Window(32, 32, 96, 96))) == bytes_of(whole)
+
+
+def test_what_two_photographs_do_not_show_has_no_height(photographed_plane: Any) -> None:
+    far = MapGrid(600200.0, 5800200.0, 0.125, 40, 40)
+    found = matched(photographed_plane, far, far.whole)
+    assert np.isnan(found.height_m).all()
+    assert np.isnan(found.sigma_m).all()
+    assert not found.rays.any()
+    assert not found.seen.any()
+
+
+def test_pictures_without_texture_give_no_confidence(photographed_plane: Any) -> None:
+    """Noise alone: heights may be found, but the photographs do not agree on them."""
+    rng = np.random.default_rng(3)
+    noise = [(90.0 + rng.normal(0.0, 1.5, p.shape)).astype(np.float32) for p in photographed_plane.pictures]
+    found = matched(photographed_plane, GRID, Window(48, 48, 112, 112), pictures=noise)
+    assert np.nanmedian(found.correlation) < 0.5
+
+
+def test_blocks_cover_a_grid_row_by_row() -> None:
+    windows = blocks(MapGrid(0.0, 0.0, 1.0, 700, 1100))
+    assert sum(w.shape[0] * w.shape[1] for w in windows) == 700 * 1100
+    assert [(w.row, w.column) for w in windows] == sorted((w.row, w.column) for w in windows)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"photographs": 1},
+        {"photographs": 17},
+        {"agreeing_share": 0.0},
+        {"agreeing_share": 1.1},
+        {"small_step": -1.0},
+        {"small_step": 50.0, "large_step": 50.0},
+        {"contrast_dn": 0.0},
+        {"noise_dn": -2.0},
+    ],
+)
+def test_settings_that_make_no_sense_are_named(values: dict[str, Any]) -> None:
+    with pytest.raises(PhotogramError, match=rf"dense\.{next(iter(values))}"):
+        DenseSettings(**values)
