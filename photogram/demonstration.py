@@ -122,7 +122,16 @@ def _project_text(survey: SimulatedSurvey) -> str:
             f"      position_m: {_numbers(position_map_m[g], 4)}",
             f"      marks: {{{seen}}}",
         ]
-    lines += ["features:", "  maximum: 2500", "comparison:", "  reference: truth_surface.tif", ""]
+    lines += [
+        "features:",
+        "  maximum: 2500",
+        "# Coarse cells, so that the demonstration is quick: without these lines they are 2 GSD and 1 GSD.",
+        f"surface: {{cell_m: {4 * plan.gsd_m:.2f}}}",
+        f"orthophoto: {{cell_m: {2 * plan.gsd_m:.2f}}}",
+        "comparison:",
+        "  reference: truth_surface.tif",
+        "",
+    ]
     return "\n".join(lines)
 
 

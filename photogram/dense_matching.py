@@ -41,6 +41,7 @@ MARGIN_CELLS = 24
 """How far a block looks beyond its edge: paths of the regularisation start there."""
 
 PATCH_CELLS = 16
+LARGEST_STEP = 1000.0
 RIM_PX = 8
 _COST_HALF, _REFINEMENT_HALF = 2, 3
 _STEEPEST = 1.0
@@ -71,8 +72,10 @@ class DenseSettings:
             raise PhotogramError(f"dense.photographs is {self.photographs}: give 2 to 16")
         if not 0.0 < self.agreeing_share <= 1.0:
             raise PhotogramError(f"dense.agreeing_share is {self.agreeing_share}: give a share above 0, at most 1")
-        if not 0.0 <= self.small_step < self.large_step:
-            raise PhotogramError("dense.small_step must lie below dense.large_step, and neither below 0")
+        if not 0.0 <= self.small_step < self.large_step <= LARGEST_STEP:
+            raise PhotogramError(
+                f"dense.small_step must lie below dense.large_step, neither below 0 nor above {LARGEST_STEP:g}"
+            )
         if not (self.contrast_dn > 0 and self.noise_dn > 0):
             raise PhotogramError("dense.contrast_dn and dense.noise_dn must be positive")
 

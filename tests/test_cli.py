@@ -41,7 +41,7 @@ def test_version_is_that_of_the_package_and_quick() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), ["init", "check", "adjust", "compare", "demo", "study", "--version"]),
+        ((), ["init", "check", "adjust", "compare", "demo", "study", "view", "--version"]),
         (("init",), ["PHOTOGRAPHS", "--control", "--check", "--marks", "--crs", "--project", "--picture-size"]),
         (("check",), ["PROJECT", "--photographs"]),
         (("adjust",), ["PROJECT", "--photographs", "--from", "--until"]),
@@ -106,7 +106,7 @@ def test_photographs_may_lie_in_another_folder(adjusted_survey: Path, photogram:
     assert "--photographs DIR" in outcome.err
     outcome = photogram("adjust", project, "--photographs", elsewhere, "--until", "comparison")
     assert outcome.code == 0, outcome.err
-    assert outcome.out.count("done before") == 10
+    assert outcome.out.count("done before") == 13
     assert photogram("adjust", project, "--photographs", adjusted_survey / "nowhere").code == 1
 
 

@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from photogram.files.rasters import read_raster
 from photogram.pipeline import load_project, open_run
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,7 +33,10 @@ Json = dict[str, Any]
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    return Path(shutil.copy(ROOT / "examples/dtu_phantom4/project.yaml", tmp_path / "project.yaml"))
+    path = Path(shutil.copy(ROOT / "examples/dtu_phantom4/project.yaml", tmp_path / "project.yaml"))
+    with path.open("a", encoding="utf-8") as stream:  # cells of the true surface, which take seconds
+        stream.write("\nsurface: {cell_m: 0.1}\northophoto: {cell_m: 0.2}\n")
+    return path
 
 
 def check_resections(photographs: Json) -> None:
@@ -96,6 +101,22 @@ def test_founding_survey(
     assert mean_m["adjusted"] < min(mean_m["linear_2view"], mean_m["linear_3view"])
     # three photographs with four points each: the control itself is known to 0.05 m
     assert mean_m["adjusted"] < 0.05
+    check_dense_surface(project.parent / "results/dsm.tif", report["dense"])
+
+
+def check_dense_surface(path: Path, numbers: Json) -> None:
+    """Dense heights against the surface from which the photographs were rendered."""
+    assert numbers["completeness"] >= 0.90
+    surface, truth = read_raster(path)[0], read_raster(DATA / "surface_truth.tif")[0]
+    row, column = np.nonzero(np.isfinite(surface.values))
+    north = surface.north_map_m - (row + 0.5) * surface.cell_m
+    east = surface.west_map_m + (column + 0.5) * surface.cell_m
+    place = [(truth.north_map_m - north) / truth.cell_m - 0.5, (east - truth.west_map_m) / truth.cell_m - 0.5]
+    error_m = surface.values[row, column] - map_coordinates(truth.values, place, order=1, cval=np.nan)
+    error_m = error_m[np.isfinite(error_m)]
+    assert len(error_m) > 300_000
+    assert 1.4826 * np.median(np.abs(error_m - np.median(error_m))) <= 0.03
+    assert abs(np.median(error_m)) < 0.05
 
 
 @pytest.mark.filterwarnings("ignore:The 'future.infer_string' option")

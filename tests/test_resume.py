@@ -22,7 +22,7 @@ from photogram.workspace import Workspace
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 NAMES = [stage.name for stage in STAGES]
-PRODUCTS = {".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".geojson"}
+PRODUCTS = {".gpkg", ".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".geojson"}
 
 KILLED_AT = """
 import json, os, signal, sys
@@ -181,7 +181,7 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
     assert not (adjusted_survey / "work/surface").exists()
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
     assert json.loads((adjusted_survey / "work/surface/stage.json").read_text())["cell_m"] == 0.5
-    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("done before") == 9
+    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("done before") == 10
 
 
 def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
@@ -198,8 +198,8 @@ def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photo
     assert stages_run(adjusted_survey) == ["results"]
     assert (results / "points_adjusted.laz").is_file()
 
-    edit(project, lambda v: v.update(surface={"cell_m": 0.5}))
-    assert stages_run(adjusted_survey, until="comparison") == ["surface"]
+    edit(project, lambda v: v.update(surface={"maximum_gap_m": 0.5}))
+    assert stages_run(adjusted_survey, until="surface") == ["surface"]
     edit(project, lambda v: v.pop("surface"))
     assert stages_run(adjusted_survey, until="comparison") == ["surface"]
 
@@ -228,11 +228,14 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
 
     assert depending(lambda v: v["features"].update(maximum=700)) == NAMES[NAMES.index("features") :]
     assert depending(lambda v: v["matching"].update(ratio=0.7)) == NAMES[NAMES.index("matches") :]
-    surfaces = ["adjustment", "surface", "comparison", "results"]
+    products = ["surface", "relief", "orthophoto"]
+    surfaces = ["adjustment", "dense", *products, "comparison", "results"]
     assert depending(lambda v: v.update(adjustment={"robust_loss": "cauchy"})) == surfaces
     assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == surfaces
     assert depending(lambda v: v.pop("comparison")) == ["comparison", "results"]
-    assert depending(lambda v: v.update(surface={"cell_m": 0.5})) == ["surface", "results"]
+    assert depending(lambda v: v.update(surface={"cell_m": 0.5})) == ["dense", *products, "results"]
+    assert depending(lambda v: v.update(surface={"maximum_gap_m": 0.5})) == [*products, "results"]
+    assert depending(lambda v: v.update(orthophoto={"balance": False})) == ["orthophoto", "results"]
     marked = NAMES[NAMES.index("orientation") :]
     assert depending(lambda v: v["control_points"].update(mark_sigma_px=0.5)) == marked
 

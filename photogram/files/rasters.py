@@ -87,9 +87,7 @@ def read_raster(path: Path) -> tuple[Raster, str]:
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
     """Return what a picture file shows in a window of a grid of its own CRS: red, green, blue and alpha (rows, columns,
     4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
-    corner = Affine.translation(
-        grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
-    )
+    west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
     rows, columns = window.shape
     try:
         with (
@@ -97,7 +95,7 @@ def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uin
             WarpedVRT(
                 dataset,
                 crs=dataset.crs,
-                transform=corner * Affine.scale(grid.cell_m, -grid.cell_m),
+                transform=Affine(grid.cell_m, 0.0, west, 0.0, -grid.cell_m, north),
                 width=columns,
                 height=rows,
                 resampling=Resampling.average,
