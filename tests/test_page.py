@@ -76,7 +76,7 @@ def test_page_holds_every_section_table_and_figure(full_report: Json, figures: l
     assert {f"table-{name}" for name in TABLES} <= set(page.ids)
     assert {f"figure-{f['key'].replace(' ', '-')}" for f in figures} <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
-    assert len(page.alternatives) == len(figures) == 7
+    assert len(page.alternatives) == len(figures) == 12
     assert all(page.alternatives)
 
 
@@ -94,6 +94,7 @@ def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
         ("versions", "diagnosis", "variance_components", "predicted_against_achieved", "leave_one_out")
     )
     report = {**bare, **nothing, "control_points": []}
+    report.pop("dense")
     report["block"] = {**bare["block"], "overlap": None}
     report["block"]["gnss_residual_rms_m"] = {"plan": None, "height": None, "three_d": None}
     text = report_page(complete(report, ReportSettings()), [])
@@ -174,7 +175,8 @@ def test_a_dense_surface_that_nothing_tests_says_so(full_report: Json) -> None:
 
 def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dict[str, str]]) -> None:
     assert [f["key"] for f in figures] == [
-        "plan", "ellipses", "residuals 0", "histograms", "height sigma", "surface", "comparison",
+        "plan", "ellipses", "residuals 0", "histograms", "height sigma", "comparison",
+        "orthophoto", "dense surface", "dense sigma", "dense rays", "dense sigma histogram", "dense profiles",
     ]  # fmt: skip
     for figure in figures:
         head, _, body = figure["uri"].partition(",")
@@ -399,7 +401,7 @@ def test_page_is_made_again_with_what_the_project_now_says(
     asprs = json.loads(numbers.read_text())["asprs"]
     assert asprs["target_rmse_h_m"] == 1.0
     assert len(asprs["statements"]) == 2
-    assert text.count("<img ") == 7
+    assert text.count("<img ") == 12
 
 
 def test_page_without_the_work_folder_says_what_is_left_out(

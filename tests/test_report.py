@@ -364,12 +364,13 @@ def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarr
     # a cell of 1 m holds the height of its centre, the point lies up to 0.7 m beside it on slopes and walls
     assert abs(np.median(error)) < 0.03
     assert np.median(np.abs(error)) < 0.15
-    assert bounds.left >= cloud[:, 0].min() - 1.0
-    assert bounds.top <= cloud[:, 1].max() + 1.0
+    # all ground that two photographs see
+    assert bounds.left <= cloud[:, 0].min()
+    assert bounds.top >= cloud[:, 1].max()
 
 
 def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
-    """On the grid of the surface; beside the points of the cloud they are like those of the points."""
+    """On the grid of the surface; smaller than those of single tie points, whose stated sigma of 0.5 px is generous."""
     results = finished_survey / "results"
     with rasterio.open(results / "dsm.tif") as surface, rasterio.open(results / "dsm_sigma.tif") as raster:
         assert (raster.transform, raster.shape) == (surface.transform, surface.shape)
@@ -380,13 +381,12 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
         beside = np.array([s for (s,) in raster.sample(cloud[:, :2], masked=True)], dtype=object)
     own = laspy.read(results / "points_adjusted.laz")["sigma z"]
     known = np.array([s is not np.ma.masked for s in beside])
-    assert np.median(beside[known].astype(float)) == pytest.approx(np.median(own[known]), rel=0.5)
+    assert 0.1 * np.median(own[known]) < np.median(beside[known].astype(float)) < np.median(own[known])
     dsm = report["dsm"]
     assert (dsm["rows"], dsm["columns"]) == sigma.shape
     assert dsm["cells"] == sigma.count()
     assert dsm["sigma_m"]["median"] == pytest.approx(np.ma.median(sigma), rel=1e-6)
-    assert dsm["held_out"]["n"] > 50
-    assert 0 < dsm["held_out"]["nmad_m"] <= dsm["held_out"]["rmse_m"]
+    assert dsm["held_out"]["n"] == 0  # nothing is interpolated between points
     assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
 
 
@@ -426,6 +426,7 @@ def test_check_points_never_enter_the_adjustment(
     assert own <= changed
     # conclusions from the check points
     drawn = ("/check_points/", "/predicted_against_achieved/", "/diagnosis/dome/", "/asprs/", "/summary/", "/warnings/")
+    drawn += ("/dense/check_points/", "/dense/warnings/")
     assert all(key in own or key.startswith(drawn) for key in changed), changed - own
     assert report["predicted_against_achieved"]["consistent"]
     assert not moved["predicted_against_achieved"]["consistent"]

@@ -101,7 +101,7 @@ def test_every_picture_is_drawn_and_every_table_is_filled(browser: Chrome, pages
         """return [...document.images].map(i => i.complete && i.naturalWidth > 100
             && i.getBoundingClientRect().height > 100)"""
     )
-    assert pictures == [True] * 7
+    assert pictures == [True] * 12
     rows = browser.execute_script(
         "return [...document.querySelectorAll('table')].map(t => [t.id, t.tBodies.length && t.tBodies[0].rows.length])"
     )

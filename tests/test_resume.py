@@ -198,9 +198,9 @@ def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photo
     assert stages_run(adjusted_survey) == ["results"]
     assert (results / "points_adjusted.laz").is_file()
 
-    edit(project, lambda v: v.update(surface={"maximum_gap_m": 0.5}))
+    edit(project, lambda v: v["surface"].update(maximum_gap_m=0.5))
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
-    edit(project, lambda v: v.pop("surface"))
+    edit(project, lambda v: v["surface"].pop("maximum_gap_m"))
     assert stages_run(adjusted_survey, until="comparison") == ["surface"]
 
     again = ["tie_points", "orientation", "transfer", "intersection"]
@@ -234,8 +234,8 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
     assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == surfaces
     assert depending(lambda v: v.pop("comparison")) == ["comparison", "results"]
     assert depending(lambda v: v.update(surface={"cell_m": 0.5})) == ["dense", *products, "results"]
-    assert depending(lambda v: v.update(surface={"maximum_gap_m": 0.5})) == [*products, "results"]
-    assert depending(lambda v: v.update(orthophoto={"balance": False})) == ["orthophoto", "results"]
+    assert depending(lambda v: v["surface"].update(maximum_gap_m=0.5)) == [*products, "results"]
+    assert depending(lambda v: v["orthophoto"].update(balance=False)) == ["orthophoto", "results"]
     marked = NAMES[NAMES.index("orientation") :]
     assert depending(lambda v: v["control_points"].update(mark_sigma_px=0.5)) == marked
 
