@@ -22,11 +22,17 @@ Float32Array = NDArray[np.float32]
 CELL_M = 0.25
 
 
-def kept(height: NDArray[np.float64], correlation: float = 0.9, rays: int = 3) -> Float32Array:
-    shape = height.shape
-    return kept_heights(
-        height.astype(np.float32), np.full(shape, correlation, np.float32), np.full(shape, rays, np.uint8), CELL_M, 0.6
-    )
+def kept(height: NDArray[np.float64], correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
+    sigma, agreed = (np.full(height.shape, value, np.float32) for value in (sigma_m, correlation))
+    seen = np.full(height.shape, rays, np.uint8)
+    return kept_heights(height.astype(np.float32), sigma, agreed, seen, CELL_M, 0.6)
+
+
+def test_what_differs_by_its_noise_alone_stays() -> None:
+    noisy = 10.0 + np.random.default_rng(1).normal(0.0, 0.3, (60, 70))
+    inner = (slice(1, -1), slice(1, -1))
+    assert np.isfinite(kept(noisy)[inner]).mean() < 0.7
+    assert np.isfinite(kept(noisy, sigma_m=0.3)[inner]).mean() > 0.999
 
 
 def plane(rows: int, columns: int, east: float, south: float) -> NDArray[np.float64]:

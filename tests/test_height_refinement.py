@@ -23,7 +23,7 @@ def refined(plane: Any, pictures: Any, start: Any, views: Any = None) -> tuple[A
         ground = ground._replace(views=views)
     surface = start.astype(np.float32)
     refine_heights(
-        plane.crops(pictures), ground, WINDOW, surface, plane.tilt, 0.08, 0.3, height, sigma, correlation, rays
+        plane.crops(pictures), ground, WINDOW, surface, plane.tilt, 0.08, 0.3, 0.15, height, sigma, correlation, rays
     )
     return height, sigma, correlation, rays
 

@@ -126,15 +126,17 @@ def test_a_photograph_that_cannot_be_read_stops_whoever_asks() -> None:
 def test_the_stage_writes_an_orthophoto_in_which_targets_lie_at_their_coordinates(
     adjusted_survey: Path, tmp_path: Path
 ) -> None:
-    project = load_project(adjusted_survey)
+    project = load_project(adjusted_survey / "project.yaml")
     settings = SimpleNamespace(
         photographs=project.photographs, crs=project.crs, orthophoto=OrthophotoSettings(cell_m=0.06)
     )
     texts: list[str] = []
     with open_run(project) as run:
-        part = SimpleNamespace(project=settings, executor=run.executor, adjustment=run.adjustment, surface=run.surface)
+        part = SimpleNamespace(
+            project=settings, executor=run.executor, adjustment=run.adjustment, filled_surface=run.filled_surface
+        )
         summary = make_orthophoto(cast(Run, part), tmp_path, lambda _done, _total, text: texts.append(text))
-        surface = run.surface()
+        surface = run.filled_surface()
     assert texts[0] == "seams and exposure"
     assert read_pixels(project.photographs[0].path).shape[2] == 3
     with rasterio.open(tmp_path / "orthophoto.tif") as dataset:

@@ -77,7 +77,9 @@ def disparity() -> Float32Array:
     found, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
     rays = np.empty(z.shape, np.uint8)
     samples = Window(3, settings.noise_dn, 0.5)
-    refine_heights(crops, ground, samples, z, level, 0.3 * STEP_PX, STEP_PX, found, sigma, correlation, rays)
+    refine_heights(
+        crops, ground, samples, z, level, 0.3 * STEP_PX, STEP_PX, 0.58 * STEP_PX, found, sigma, correlation, rays
+    )
     return found
 
 
