@@ -70,7 +70,22 @@ def _gnss_lines(plan: SurveyPlan) -> list[str]:
     ]
 
 
-def _project_text(survey: SimulatedSurvey) -> str:
+_SPARSE = (
+    "# Left out so that the demonstration is quick: take these two lines away, or run `photogram demo --dense`.",
+    "dense: {enabled: false}",
+    "orthophoto: {enabled: false}",
+)
+
+
+def _coarse_cells(plan: SurveyPlan) -> tuple[str, ...]:
+    return (
+        "# Coarse cells are quick: without these two lines they are 2 GSD and 1 GSD.",
+        f"surface: {{cell_m: {4 * plan.gsd_m:.2f}}}",
+        f"orthophoto: {{cell_m: {2 * plan.gsd_m:.2f}}}",
+    )
+
+
+def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
     camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
     sigma = camera.sigmas
     stated = [k for k in range(3, PARAMETERS) if CLASSIC[k] or sigma[k] > 0]
@@ -125,9 +140,7 @@ def _project_text(survey: SimulatedSurvey) -> str:
     lines += [
         "features:",
         "  maximum: 2500",
-        "# Coarse cells, so that the demonstration is quick: without these lines they are 2 GSD and 1 GSD.",
-        f"surface: {{cell_m: {4 * plan.gsd_m:.2f}}}",
-        f"orthophoto: {{cell_m: {2 * plan.gsd_m:.2f}}}",
+        *(_coarse_cells(plan) if dense else _SPARSE),
         "comparison:",
         "  reference: truth_surface.tif",
         "",
@@ -136,15 +149,22 @@ def _project_text(survey: SimulatedSurvey) -> str:
 
 
 def write_demonstration(
-    folder: Path, seed: int, progress: Callable[[int, int, str], None], plan: SurveyPlan | None = None
+    folder: Path,
+    seed: int,
+    progress: Callable[[int, int, str], None],
+    plan: SurveyPlan | None = None,
+    *,
+    dense: bool = True,
 ) -> Path:
     """Simulate the demonstration survey, or another ``plan``, and write photographs, project.yaml and its truth.
 
-    Returns the project file. What an earlier run with the same seed and plan has written is kept.
+    ``dense``: whether its project asks for a dense surface and an orthophoto. Returns the project file. What an earlier
+    run with the same seed and plan has written is kept, unless its project leaves out what is asked for now.
     """
     plan = plan or demonstration_plan()
     project, truth = folder / "project.yaml", folder / "truth.json"
-    if truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed):
+    made = truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed)
+    if made and not (dense and _SPARSE[1] in project.read_text(encoding="utf-8")):
         return project
     make_folder(folder / "photographs")
     survey = simulate(plan, seed)
@@ -156,7 +176,7 @@ def write_demonstration(
         write_photograph(folder / "photographs" / name, pixels, photograph_tags(survey, photograph))
     write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
     with replacing(project) as temporary:
-        temporary.write_text(_project_text(survey), encoding="utf-8")
+        temporary.write_text(_project_text(survey, dense), encoding="utf-8")
     write_json(truth, truth_record(survey))
     progress(count, count, "")
     return project
