@@ -19,7 +19,7 @@ from photogram.views import Views
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-STEP_PX = 0.85
+STEP_PX = 1.0
 """Parallax, in pixels of the reduced picture, between neighbouring hypotheses."""
 
 COARSEST_PX = 110
@@ -174,13 +174,21 @@ def first_prior(known: KnownGround, level: Level, window: Window, base_map_m: fl
 
 
 def finer_prior(
-    coarse: Float32Array, correlation: Float32Array, at: Window, level: Level, window: Window, known: Prior
+    coarse: Float32Array,
+    correlation: Float32Array,
+    at: Window,
+    level: Level,
+    window: Window,
+    known: Prior,
+    *,
+    again: bool = True,
 ) -> Prior:
     """Return the range of a window of a finer level from heights ``coarse`` of the next coarser one, and their
     correlations, in its window ``at``.
 
     Where the coarser level knows nothing, or its photographs did not agree on a cell (a tree too small for it), all of
-    ``known`` is searched again. ``at`` reaches at least three cells beyond the finer window, as far as the grid goes.
+    ``known`` is searched; ``again`` False leaves the latter out, for the finest level, where it would cost as much as
+    all the rest. ``at`` reaches at least three cells beyond the finer window, as far as the grid goes.
     """
     rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
     r, c = rows // 2 - at.row, columns // 2 - at.column
@@ -191,7 +199,7 @@ def finer_prior(
     beyond = RANGE_STEPS * level.step_m
     none = ~np.isfinite(low)
     least = least_correlation_of(correlation_histogram(correlation))
-    doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
+    doubtful = maximum_filter(again & has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
     low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
     place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
     weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")

@@ -36,8 +36,8 @@ Picture = Callable[[int, int], NDArray[np.generic]]
 """Gives the grey values (height, width) of a view, by its number, reduced by a factor: pixel (u, v) lies at (u, v) /
 factor of it."""
 
-BLOCK_CELLS = 512
-MARGIN_CELLS = 24
+BLOCK_CELLS = 384
+MARGIN_CELLS = 16
 """How far a block looks beyond its edge: paths of the regularisation start there."""
 
 PATCH_CELLS = 16
