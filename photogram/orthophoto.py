@@ -25,7 +25,7 @@ from photogram.resampling import add_photograph
 from photogram.seams import SMALLEST_BLOCK, Seams, ViewArrays, bundled, bundled_lines, find_seams, sees
 from photogram.survey import Raster
 from photogram.views import Views
-from photogram.visibility import LENIENT, NARROW, STRICT, Relief, Terrain, at_edge, height_at
+from photogram.visibility import NARROW, STRICT, Relief, Terrain, at_edge, height_at
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
@@ -282,11 +282,11 @@ def _second_best(
     found: IntArray,
     share: FloatArray,
 ) -> None:
-    """Give all weight to the first candidate that sees a place by the strict test, else by a lenient one; to none
-    where none does."""
+    """Give all weight to the first candidate that sees a place by the strict test, at a height edge else by the
+    narrow one; to none where none does."""
     found[:] = -1
     share[:] = 0.0
-    for mercy in (STRICT, NARROW if edge else LENIENT):
+    for mercy in range(STRICT, NARROW + 1 if edge else STRICT + 1):
         for k in range(len(candidate)):
             if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, mercy):
                 found[0], share[0] = candidate[k], 1.0

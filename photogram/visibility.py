@@ -23,13 +23,13 @@ FloatArray = NDArray[np.float64]
 Heights = NDArray[np.float32]
 
 BLOCK_CELLS = 16
-START_CELLS, STEP_CELLS = 2.0, 0.75
+START_CELLS, STEP_CELLS = 3.0, 0.75
 """Where the test of a ray begins, in cells of the DSM in plan, and the way from one place of it to the next."""
 
 TOLERANCE_CELLS = 1.0
 """How far, in cells, a surface must stick out above a ray to hide what lies behind: noise of a DSM stays below."""
 
-STRICT, LENIENT, NARROW, SLOPE_CELLS = 0, 1, 2, 2.5
+STRICT, NARROW = 0, 1
 """How a ray is tested, see ``is_hidden``."""
 
 EDGE_CELLS = 4.0
@@ -39,7 +39,8 @@ EDGE_CELLS = 4.0
 class Relief(NamedTuple):
     """Part of a DSM as compiled code takes it, from the cell (``row``, ``column``) of the whole DSM on.
 
-    ``height`` (R, C), NaN where it is not known; ``highest`` (R, C) of each cell and its neighbours, and of ``blocks``
+    ``height`` (R, C), NaN where it is not known; ``highest`` (R, C) of each cell and those within two of it, and of
+    ``blocks``
     of cells, −infinity where nothing is known; ``edge`` (R, C): whether there is a height edge within two cells.
     ``ceiling`` is the highest place of the whole DSM. Heights in m of the map.
     """
@@ -99,7 +100,7 @@ class Terrain:
         low, high = np.where(known, height, np.float32(np.inf)), np.where(known, height, np.float32(-np.inf))
         with np.errstate(invalid="ignore"):
             step = maximum_filter(high, 5, mode="nearest") - minimum_filter(low, 5, mode="nearest")
-        highest = maximum_filter(high, 3, mode="nearest")
+        highest = maximum_filter(high, 5, mode="nearest")
         rows, columns = (-(-n // BLOCK_CELLS) for n in height.shape)
         padded = np.full((rows * BLOCK_CELLS, columns * BLOCK_CELLS), -np.inf, np.float32)
         padded[: height.shape[0], : height.shape[1]] = highest
@@ -158,9 +159,8 @@ def at_edge(relief: Relief, east: float, north: float) -> bool:
 def is_hidden(relief: Relief, place: tuple[float, float, float], centre: FloatArray, mercy: int) -> bool:
     """Return whether the surface hides a place of the map from a projection centre (3,) in the map.
 
-    What stands in the way has a rim of a cell, so that nothing of a roof whose edge is not where the DSM has it is
-    taken for the ground behind. ``mercy`` is STRICT; LENIENT with SLOPE_CELLS more of tolerance, for roofs seen
-    at a glancing angle; or NARROW, without the rim.
+    What stands in the way has a rim of two cells, so that nothing of a roof whose edge is not where the DSM has it is
+    taken for the ground behind; ``mercy`` is STRICT for that, NARROW to do without the rim.
     """
     east, north, height = place
     surface = relief.height if mercy == NARROW else relief.highest
@@ -170,11 +170,11 @@ def is_hidden(relief: Relief, place: tuple[float, float, float], centre: FloatAr
         return False
     dx, dy, rise = dx / length, dy / length, (centre[2] - height) / length
     x, y = (east - relief.west) / relief.cell, (relief.north - north) / relief.cell
-    lowered = height - (TOLERANCE_CELLS + (SLOPE_CELLS if mercy == LENIENT else 0.0)) * relief.cell
+    raised = height + TOLERANCE_CELLS * relief.cell
     k = 0
     while True:
         s = START_CELLS + k * STEP_CELLS
-        ray = lowered + s * rise
+        ray = raised + s * rise
         if s >= length or ray > relief.ceiling:
             return False
         c, r = int(np.floor(x + s * dx)) - relief.column, int(np.floor(y + s * dy)) - relief.row
