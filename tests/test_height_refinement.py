@@ -49,13 +49,17 @@ def test_heights_are_unbiased(photographed_plane: Any, noise_dn: float) -> None:
     assert np.median(rays) == 5
 
 
-@pytest.mark.parametrize("noise_dn", [0.75, 1.0, 1.34])
-def test_sigma_is_that_of_the_errors(photographed_plane: Any, noise_dn: float) -> None:
-    """6400 cells; 1.34 dn is the noise of the grey values of a simulated survey's photographs."""
-    height, sigma, _, _ = refined(photographed_plane, noisy(photographed_plane, noise_dn), uneven(photographed_plane))
+@pytest.mark.parametrize("seen_by", [(0, 1, 2, 3, 4), (0, 2, 4), (0, 4)])
+@pytest.mark.parametrize("noise_dn", [0.5, 1.0, 2.0, 4.0])
+def test_sigma_is_that_of_the_errors(photographed_plane: Any, noise_dn: float, seen_by: tuple[int, ...]) -> None:
+    """6400 cells, white noise: the setting noise_dn, 1.5, is no more than a guess of it."""
+    views = np.full_like(photographed_plane.ground().views, -1)
+    views[..., : len(seen_by)] = seen_by
+    pictures = noisy(photographed_plane, noise_dn)
+    height, sigma, _, _ = refined(photographed_plane, pictures, uneven(photographed_plane), views)
     z = (height - photographed_plane.height_m) / sigma
     assert 0.8 < 1.4826 * np.nanmedian(np.abs(z)) < 1.25
-    assert np.nanmean(np.abs(z) > 4.0) < 0.01
+    assert np.nanmean(np.abs(z) > 4.0) < 0.03
 
 
 def test_sigma_grows_with_noise(photographed_plane: Any) -> None:
