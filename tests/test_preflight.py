@@ -18,6 +18,8 @@ from PIL import Image
 from photogram.adjustment import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.cli.terminal import console
+from photogram.contours import ContourSettings
+from photogram.dense_matching import DenseSettings
 from photogram.errors import ProjectError
 from photogram.features import FeatureSettings
 from photogram.files.images import PhotographTags, read_tags, write_photograph
@@ -27,10 +29,12 @@ from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.heights import DeclaredHeights
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
+from photogram.orthophoto import OrthophotoSettings
 from photogram.pair_selection import PairSettings
 from photogram.preflight import check_survey, disk_bytes, header_findings, memory_bytes, project_faults, survey_findings
 from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
 from photogram.surface_model import SurfaceSettings
+from photogram.terrain_model import TerrainSettings
 from photogram.transfer import TransferSettings
 
 CRS = "EPSG:25832"
@@ -79,7 +83,8 @@ def a_survey() -> Survey:
     survey = Project(
         Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), photographs, points, np.zeros(3),
         FeatureSettings(), PairSettings(), MatchingSettings(), OrientationSettings(), TransferSettings(),
-        AdjustmentSettings(), SurfaceSettings(),
+        AdjustmentSettings(), DenseSettings(), SurfaceSettings(), TerrainSettings(), ContourSettings(),
+        OrthophotoSettings(),
         None, Path("results"), Path("work"), DeclaredHeights(*("ellipsoidal",) * 4),
     )  # fmt: skip
     return survey, tags
