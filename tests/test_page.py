@@ -18,7 +18,8 @@ import pytest
 from photogram.asprs import ReportSettings
 from photogram.errors import ReportError
 from photogram.report.completion import complete, discarded
-from photogram.report.page import fixed, plain, probability, report_page, rich, share, signed, small
+from photogram.pipeline import STAGES
+from photogram.report.page import STAGE_TITLES, fixed, plain, probability, report_page, rich, share, signed, small
 from photogram.report.page_figures import standard_ellipses
 from photogram.report.printing import find_browser, print_pdf
 from photogram.report.traffic_lights import traffic_lights
@@ -78,6 +79,12 @@ def test_page_holds_every_section_table_and_figure(full_report: Json, figures: l
     assert len(page.ids) == len(set(page.ids))
     assert len(page.alternatives) == len(figures) == 12
     assert all(page.alternatives)
+
+
+def test_every_stage_has_a_title_on_the_page() -> None:
+    assert list(STAGE_TITLES) == [stage.name for stage in STAGES if stage.name != "results"]
+    # the stage's own title but for the first, which on the page stands without what was read
+    assert {STAGE_TITLES[s.name] for s in STAGES[1:-1]} == {s.title for s in STAGES[1:-1]}
 
 
 def test_page_asks_for_nothing_but_itself(full_report: Json, figures: list[dict[str, str]]) -> None:
