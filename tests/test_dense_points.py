@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import subprocess
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,6 +20,7 @@ from photogram.files.points import read_cloud
 from photogram.map_grid import MapGrid, Window
 
 CRS = "EPSG:25832+5799"
+LAZ = laspy.LazBackend.LazrsParallel
 GRID = MapGrid(602_300.5, 5_794_140.25, 0.05, 420, 310)
 
 
@@ -122,6 +124,48 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(WorkspaceError, match="cannot be written"):
         write_dense_laz(tmp_path / "nowhere" / "dense.laz", GRID, CRS, [good])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_bytes_of_the_header_are_those_of_the_specification(tmp_path: Path) -> None:
+    """ASPRS, LAS 1.4 R15, read byte by byte: what PDAL and LAStools look at before they read a point."""
+    write_dense_laz(tmp_path / "dense.laz", GRID, CRS, [points(1000)])
+    data = (tmp_path / "dense.laz").read_bytes()
+    assert (data[:4], data[24:26], data[104] & 0x3F) == (b"LASF", b"\x01\x04", 7)
+    (encoding,), (size, first, records) = struct.unpack_from("<H", data, 6), struct.unpack_from("<HII", data, 94)
+    assert (encoding, size) == (0b10000, 375)  # the CRS is WKT, and nothing else is claimed
+    assert struct.unpack_from("<H", data, 105) == (30 + 6 + 4 + 1 + 1,)
+    assert struct.unpack_from("<6I", data, 107) == (0,) * 6  # the old counters: zero from point format 6 on
+    assert struct.unpack_from("<Q15Q", data, 247) == (1000, 1000, *(0,) * 14)
+    at, found = size, {}
+    for _ in range(records):
+        _, user, number, length = struct.unpack_from("<H16sHH", data, at)
+        found[user.rstrip(b"\0"), number] = data[at + 54 : at + 54 + length]
+        at += 54 + length
+    assert at == first
+    assert set(found) == {(b"LASF_Projection", 2112), (b"LASF_Spec", 4), (b"laszip encoded", 22204)}
+    crs = found[b"LASF_Projection", 2112]
+    assert crs.startswith(b"COMPD_CS[")
+    assert (crs[-1], crs.count(b"\0")) == (0, 1)
+    extra = found[b"LASF_Spec", 4]
+    told = [extra[k : k + 192] for k in range(0, len(extra), 192)]
+    kinds = [(struct.unpack_from("<BB", e, 2), e[4:36].rstrip(b"\0"), e[160:192].rstrip(b"\0")) for e in told]
+    assert kinds == [  # type 9 is float, 1 is unsigned char; options 0: no range, no scale, no value for no data
+        ((9, 0), b"sigma z", b"st. deviation in height [m]"),
+        ((1, 0), b"confidence", b"0 (none) to 100 (certain)"),
+        ((1, 0), b"rays", b"photographs that agree"),
+    ]
+
+
+def test_the_reference_decoder_reads_the_same_points(tmp_path: Path) -> None:
+    """LASzip, the library that defines the compression, beside the one that wrote it."""
+    if not laspy.LazBackend.Laszip.is_available():
+        pytest.skip("laszip is not installed (pip install laszip)")
+    given, path = points(120_000), tmp_path / "dense.laz"  # three chunks of LAZ's own
+    write_dense_laz(path, GRID, CRS, [given])
+    ours, theirs = (laspy.read(path, laz_backend=backend) for backend in (LAZ, laspy.LazBackend.Laszip))
+    assert theirs.points.array.tobytes() == ours.points.array.tobytes()
+    np.testing.assert_array_equal(theirs["sigma z"], given.sigma_height_m)
+    np.testing.assert_array_equal(theirs["rays"], given.rays)
 
 
 def test_pdal_reads_what_was_written(tmp_path: Path) -> None:
