@@ -17,8 +17,8 @@ import pytest
 
 from photogram.asprs import ReportSettings
 from photogram.errors import ReportError
-from photogram.report.completion import complete, discarded
 from photogram.pipeline import STAGES
+from photogram.report.completion import complete, discarded
 from photogram.report.page import STAGE_TITLES, fixed, plain, probability, report_page, rich, share, signed, small
 from photogram.report.page_figures import standard_ellipses
 from photogram.report.printing import find_browser, print_pdf
