@@ -23,8 +23,15 @@ from matplotlib.colors import LightSource, Normalize
 from numpy.typing import NDArray
 
 from photogram.dense_levels import (
-    Level, choose_views, correlation_histogram, finer_prior, first_prior, known_ground, least_correlation_of,
-    plan_levels, survey_grid,
+    Level,
+    choose_views,
+    correlation_histogram,
+    finer_prior,
+    first_prior,
+    known_ground,
+    least_correlation_of,
+    plan_levels,
+    survey_grid,
 )  # fmt: skip
 from photogram.dense_matching import MARGIN_CELLS, Heights, Scene, match_block
 from photogram.dense_stages import CELL_GSD, MINIMUM_RAYS, round_cell_m
