@@ -45,7 +45,7 @@ def adjust(
     until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
     pdf: Pdf = False,
 ) -> None:
-    """Orient, match and adjust the photographs of a project jointly, and make its clouds, surface model and orthophoto."""
+    """Orient, match and adjust the photographs of a project jointly; make its clouds, surface and orthophoto."""
     survey = load_project(project, photographs)
     with bars() as progress:
         report = run_pipeline(survey, watcher=Terminal(progress), start=start, until=until)
