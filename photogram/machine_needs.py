@@ -186,7 +186,7 @@ def _reduced_bytes(project: Project, size: SurfaceSize) -> float:
     one of those that are reduced, as many as there are levels at most."""
     finest = max(0, round(float(np.log2(size.cell_gsd)) - 1.0))
     reduced = sum(2.0 / 4**step for step in range(max(finest, 1), finest + MOST_LEVELS))
-    return _pixels(project) * (reduced + (finest == 0))
+    return _pixels(project) * float(reduced + (finest == 0))
 
 
 def _memory_needs(project: Project, size: SurfaceSize, workers: int) -> list[tuple[float, str]]:

@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Pose, project
 from photogram.errors import ProjectError
 from photogram.files.described_points import DescribedCloud, read_described
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.thinning import even_choice
-from photogram.report.viewer import view_page
+from photogram.report.viewer import reported_camera, view_page
 
 PLACES = hnp.arrays(
     np.float64,
@@ -138,20 +138,9 @@ def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> No
     for shown in scene["photographs"]:
         given = photographs[shown["name"]]
         c = full_report["cameras"][given["camera"]]
-        camera = Camera(
-            "c",
-            c["width_px"],
-            c["height_px"],
-            c["focal_px"],
-            np.array(c["principal_point_px"]),
-            radial=np.array(c["radial"]),
-            tangential=np.array(c["tangential"]),
-            affinity=np.array(c["affinity"]),
-            model=c["model"],
-        )
         R = np.array(given["rotation_camera_from_map"])
         rays = np.array(shown["rays"]) @ R.T
-        pixel = project(camera, Pose(np.eye(3), np.zeros(3)), rays)
+        pixel = project(reported_camera(c), Pose(np.eye(3), np.zeros(3)), rays)
         u, v = c["width_px"] - 0.5, c["height_px"] - 0.5
         np.testing.assert_allclose(pixel, [[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]], atol=1e-3)
         place = np.array(shown["centre_m"]) + scene["origin_map_m"]
