@@ -24,6 +24,7 @@ from photogram.orthophoto_stage import LEAST_HELD
 from photogram.preflight_geometry import MeasuredSurvey, usable_survey
 from photogram.project import Project
 from photogram.project_schema import Quality
+from photogram.seams import LARGEST_LATTICE, SMALLEST_BLOCK
 
 FloatArray = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ the surface is made of."""
 
 RASTER_BYTES, RELIEF_BYTES, POINT_BYTES = 8.0, 4.0, 6.0
 """On disk for a cell of the surface, compressed: the rasters of the DSM, terrain or contour lines, and its point in the
-dense cloud. Measured on two real surveys and a simulated one: 5 to 8, 1 to 3, and 5."""
+dense cloud. Measured on two real surveys and a simulated one: 5 to 8, 1 to 3 (contour lines), and 5."""
 
 PICTURE_BYTES, SCRATCH_BYTES = 2.3, 4.0
 """On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.3, and before that."""
@@ -58,9 +59,9 @@ PICTURE_BYTES, SCRATCH_BYTES = 2.3, 4.0
 PROGRAM_BYTES = 370e6
 """In memory for the program with its libraries, before it does anything."""
 
-MATCHING_BYTES, TILE_BYTES = 200e6, 230e6
-"""In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart. Measured at
-150 to 200 and at 220 MB."""
+MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 320.0
+"""In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
+150 to 200 and at 170 to 190 MB; and for a block of the lattice of seams, candidates with their costs and messages."""
 
 TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 50.0
 """In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
@@ -69,8 +70,8 @@ report. Measured on seven million cells, lines included."""
 USUAL_RAYS = 4.0
 """Photographs that show a place, taken where nothing says how high they were flown."""
 
-_LATTICE_SHARE, _MOST_NODES = 1 / 40, 1000
-_REACH = 2.0
+_NODE_SHARE, _MOST_NODES = 1 / 40, 1000  # of the lattice on which footprints are counted: in flying heights; along it
+_REACH = 2.0  # in flying heights, as far as ground is looked for that a photograph shows
 
 
 # ---- size of the surface -------------------------------------------------------------------------------------------
@@ -133,7 +134,7 @@ def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bo
     corners = np.array([_footprint_m(project, survey, i) for i in np.flatnonzero(known).tolist()])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     flying_m = float(np.median(survey.flying_height_m[known]))
-    node_m = max(_LATTICE_SHARE * flying_m, float((high - low).max()) / _MOST_NODES)
+    node_m = max(_NODE_SHARE * flying_m, float((high - low).max()) / _MOST_NODES)
     columns, rows = np.ceil((high - low) / node_m).astype(int) + 1
     count = np.zeros((rows, columns), np.int32)
     for corner in np.rint((corners - low) / node_m).astype(np.int32):
@@ -206,8 +207,10 @@ def _memory_needs(project: Project, size: SurfaceSize, workers: int) -> list[tup
     if project.contours.enabled:
         needs.append((4.0 * cells + CONTOUR_BYTES * min(cells, CONTOURED_CELLS), coarser))
     if project.orthophoto.enabled:
+        # more photographs than the least are held where memory is to spare
         held = TILE_BYTES * workers + 3.0 * LEAST_HELD * largest_px
-        needs.append((4.0 * cells + held, "set orthophoto.enabled to false"))
+        lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
+        needs.append((4.0 * cells + lattice + held, "set orthophoto.enabled to false"))
     return needs
 
 

@@ -193,6 +193,19 @@ def test_dense_cloud_is_read_with_what_it_says_of_each_point(tmp_path: Path, per
     np.testing.assert_allclose(read.figures["confidence"], cloud.figures["confidence"], atol=0.5001 * step)
 
 
+def test_whole_numbers_of_a_sigma_are_no_per_cent(tmp_path: Path) -> None:
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.add_extra_dims(
+        [laspy.ExtraBytesParams("Sigma_Z", np.uint16), laspy.ExtraBytesParams("confidence", np.uint8)]
+    )
+    points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(3, header=header))
+    points["Sigma_Z"], points["confidence"] = np.array([0, 1, 2]), np.array([0, 40, 100])
+    points.write(tmp_path / "other.las")
+    read = read_described(tmp_path / "other.las").figures
+    assert read["sigma z"].tolist() == [0.0, 1.0, 2.0]
+    assert read["confidence"].tolist() == [0.0, 0.4, 1.0]
+
+
 def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:
     broken, empty = tmp_path / "broken.laz", tmp_path / "empty.las"
     broken.write_bytes(b"LASF, but no more")
@@ -235,5 +248,8 @@ def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: 
     assert "neither dense.laz nor points_adjusted.laz" in photogram("view", tmp_path).err
     (tmp_path / "report.json").write_text("{", encoding="utf-8")
     assert "report.json: damaged" in photogram("view", tmp_path).err
+    for other in ("[1, 2]", '{"photogram": "1.0"}'):
+        (tmp_path / "report.json").write_text(other, encoding="utf-8")
+        assert "no report of photogram" in photogram("view", tmp_path).err
     assert not (tmp_path / "view.html").exists()
     assert photogram("view", tmp_path, "--points", 5).code == 2

@@ -35,6 +35,7 @@ STAGE_TITLES = {
     "adjustment": "Joint adjustment",
     "dense": "Dense matching",
     "surface": "Surface model",
+    "relief": "Terrain and contours",
     "orthophoto": "Orthophoto",
     "comparison": "Comparison",
 }

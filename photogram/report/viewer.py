@@ -29,8 +29,8 @@ Json = dict[str, Any]
 COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
 UNKNOWN_CONFIDENCE = 255
 
-_SPACING_SAMPLE = 4000
-_WIDEST_TANGENT = 1.5
+_SPACING_SAMPLE = 4000  # points whose nearest neighbour is looked for, about
+_WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
 
 
 def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str, maximum_points: int) -> str:
