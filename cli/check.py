@@ -45,7 +45,8 @@ def _findings(path: Path, photographs: Path | None) -> list[Finding]:
             return by_severity([*project_faults(path, fault), *header_findings(headers, equal_files(there, executor))])
         paths = [p.path for p in project.photographs]
         headers, twins = read_headers(paths, executor), equal_files(paths, executor)
-    return check_survey(project, headers, twins, _free_disk_bytes(project.work.absolute()), _memory_bytes())
+    free_disk_bytes = _free_disk_bytes(project.work.absolute())
+    return check_survey(project, headers, twins, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
 
 
 def _verdict(findings: Sequence[Finding]) -> str:

@@ -163,16 +163,8 @@ def _consistency(report: Mapping[str, Any]) -> list[str]:
     return found + [f"Stated sigmas: {c['sentence']}" for c in refuted]
 
 
-def show_report(report: Mapping[str, Any]) -> None:
-    """Print the essentials of report.json."""
-    resections = _resections(report)
-    if resections is not None:
-        console.print(resections)
-    console.print(_block(report))
-    left_out = _left_out(report)
-    if left_out is not None:
-        console.print(left_out)
-    a, check = report["adjustment"], report["check_points"]
+def _result(report: Mapping[str, Any]) -> Table:
+    a = report["adjustment"]
     table = Table("figure", "value", title="Result", show_header=False)
     table.add_row("tie points, observations", f"{a['tie_points']}, {a['observations']}")
     table.add_row("discarded observations", str(a["discarded_observations"]))
@@ -187,55 +179,76 @@ def show_report(report: Mapping[str, Any]) -> None:
             f"focal length, {name}",
             f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
         )
-    if check["n"]:
-        table.add_row(
-            f"check points ({check['n']}): RMSE in plan, height", f"{check['rmse_h_m']:.3f}, {check['rmse_v_m']:.3f} m"
-        )
-    elif report["leave_one_out"] is not None:
-        left = report["leave_one_out"]
-        table.add_row(
-            f"leave-one-out ({left['n']}, no check points): RMSE in plan, height",
-            f"{left['rmse_h_m']:.3f}, {left['rmse_v_m']:.3f} m",
-        )
-    else:
-        table.add_row("check points", "none: the accuracy of this survey is predicted, not tested")
+    table.add_row(*_accuracy(report))
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
         table.add_row("check points with fewer than two marks", ", ".join(unused))
-    console.print(table)
+    return table
+
+
+def _accuracy(report: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what tests the accuracy, and what it found."""
+    check, left = report["check_points"], report["leave_one_out"]
+    if check["n"]:
+        tested, by = check, f"check points ({check['n']})"
+    elif left is not None:
+        tested, by = left, f"leave-one-out ({left['n']}, no check points)"
+    else:
+        return "check points", "none: the accuracy of this survey is predicted, not tested"
+    return f"{by}: RMSE in plan, height", f"{tested['rmse_h_m']:.3f}, {tested['rmse_v_m']:.3f} m"
+
+
+def _show_blunders(report: Mapping[str, Any]) -> None:
     for blunder in report["blunders"]:
         console.print(f"[bold]Blunder:[/bold] {escape(blunder['sentence'])}")
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
-    for sentence in _consistency(report):
-        console.print(escape(sentence))
-    show_gnss(report["gnss"])
+
+
+def _show_suspects(report: Mapping[str, Any]) -> None:
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]
     for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):
         also = "" if n == 0 else " (may be an effect of the first)"
         console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
-    for sentence in report["diagnosis"]["warnings"]:
+
+
+def _show_diagnosis(diagnosis: Mapping[str, Any]) -> None:
+    for sentence in diagnosis["warnings"]:
         console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
-    if report["diagnosis"]["warnings"] and report["diagnosis"]["remedies"]:
-        console.print(f"[bold]What would help most:[/bold] {escape(report['diagnosis']['remedies'][0]['sentence'])}")
-    for resections in report["diagnosis"]["resections"]:
+    if diagnosis["warnings"] and diagnosis["remedies"]:
+        console.print(f"[bold]What would help most:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
+    for resections in diagnosis["resections"]:
         console.print(escape(resections["sentence"]))
-    surface = surface_table(report)
-    if surface is not None:
-        console.print(surface)
-    if any(cloud["nmad_m"] is not None for cloud in report["clouds"].values()):
-        table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
-        for name, cloud in report["clouds"].items():
-            table.add_row(
-                _CLOUD_TITLES[name],
-                str(cloud["points"]),
-                _metres(cloud["mean_m"]),
-                _metres(cloud["std_m"]),
-                _metres(cloud["nmad_m"]),
-            )
-        console.print(table)
+
+
+def _over_reference(clouds: Mapping[str, Any]) -> Table | None:
+    if all(cloud["nmad_m"] is None for cloud in clouds.values()):
+        return None
+    table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
+    for name, cloud in clouds.items():
+        spread = (_metres(cloud[key]) for key in ("mean_m", "std_m", "nmad_m"))
+        table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), *spread)
+    return table
+
+
+def show_report(report: Mapping[str, Any]) -> None:
+    """Print the essentials of report.json."""
+    _show_tables(_resections(report), _block(report), _left_out(report), _result(report))
+    _show_blunders(report)
+    for sentence in _consistency(report):
+        console.print(escape(sentence))
+    show_gnss(report["gnss"])
+    _show_suspects(report)
+    _show_diagnosis(report["diagnosis"])
+    _show_tables(surface_table(report), _over_reference(report["clouds"]))
+
+
+def _show_tables(*tables: Table | None) -> None:
+    for table in tables:
+        if table is not None:
+            console.print(table)
 
 
 def show_judgement(judgement: Judgement) -> None:

@@ -20,6 +20,8 @@ from photogram.report.viewer import view_page
 VIEW = "view.html"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 DEFAULT_POINTS = 1_500_000
+NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
+"""Keys of report.json that the page shows."""
 
 Results = Annotated[Path, typer.Argument(help="Folder of results, with report.json.", show_default=False)]
 Points = Annotated[int, typer.Option(min=1000, max=20_000_000, help="Show at most so many points, evenly chosen.")]
@@ -30,7 +32,8 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 
 def _report(folder: Path) -> dict[str, Any]:
-    """Return report.json of a folder of results. Raises ReportError where there is none, or where it is damaged."""
+    """Return report.json of a folder of results. Raises ReportError where there is none, or where it is damaged or
+    something else."""
     if not folder.is_dir():
         raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
     path = folder / NUMBERS
@@ -42,6 +45,9 @@ def _report(folder: Path) -> dict[str, Any]:
         numbers = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as fault:
         raise ReportError(f"{path}: damaged ({fault}): make it again with photogram adjust") from fault
+    missing = [key for key in NEEDED if key not in numbers] if isinstance(numbers, dict) else list(NEEDED)
+    if missing:
+        raise ReportError(f"{path}: no report of photogram, {missing[0]} is not in it: run photogram adjust again")
     return dict(numbers)
 
 

@@ -27,7 +27,11 @@ LEAST_SHARE = 0.5
 """A block of cells that are averaged has a height where this share of it is known."""
 
 MAXIMUM_CELLS = 16_000_000
+"""So many cells are contoured at most; of a larger raster as many together as leave that."""
+
 MAXIMUM_LEVELS = 2000
+"""More heights than these are a mistake in the interval."""
+
 _FINEST_INTERVAL_M = 0.01
 
 
@@ -79,7 +83,7 @@ class Contours:
 
     @property
     def is_index(self) -> NDArray[np.bool_]:
-        """Which lines (L,) are index contours."""
+        """Return which lines (L,) are index contours."""
         return np.asarray(np.rint(self.height_m / self.interval_m).astype(np.int64) % INDEX_EVERY == 0)
 
 
@@ -95,7 +99,7 @@ def interval_for(relief_m: float) -> float:
 def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Contours:
     """Trace the lines of the multiples of the interval, lowest first; none runs through a cell without data.
 
-    The raster is treated as a whole: beside it some 40 bytes for each cell that is contoured, 0.7 GB at most. Raises
+    The raster is treated as a whole: beside it some 70 bytes for each cell that is contoured, 1.1 GB at most. Raises
     PhotogramError where no cell has data, or the interval makes more than MAXIMUM_LEVELS heights.
     """
     settings = settings or ContourSettings()
@@ -103,23 +107,23 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     values, share = block_means(raster.values, block)
     known, cell_m = share >= LEAST_SHARE, raster.cell_m * block
     if not known.any():
-        raise PhotogramError("contours: no cell of the surface has a height")
+        raise PhotogramError("contours: no cell of the surface has a height: set contours.enabled to false")
     heights = values[known]
     low, high = float(heights.min()), float(heights.max())
     spread = np.percentile(heights, [0.5, 99.5])
     interval_m = settings.interval_m or interval_for(float(spread[1] - spread[0]))
-    steps = np.arange(np.ceil(low / interval_m), np.floor(high / interval_m) + 1)
-    if len(steps) > MAXIMUM_LEVELS:
+    first, last = np.ceil(low / interval_m), np.floor(high / interval_m)
+    if not last - first < MAXIMUM_LEVELS:
         raise PhotogramError(
-            f"contours: an interval of {interval_m:g} m makes {len(steps)} heights from {low:.1f} to {high:.1f} m, "
-            f"more than {MAXIMUM_LEVELS}: choose a larger interval_m"
+            f"contours: an interval of {interval_m:g} m makes {last - first + 1:.0f} heights from {low:.1f} to "
+            f"{high:.1f} m, more than {MAXIMUM_LEVELS}: choose a larger interval_m"
         )
     shortest_m = 8 * cell_m if settings.minimum_length_m is None else settings.minimum_length_m
     generator = contour_generator(
         z=np.ma.masked_array(values, ~known), name="serial", corner_mask=False, line_type=LineType.ChunkCombinedOffset
     )
     corner = np.array([raster.west_map_m + cell_m / 2, raster.north_map_m - cell_m / 2])
-    levels = np.round(steps * interval_m, 9)
+    levels = np.round(np.arange(first, last + 1) * interval_m, 9)
     lines = [_of_level(generator, float(level), shortest_m / cell_m) for level in levels]
     vertices = np.concatenate([v for v, _ in lines] or [np.zeros((0, 2))])
     count = np.concatenate([c for _, c in lines] or [np.zeros(0, np.int64)])

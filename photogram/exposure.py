@@ -29,11 +29,20 @@ PixelsOf = Callable[[int], ByteArray]
 """Gives the pixels (H, W, 3), red, green, blue, of a view by its number."""
 
 MAXIMUM_PLACES = 20_000
+"""About so many places are compared, at most."""
+
+LARGEST_HALF_PX = 16
+"""A place's colour is the mean of a square that reaches so many pixels to each side at most."""
+
 DARKEST, BRIGHTEST = 8, 247
 """Digital numbers outside of which a pixel says nothing of the exposure."""
 
 CAUCHY = 0.05
+"""Scale of the Cauchy weights, in logarithms of colours: a difference of 5 % has half the weight."""
+
 ROUNDS = 10
+"""So often the equations are solved with new weights."""
+
 PRIOR_GAIN, PRIOR_FALLOFF = 1.0, 0.5
 """Standard deviations of the logarithm of a gain, and of v, before anything is measured."""
 
@@ -78,7 +87,7 @@ def _mean_colours(
         u, v, depth = seen_at(model, q, R, C, largest, X[n])
         if not np.isfinite(u):
             continue
-        half = min(max(int(0.5 * side_m * q[0] / depth), 1), 16)
+        half = min(max(int(0.5 * side_m * q[0] / depth), 1), LARGEST_HALF_PX)
         c, r = int(np.rint(u)), int(np.rint(v))
         if c < half or r < half or c + half >= picture.shape[1] or r + half >= picture.shape[0]:
             continue

@@ -156,8 +156,7 @@ def plan_orthophoto(
 
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view,
     and may be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is
-    not given. Raises PhotogramError where no photograph is above the surface, ValueError where the surface has no
-    height.
+    not given. Raises PhotogramError where no photograph is above the surface, or the surface has no height.
     """
     settings = settings or OrthophotoSettings()
     terrain = Terrain.under(views, frame, surface)

@@ -18,6 +18,7 @@ from photogram.frames import plan_of
 from photogram.map_grid import Window
 from photogram.orthophoto import TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.records import Run
+from photogram.stages import Progress
 from photogram.views import Views
 from photogram.workspace import write_json
 
@@ -57,7 +58,7 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
     return max(LEAST_HELD, memory // 16 // largest)
 
 
-def make_orthophoto(run: Run, folder: Path, progress: Callable[[int, int, str], None]) -> Mapping[str, object]:
+def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile."""
     if not run.project.orthophoto.enabled:
         return {}

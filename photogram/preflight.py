@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,29 +16,12 @@ import numpy as np
 from photogram.errors import ProjectError
 from photogram.files.photograph_headers import PhotographHeader
 from photogram.files.tags import PhotographTags
-from photogram.findings import Finding, Severity, some, things
+from photogram.findings import Finding, some, things
+from photogram.machine_needs import MachineNeeds, gigabytes, machine_findings, machine_needs
 from photogram.preflight_geometry import geometry_findings
 from photogram.preflight_heights import height_system_findings
 from photogram.preflight_positions import gnss_findings
 from photogram.project import Project
-from photogram.project_schema import Quality
-
-BYTES_PER_KEY_POINT = 163
-"""On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""
-
-BYTES_PER_OBSERVATION = 350
-"""Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
-becomes an observation."""
-
-BYTES_PER_PX = 12
-"""Of a photograph in memory: its colours, its grey values, and a copy of each at work."""
-
-BYTES_PER_TILE_PX = 240
-"""Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
-tiles of 800 and of 1728 px."""
-
-SCALE: Mapping[Quality, float] = {"high": 1.0, "medium": 0.5, "low": 0.25}
-"""Width of the picture in which key points are found, by ``quality``."""
 
 _MOST_LINES = 10
 
@@ -140,46 +123,10 @@ def _same_moment(project: Project, tags: Sequence[PhotographTags | None]) -> lis
     return findings
 
 
-# ---- machine -------------------------------------------------------------------------------------------------------
-
-
-def disk_bytes(project: Project) -> int:
-    """Return about how much the work and the results will take on disk: key points, then matches, clouds and DSM."""
-    return int(len(project.photographs) * project.features.maximum * BYTES_PER_KEY_POINT * 1.5)
-
-
-def memory_bytes(project: Project) -> int:
-    """Return about how much memory the hungriest stage needs: one photograph's key points, or the joint adjustment."""
-    largest_px = max(c.width_px * c.height_px for c in project.cameras)
-    tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
-    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, SCALE[project.quality] ** 2 * largest_px)
-    key_points = len(project.photographs) * project.features.maximum
-    return int(max(one, key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)))
-
-
-def _gigabytes(count: int) -> str:
-    return f"{count / 1e9:.1f} GB" if count >= 1e8 else f"{count / 1e6:.0f} MB"
-
-
-def machine_findings(project: Project, free_disk_bytes: int | None, memory: int | None) -> list[Finding]:
-    """Return whether the disk of the working folder and the memory will do, None where they are not known."""
-    findings = []
-    disk, needed = disk_bytes(project), memory_bytes(project)
-    if free_disk_bytes is not None and free_disk_bytes < 2 * disk:
-        text = f"{_gigabytes(free_disk_bytes)} free for {project.work}, about {_gigabytes(disk)} are needed"
-        severity: Severity = "fault" if free_disk_bytes < disk else "warning"
-        findings.append(Finding(severity, "disk", text, "free some space, or name another folder under work"))
-    if memory is not None and memory < needed:
-        text = f"{_gigabytes(memory)} of memory, about {_gigabytes(needed)} are needed"
-        remedy = "lower features.maximum or quality, or use a machine with more memory"
-        findings.append(Finding("warning", "memory", text, remedy))
-    return findings
-
-
 # ---- all together --------------------------------------------------------------------------------------------------
 
 
-def _overview(project: Project, tags: Sequence[PhotographTags | None]) -> Finding:
+def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: MachineNeeds) -> Finding:
     positions = sum(t is not None and t.longitude_deg is not None for t in tags)
     given = sum(p.gnss_map_m is not None or p.file_position is not None for p in project.photographs)
     roles = Counter(p.role for p in project.control_points)
@@ -190,8 +137,8 @@ def _overview(project: Project, tags: Sequence[PhotographTags | None]) -> Findin
         f"{max(positions, given)} with GNSS",
         things(roles["control"], "control point"),
         things(roles["check"], "check point"),
-        f"{_gigabytes(disk_bytes(project))} of disk",
-        f"{_gigabytes(memory_bytes(project))} of memory",
+        f"{gigabytes(needs.disk_bytes)} of disk",
+        f"{gigabytes(needs.memory_bytes)} of memory",
     ]
     if heights:
         facts.insert(3, f"{np.median(heights):.0f} m above take-off")
@@ -221,18 +168,21 @@ def check_survey(
     twins: Sequence[Sequence[int]] = (),
     free_disk_bytes: int | None = None,
     memory: int | None = None,
+    workers: int = 1,
 ) -> list[Finding]:
     """Return everything that can be known before the work starts: faults, then warnings, then notes.
 
     ``headers`` are those of ``project.photographs``, ``twins`` groups of them with the same content;
-    ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known.
+    ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
+    many threads will work at once.
     """
     tags = [header.tags for header in headers]
+    needs = machine_needs(project, tags, workers)
     findings = [
         *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
         *survey_findings(project, tags),
-        *machine_findings(project, free_disk_bytes, memory),
-        _overview(project, tags),
+        *machine_findings(project, needs, free_disk_bytes, memory),
+        _overview(project, tags, needs),
     ]
     return by_severity(findings)
 

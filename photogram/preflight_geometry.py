@@ -138,6 +138,14 @@ def measured_survey(
     )
 
 
+def usable_survey(project: Project, tags: Sequence[PhotographTags | None]) -> MeasuredSurvey | None:
+    """Return ``measured_survey`` without the positions far outside the area where the project's CRS is used, None where
+    nothing says where the survey is. Raises FrameError as ``gnss_positions`` and LocalFrame do."""
+    gnss_map_m = gnss_positions(project, tags)
+    gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
+    return measured_survey(project, tags, gnss_map_m)
+
+
 # ---- positions -----------------------------------------------------------------------------------------------------
 
 
@@ -399,10 +407,8 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
 def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
     """Return everything that this module finds."""
     try:
-        gnss_map_m = gnss_positions(project, tags)
-        findings = area_findings(project, gnss_map_m)
-        gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
-        survey = measured_survey(project, tags, gnss_map_m)
+        findings = area_findings(project, gnss_positions(project, tags))
+        survey = usable_survey(project, tags)
     except FrameError as fault:
         return [Finding("fault", "crs", str(fault).removeprefix("crs: "))]
     if survey is None:

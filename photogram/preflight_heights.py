@@ -18,12 +18,7 @@ from photogram.findings import Finding, Severity, some
 from photogram.frames import LocalFrame
 from photogram.height_datum import HeightEvidence, HeightShift, height_shift
 from photogram.heights import Geoid, HeightSystem
-from photogram.preflight_geometry import (
-    MeasuredSurvey,
-    foreign_positions,
-    gnss_positions,
-    measured_survey,
-)
+from photogram.preflight_geometry import MeasuredSurvey, usable_survey
 from photogram.project import Project
 from photogram.survey import Block, FloatArray, Role
 
@@ -254,9 +249,7 @@ def _against_tags(project: Project, tags: Sequence[bool | None]) -> list[Finding
 def height_system_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
     """Return what is not declared of the heights, and what is declared and cannot be true."""
     try:
-        gnss_map_m = gnss_positions(project, tags)
-        gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
-        survey = measured_survey(project, tags, gnss_map_m)
+        survey = usable_survey(project, tags)
     except FrameError:
         return []  # the geometry's own check says so
     if survey is None:

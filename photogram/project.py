@@ -7,11 +7,11 @@ is (0, 0).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,6 +209,23 @@ class Project:
         )
 
 
+SECTIONS: Mapping[str, type[Any]] = {
+    "features": FeatureSettings,
+    "pairs": PairSettings,
+    "matching": MatchingSettings,
+    "orientation": OrientationSettings,
+    "transfer": TransferSettings,
+    "adjustment": AdjustmentSettings,
+    "dense": DenseSettings,
+    "surface": SurfaceSettings,
+    "terrain": TerrainSettings,
+    "contours": ContourSettings,
+    "orthophoto": OrthophotoSettings,
+    "report": ReportSettings,
+}
+"""Sections of the file that are settings, called as the fields of Project."""
+
+
 def read_project(
     path: Path, photographs_folder: Path | None = None, *, read_matlab_camera: ReadMatlabCamera
 ) -> Project:
@@ -220,21 +237,8 @@ def read_project(
     document = Document(path)
     base = path.absolute().parent
     file = read_entry(document, ProjectFile)
-    features = read_settings(document, "features", FeatureSettings)
-    pairs = read_settings(document, "pairs", PairSettings)
-    matching = read_settings(document, "matching", MatchingSettings)
-    orientation = read_settings(document, "orientation", OrientationSettings)
-    transfer = read_settings(document, "transfer", TransferSettings)
-    adjustment = read_settings(document, "adjustment", AdjustmentSettings)
-    dense = read_settings(document, "dense", DenseSettings)
-    surface = read_settings(document, "surface", SurfaceSettings)
-    terrain = read_settings(document, "terrain", TerrainSettings)
-    contours = read_settings(document, "contours", ContourSettings)
-    orthophoto = read_settings(document, "orthophoto", OrthophotoSettings)
-    report = read_settings(document, "report", ReportSettings)
-    folder = photographs_folder
-    if folder is None and file.photographs.folder is not None:
-        folder = base / file.photographs.folder
+    settings = {name: read_settings(document, name, kind) for name, kind in SECTIONS.items()}
+    folder = _folder(path, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
     heights = read_heights(document, file, base) or UNDECLARED
     surveyed, places = read_point_files(document, file, photographs, base, heights)
@@ -245,46 +249,50 @@ def read_project(
     document.raise_faults()
     entries = _given(photographs)
     copies = _copies(file, entries)
-    numbers = {key: number for number, key in enumerate(copies)}
     named = dict(zip(file.cameras, cameras, strict=True))
-    listed = tuple(
-        _photograph(
-            file,
-            p,
-            _given(folder),
-            numbers[_copy_of(file, _given(camera_of(file, p)), p)],
-            gnss,
-            positions.get(p.name or ""),
-        )
-        for p, gnss in zip(entries, gnss_map_m if file.photographs.list else [None] * len(entries), strict=True)
-    )
+    listed = _photographs(file, entries, list(copies), _given(folder), gnss_map_m, positions)
     return Project(
-        path,
-        _given(file.crs),
-        file.world,
-        file.quality,
-        tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
-        tuple(file.cameras[name].calibration for name, _ in copies),
-        tuple(file.cameras[name].source or "" for name, _ in copies),
-        listed,
-        _control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
-        np.array(file.gnss.offset_sigma_m),
-        _given(features),
-        _given(pairs),
-        _given(matching),
-        _given(orientation),
-        _given(transfer),
-        _given(adjustment),
-        _given(dense),
-        _given(surface),
-        _given(terrain),
-        _given(contours),
-        _given(orthophoto),
-        None if file.comparison.reference is None else base / file.comparison.reference,
-        base / file.results,
-        base / file.work,
-        heights,
-        _given(report),
+        path=path,
+        crs=_given(file.crs),
+        world_kind=file.world,
+        quality=file.quality,
+        cameras=tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
+        calibration=tuple(file.cameras[name].calibration for name, _ in copies),
+        camera_source=tuple(file.cameras[name].source or "" for name, _ in copies),
+        photographs=listed,
+        control_points=_control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
+        gnss_offset_sigma_m=np.array(file.gnss.offset_sigma_m),
+        reference=None if file.comparison.reference is None else base / file.comparison.reference,
+        results=base / file.results,
+        work=base / file.work,
+        heights=heights,
+        **{name: _given(section) for name, section in settings.items()},
+    )
+
+
+def _folder(path: Path, file: ProjectFile, photographs_folder: Path | None) -> Path | None:
+    """Return the folder of the photographs: the one that is asked for, else the file's, None where it names none."""
+    if photographs_folder is None and file.photographs.folder is not None:
+        return path.absolute().parent / file.photographs.folder
+    return photographs_folder
+
+
+def _photographs(
+    file: ProjectFile,
+    entries: Sequence[PhotographEntry],
+    copies: Sequence[_Copy],
+    folder: Path,
+    gnss_map_m: FloatArray,
+    positions: Mapping[str, FilePosition],
+) -> tuple[ProjectPhotograph, ...]:
+    """Return the photographs; ``gnss_map_m`` (F, 3) are the positions of those that the file lists."""
+    numbers = {key: number for number, key in enumerate(copies)}
+    given = list(gnss_map_m) if file.photographs.list else [None] * len(entries)
+    return tuple(
+        _photograph(
+            file, p, folder, numbers[_copy_of(file, _given(camera_of(file, p)), p)], gnss, positions.get(p.name or "")
+        )
+        for p, gnss in zip(entries, given, strict=True)
     )
 
 
@@ -295,9 +303,7 @@ def photograph_paths(path: Path, photographs_folder: Path | None = None) -> list
     """
     document = Document(path)
     file = read_entry(document, ProjectFile)
-    folder = photographs_folder
-    if folder is None and file.photographs.folder is not None:
-        folder = path.absolute().parent / file.photographs.folder
+    folder = _folder(path, file, photographs_folder)
     listed = photographs_of(document, file, folder) or []
     return [] if folder is None else [folder / p.name for p in listed if p.name is not None]
 

@@ -49,6 +49,7 @@ OBJECT_SIZE, OBJECT_HEIGHT = 0.3, 0.03
 all over, so that a roof is not cut in two."""
 
 SWEEPS = 15
+"""So often messages pass to and fro."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +79,8 @@ def block_cells(grid: MapGrid) -> int:
 def find_seams(
     views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_cells: int = 512
 ) -> Seams:
-    """Choose a photograph for every block of a grid; about ``side_cells`` ×
-    ``side_cells`` cells at once change nothing but memory and time."""
+    """Choose a photograph for every block of a grid; about ``side_cells`` × ``side_cells`` cells at once change nothing
+    but memory and time."""
     block = block_cells(grid)
     shape = (-(-grid.rows // block), -(-grid.columns // block))
     candidate = np.full((*shape, CANDIDATES), -1, np.int32)

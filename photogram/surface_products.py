@@ -38,6 +38,8 @@ PRODUCTS = {
 
 CLOUD = "dense.laz"
 MAXIMUM_PICTURE_PX = 1800
+"""Longer side of the orthophoto on the page, at most."""
+
 SEEN_BY = 3
 """A cell that so many photographs show counts for the completeness."""
 
@@ -102,7 +104,11 @@ def dense_surface(run: Run) -> DenseSurface | None:
         return None
     layers = surface_layers(run)
     source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
-    names = tuple(p.name for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True) if pose)
+    names = tuple(
+        p.name
+        for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True)
+        if pose is not None
+    )
     return DenseSurface(
         run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,
         {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},

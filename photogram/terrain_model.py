@@ -20,7 +20,9 @@ from photogram.errors import PhotogramError
 from photogram.survey import BoolArray, FloatArray, Raster
 
 MAXIMUM_BLOCKS = 4_000_000
-_LOW_SHARE = 0.2
+"""The cloth is dropped on so many blocks at most; those of a larger surface are made larger."""
+
+_LOW_SHARE = 0.2  # of the known cells of a block, sorted, lie below its low height
 _STRIP_BLOCKS = 64
 
 

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid, Window
 from photogram.survey import Raster
@@ -67,9 +68,9 @@ class Terrain:
 
     @staticmethod
     def under(views: Views, frame: LocalFrame, surface: Raster) -> Terrain:
-        """Return the terrain under photographs. Raises ValueError where the surface has no heights."""
+        """Return the terrain under photographs. Raises PhotogramError where the surface has no heights."""
         if not np.isfinite(surface.values).any():
-            raise ValueError("a surface without any height")
+            raise PhotogramError("orthophoto: the surface has no height anywhere: set orthophoto.enabled to false")
         ceiling = float(np.nanmax(surface.values))
         return Terrain(surface, np.ascontiguousarray(frame.map_from_world(views.position_world_m)), ceiling)
 

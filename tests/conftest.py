@@ -7,7 +7,7 @@ import json
 import shutil
 import struct
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +30,7 @@ from photogram.map_grid import MapGrid, cell_steps, verticals
 from photogram.pipeline import load_project, run_pipeline
 from photogram.rendering import render
 from photogram.report.completion import complete
+from photogram.report.printing import browser_options, find_browser
 from photogram.scene import make_scene
 from photogram.simulation import SurveyPlan
 from photogram.views import Views
@@ -266,6 +267,34 @@ def photogram(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
         return Outcome(code, said.out, said.err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def open_browser(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """A browser without a window for the tests of pages: ``with open_browser(more options, without={…}) as chrome``;
+    it notes what its console says and what it asks of the network. Skips where there is none."""
+
+    @contextmanager
+    def opened(more: Sequence[str] = (), without: Set[str] = frozenset()) -> Iterator[Any]:
+        from selenium.webdriver import Chrome, ChromeOptions
+        from selenium.webdriver.chrome.service import Service
+
+        binary, driver = find_browser(), shutil.which("chromedriver")
+        if binary is None or driver is None:
+            pytest.skip(f"no {'browser' if binary is None else 'chromedriver'} on this machine")
+        options = ChromeOptions()
+        options.binary_location = binary
+        for option in (*browser_options(tmp_path_factory.mktemp("profile")), *more):
+            if option not in without:
+                options.add_argument(option)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        chrome = Chrome(options=options, service=Service(driver))
+        try:
+            yield chrome
+        finally:
+            chrome.quit()
+
+    return opened
 
 
 @pytest.fixture(scope="session")

@@ -320,3 +320,9 @@ def test_the_grid_has_the_photographs_ground_sampling_distance(flat: Flat) -> No
 def test_a_surface_above_the_photographs_is_refused(flat: Flat) -> None:
     with pytest.raises(PhotogramError, match="not above the surface"):
         orthophoto_grid(flat.views, Terrain.under(flat.views, FRAME, level(22.0, height_map_m=HEIGHT + 50.0)))
+
+
+def test_a_surface_without_heights_is_refused(flat: Flat) -> None:
+    empty = Raster(np.full((50, 50), np.nan, np.float32), EAST - 5.0, NORTH + 5.0, 0.2)
+    with pytest.raises(PhotogramError, match=r"no height anywhere: set orthophoto\.enabled to false"):
+        planned(flat.views, empty, flat.pictures, None, OrthophotoSettings())

@@ -27,11 +27,12 @@ from photogram.files.photograph_headers import PhotographHeader, equal_files, re
 from photogram.findings import Finding, some, things
 from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.heights import DeclaredHeights
+from photogram.machine_needs import machine_needs
 from photogram.matching import MatchingSettings
 from photogram.orientation import OrientationSettings
 from photogram.orthophoto import OrthophotoSettings
 from photogram.pair_selection import PairSettings
-from photogram.preflight import check_survey, disk_bytes, header_findings, memory_bytes, project_faults, survey_findings
+from photogram.preflight import check_survey, header_findings, project_faults, survey_findings
 from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
 from photogram.surface_model import SurfaceSettings
 from photogram.terrain_model import TerrainSettings
@@ -418,16 +419,8 @@ def test_twins_disk_and_memory() -> None:
         ("warning", "memory"),
     ]
     assert found(survey, free_disk_bytes=10**12, memory=10**12)[0].severity == "note"
-    nearly_full = found(survey, free_disk_bytes=int(1.5 * disk_bytes(survey[0])))
+    nearly_full = found(survey, free_disk_bytes=int(1.5 * machine_needs(*survey).disk_bytes))
     assert (nearly_full[0].severity, nearly_full[0].where) == ("warning", "disk")
-
-
-def test_memory_grows_with_photographs_and_picture_size() -> None:
-    survey, _ = a_survey()
-    many = replace(survey, photographs=survey.photographs * 1000)
-    assert memory_bytes(many) > 10 * memory_bytes(survey)
-    assert memory_bytes(replace(survey, quality="low")) < memory_bytes(survey)
-    assert 1.5e6 < disk_bytes(survey) / len(survey.photographs) < 3e6
 
 
 def test_faults_of_the_project_file_become_findings(tmp_path: Path) -> None:

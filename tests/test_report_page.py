@@ -6,21 +6,20 @@ import base64
 import io
 import json
 import re
-import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from photogram.report.page import report_page
-from photogram.report.printing import browser_options, find_browser, print_pdf
+from photogram.report.printing import print_pdf
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 pypdf = pytest.importorskip("pypdf", reason="pypdf is not installed")
 
-from selenium.webdriver import Chrome, ChromeOptions  # noqa: E402
-from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver import Chrome  # noqa: E402
 
 Json = dict[str, Any]
 A4_PT = (595, 842)
@@ -30,18 +29,9 @@ SMALLEST_PX = 12.0
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    binary, driver = find_browser(), shutil.which("chromedriver")
-    if binary is None or driver is None:
-        pytest.skip(f"no {'browser' if binary is None else 'chromedriver'} on this machine")
-    options = ChromeOptions()
-    options.binary_location = binary
-    for option in browser_options(tmp_path_factory.mktemp("profile")):
-        options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    chrome = Chrome(options=options, service=Service(driver))
-    yield chrome
-    chrome.quit()
+def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iterator[Chrome]:
+    with open_browser() as chrome:
+        yield chrome
 
 
 @pytest.fixture(scope="module")

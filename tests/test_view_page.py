@@ -6,9 +6,9 @@ import base64
 import io
 import json
 import re
-import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,12 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from photogram.files.described_points import DescribedCloud, read_described
-from photogram.report.printing import browser_options, find_browser
+from photogram.report.printing import find_browser
 from photogram.report.viewer import view_page
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 
-from selenium.webdriver import Chrome, ChromeOptions  # noqa: E402
-from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver import Chrome  # noqa: E402
 
 Json = dict[str, Any]
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -34,23 +33,12 @@ PATIENCE_S = 30.0
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    binary, driver = find_browser(), shutil.which("chromedriver")
-    if binary is None or driver is None:
-        pytest.skip(f"no {'browser' if binary is None else 'chromedriver'} on this machine")
-    options = ChromeOptions()
-    options.binary_location = binary
-    alone = [option for option in browser_options(tmp_path_factory.mktemp("profile")) if option != "--disable-gpu"]
-    for option in (*alone, *SOFTWARE):
-        options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    chrome = Chrome(options=options, service=Service(driver))
-    chrome.get("data:text/html,<canvas>")
-    if not chrome.execute_script("return !!document.querySelector('canvas').getContext('webgl2')"):
-        chrome.quit()
-        pytest.skip(f"{binary} draws no WebGL 2 on this machine")
-    yield chrome
-    chrome.quit()
+def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iterator[Chrome]:
+    with open_browser(SOFTWARE, without={"--disable-gpu"}) as chrome:
+        chrome.get("data:text/html,<canvas>")
+        if not chrome.execute_script("return !!document.querySelector('canvas').getContext('webgl2')"):
+            pytest.skip(f"{find_browser()} draws no WebGL 2 on this machine")
+        yield chrome
 
 
 @pytest.fixture(scope="module")

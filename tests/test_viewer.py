@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Pose, project
 from photogram.errors import ProjectError
 from photogram.files.described_points import DescribedCloud, read_described
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.thinning import even_choice
-from photogram.report.viewer import view_page
+from photogram.report.viewer import reported_camera, view_page
 
 PLACES = hnp.arrays(
     np.float64,
@@ -138,20 +138,9 @@ def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> No
     for shown in scene["photographs"]:
         given = photographs[shown["name"]]
         c = full_report["cameras"][given["camera"]]
-        camera = Camera(
-            "c",
-            c["width_px"],
-            c["height_px"],
-            c["focal_px"],
-            np.array(c["principal_point_px"]),
-            radial=np.array(c["radial"]),
-            tangential=np.array(c["tangential"]),
-            affinity=np.array(c["affinity"]),
-            model=c["model"],
-        )
         R = np.array(given["rotation_camera_from_map"])
         rays = np.array(shown["rays"]) @ R.T
-        pixel = project(camera, Pose(np.eye(3), np.zeros(3)), rays)
+        pixel = project(reported_camera(c), Pose(np.eye(3), np.zeros(3)), rays)
         u, v = c["width_px"] - 0.5, c["height_px"] - 0.5
         np.testing.assert_allclose(pixel, [[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]], atol=1e-3)
         place = np.array(shown["centre_m"]) + scene["origin_map_m"]
@@ -204,6 +193,19 @@ def test_dense_cloud_is_read_with_what_it_says_of_each_point(tmp_path: Path, per
     np.testing.assert_allclose(read.figures["confidence"], cloud.figures["confidence"], atol=0.5001 * step)
 
 
+def test_whole_numbers_of_a_sigma_are_no_per_cent(tmp_path: Path) -> None:
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.add_extra_dims(
+        [laspy.ExtraBytesParams("Sigma_Z", np.uint16), laspy.ExtraBytesParams("confidence", np.uint8)]
+    )
+    points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(3, header=header))
+    points["Sigma_Z"], points["confidence"] = np.array([0, 1, 2]), np.array([0, 40, 100])
+    points.write(tmp_path / "other.las")
+    read = read_described(tmp_path / "other.las").figures
+    assert read["sigma z"].tolist() == [0.0, 1.0, 2.0]
+    assert read["confidence"].tolist() == [0.0, 0.4, 1.0]
+
+
 def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:
     broken, empty = tmp_path / "broken.laz", tmp_path / "empty.las"
     broken.write_bytes(b"LASF, but no more")
@@ -246,5 +248,8 @@ def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: 
     assert "neither dense.laz nor points_adjusted.laz" in photogram("view", tmp_path).err
     (tmp_path / "report.json").write_text("{", encoding="utf-8")
     assert "report.json: damaged" in photogram("view", tmp_path).err
+    for other in ("[1, 2]", '{"photogram": "1.0"}'):
+        (tmp_path / "report.json").write_text(other, encoding="utf-8")
+        assert "no report of photogram" in photogram("view", tmp_path).err
     assert not (tmp_path / "view.html").exists()
     assert photogram("view", tmp_path, "--points", 5).code == 2

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,11 +56,8 @@ def read_described(path: Path) -> DescribedCloud:
     if len(points) == 0:
         raise ProjectError(f"point cloud {path}: it holds no points: export it again")
     known = {name.casefold().replace("_", " "): name for name in points.point_format.extra_dimension_names}
-    figures = {name: _figures(points, known[name]) for name in FIGURES if name in known}
+    figures = {name: np.asarray(points[known[name]]) for name in FIGURES if name in known}
+    if "confidence" in figures and np.issubdtype(figures["confidence"].dtype, np.integer):
+        figures["confidence"] = figures["confidence"] / 100.0
+    figures = {name: values.astype(np.float64) for name, values in figures.items()}
     return DescribedCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), figures)
-
-
-def _figures(points: laspy.LasData, name: str) -> FloatArray:
-    values = np.asarray(points[name])
-    per_cent = np.issubdtype(values.dtype, np.integer)
-    return values.astype(np.float64) / (100.0 if per_cent else 1.0)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jinja2 import ChainableUndefined, Environment, PackageLoader
+from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup, escape
 
 from photogram.report.completion import axis_roles
@@ -51,15 +51,20 @@ LIBRARY_TITLES = {
 CLOUD_TITLES = {"linear_2view": "Two views, linear", "linear_3view": "Three views, linear", "adjusted": "Adjusted"}
 
 
-def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]]) -> str:
-    """Return the page of a completed report with its figures, as `page_figures` drew them."""
-    environment = Environment(
+def templates(undefined: type[Undefined]) -> Environment:
+    """Return the templates of pages; ``undefined`` says what becomes of a name that a report does not have."""
+    return Environment(
         loader=PackageLoader("photogram.report"),
         autoescape=True,
-        undefined=ChainableUndefined,
+        undefined=undefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]]) -> str:
+    """Return the page of a completed report with its figures, as `page_figures` drew them."""
+    environment = templates(ChainableUndefined)
     environment.filters.update(
         fixed=fixed,
         signed=signed,

@@ -23,10 +23,11 @@ PLAN_CELLS = 500
 BAND_SIGMAS = 2.0
 LINE_COLOURS = {"A": BLUE, "B": "#AA3377", "C": VERMILION}
 GAP = "#dedede"
-SIGMA_BINS = 4000
-LEAST_SIGMA_M = 1e-6
+SIGMA_BINS, LEAST_SIGMA_M = 4000, 1e-6
+"""Classes in which standard deviations are counted, and the least that is told from nought, in m."""
 DRAWN_BINS = 80
 MAXIMUM_RAYS_SHOWN = 16
+"""Numbers of photographs that the figure of standard deviations tells apart, at most."""
 
 
 # ---- profiles ------------------------------------------------------------------------------------------------------

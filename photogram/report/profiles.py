@@ -17,14 +17,15 @@ from photogram.report.dense import DenseSurface, GroundMarks, Sampled, sampled
 from photogram.survey import FloatArray, Raster
 
 COARSE_CELLS = 500
+"""Cells of the copy of the surface on which lines are chosen, along its longer side, at most."""
 SAMPLES = 1000
+"""Parts into which a profile is cut, at most."""
 SHIFT_SHARE = 0.25
 """A line may leave the middle by this share of the site's width, to pass through a check point."""
 NEAR_SHARE = 0.01
 """Check points within this share of a line's length, and two cells at least, are drawn beside it."""
-BOX_SHARE = 0.015
-BOX_M = 2.5
-"""Largest side of the two flat places on either side of a step."""
+BOX_SHARE, BOX_M = 0.015, 2.5
+"""Largest side of the two flat places on either side of a step: in parts of the site's longer side, and in m."""
 BOX_SPACING = 1.8
 """From the middle of one place to that of the other, in their sides: an edge that runs askew finds room between."""
 STEP_SIGMAS, STEP_CELLS = 10.0, 4.0
@@ -230,7 +231,7 @@ def _planes(values: NDArray[np.float32], box: int) -> tuple[FloatArray, FloatArr
 
 
 def profile(dense: DenseSurface, line: ProfileLine, ground: GroundMarks) -> Profile:
-    """Sample a line at every cell, at SAMPLES places at most, and find the check points beside it.
+    """Sample a line at every cell, in SAMPLES equal steps at most, and find the check points beside it.
 
     The profile begins and ends where there is a surface.
     """

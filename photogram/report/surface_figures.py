@@ -120,7 +120,7 @@ def _as_jpeg(found: re.Match[bytes]) -> bytes:
 # ---- one by one ----------------------------------------------------------------------------------------------------
 
 
-def _cells(length_m: float) -> str:
+def _length(length_m: float) -> str:
     return f"{length_m * 100:.3g} cm" if length_m < 1 else f"{length_m:.3g} m"
 
 
@@ -133,10 +133,10 @@ def _percent(share: float) -> str:
 def _orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
     rows, columns = orthophoto.source_shape
     caption = (
-        f"Orthophoto, {columns} × {rows} cells of {_cells(orthophoto.source_cell_m)} in orthophoto.tif, shown in cells "
-        f"of {_cells(orthophoto.cell_m)}: every cell as the photograph that suits it best shows it, upright by the "
-        "surface model. Grey: no photograph shows the place, or the surface has no height there. Symbols stand at the "
-        "surveyed coordinates of the ground points: their targets must lie under them."
+        f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
+        f"cells of {_length(orthophoto.cell_m)}: every cell as the photograph that suits it best shows it, upright by "
+        "the surface model. Grey: no photograph shows the place, or the surface has no height there. Symbols stand at "
+        "the surveyed coordinates of the ground points: their targets must lie under them."
     )
     alternative = f"Orthophoto with {len(ground.name)} ground points"
     return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
@@ -157,7 +157,7 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_int
     beside = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
     lines = "" if contour_interval_m is None else f" Contour lines every {contour_interval_m:g} m."
     caption = (
-        f"Dense surface model of {columns} × {rows} cells of {_cells(dense.cell_m)}, lit from the north-west, heights "
+        f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
         f"enlarged for the shading.{part} Grey: holes, where no height was found that photographs agree on.{filled}"
         f"{beside}{lines}"
     )
@@ -175,10 +175,10 @@ def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnF
         )
     caption = (
         "Predicted standard deviation of every height: the scatter of the matching, from how sharply the photographs "
-        "agree and under which angles they look, together with the uncertainty of the adjusted photographs.  It does "
+        "agree and under which angles they look, together with the uncertainty of the adjusted photographs. It does "
         "not contain wrong matches, what moves or grows between photographs, edges that the cells cut through, nor "
         f"errors of the geoid or the control survey’s datum. Median {numbers['sigma_m']['median']:.3f} m.{classes}"
-    ).replace("  ", " ")
+    )
     alternative = "Map of the predicted standard deviation of the heights of the dense surface"
     return DrawnFigure("dense sigma", sigma_figure(dense, target_m, WIDTH_IN), caption, alternative)
 

@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize,
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
-from photogram.decimation import block_means, block_of, decimated
+from photogram.decimation import bands, block_means, block_of, decimated
 from photogram.report.dense import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.report.pictures import GREEN, VERMILION, map_axes, new_figure, surface_figure
 from photogram.report.plan import ENOUGH, FEW, HALO, overlap_levels, place_labels
@@ -21,13 +21,16 @@ from photogram.survey import FloatArray, Raster
 MAP_CELLS = 1200
 """Cells of a drawn map along its longer side, at most."""
 RAYS_CELLS = 600
+"""The same of the two maps that stand beside each other."""
 NO_DATA, FILLED = "#d4d4d4", "#b07ab8"
 NO_DATA_TEXT = "no height"
 MAXIMUM_NAMES = 60
+"""Ground points that are named on a map, at most; all are drawn."""
 TARGET_STEPS = (0.0, 0.25, 0.5, 1.0, 2.0)
 """Lower limits of the classes of standard deviations, in parts of the target."""
 TARGET_COLOURS = ("#2c6e8f", "#7fb0c4", "#d9e6ea", "#f4c1a0", "#d5603a")
 FILLED_SHARE, KNOWN_SHARE = 0.5, 0.5
+"""Shares of the cells under a drawn one from which it counts as filled, or as known."""
 
 
 def _extent(west_m: float, north_m: float, cell_m: float, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
@@ -160,8 +163,7 @@ def target_bounds_m(target_m: float) -> FloatArray:
 def target_shares(dense: DenseSurface, target_m: float) -> FloatArray:
     """Return which share of the measured cells has its standard deviation in each of the classes, the last one open."""
     edges, counts = target_bounds_m(target_m)[1:-1].astype(np.float32), np.zeros(len(TARGET_STEPS))
-    for first in range(0, dense.heights.values.shape[0], 1024):
-        band = slice(first, first + 1024)
+    for band in bands(dense.heights.values.shape):
         sigma = dense.sigma.values[band][dense.measured(band)]
         counts += np.bincount(np.searchsorted(edges, sigma[np.isfinite(sigma)]), minlength=len(counts))
     return np.asarray(counts / max(float(counts.sum()), 1.0))

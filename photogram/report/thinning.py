@@ -9,8 +9,8 @@ from photogram.survey import FloatArray
 
 IndexArray = NDArray[np.int64]
 
-_ROUNDS = 12
-_ENOUGH = 0.93
+_ROUNDS = 12  # of the search for the size of voxels, at most
+_ENOUGH = 0.93  # of the points that may be shown end the search
 _FINEST = 2.0**-20  # of the extent: three such indices fit an integer of 64 bits
 
 

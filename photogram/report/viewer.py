@@ -11,7 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import StrictUndefined
 from scipy.spatial import cKDTree
 
 from photogram.camera import Camera, image_plane_or_nan
@@ -19,7 +19,7 @@ from photogram.files.described_points import DescribedCloud
 from photogram.report.completion import axis_roles
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
-from photogram.report.page import fixed
+from photogram.report.page import fixed, templates
 from photogram.report.pictures import round_length
 from photogram.report.thinning import even_choice
 from photogram.survey import FloatArray
@@ -29,8 +29,8 @@ Json = dict[str, Any]
 COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
 UNKNOWN_CONFIDENCE = 255
 
-_SPACING_SAMPLE = 4000
-_WIDEST_TANGENT = 1.5
+_SPACING_SAMPLE = 4000  # points whose nearest neighbour is looked for, about
+_WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
 
 
 def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str, maximum_points: int) -> str:
@@ -52,13 +52,7 @@ def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str,
         "exaggeration": _exaggeration(report, scene["extent_m"]),
         "maps": {name: _colour_map(title) for name, title in COLOUR_MAPS.items()},
     }
-    environment = Environment(
-        loader=PackageLoader("photogram.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates(StrictUndefined)
     environment.filters.update(whole=lambda n: fixed(n, 0))
     survey = report.get("survey") or {}
     return environment.get_template("view.html.jinja").render(
@@ -158,13 +152,9 @@ def _colour_map(name: str) -> list[list[int]]:
 # ---- photographs and ground points ---------------------------------------------------------------------------------
 
 
-def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
-    """Return rays (4, 3) to the corners of the format in the camera frame, from the top left clockwise, depth 1.
-
-    A field of view wider than a frustum can show, and corners at which the distortion cannot be undone, are drawn
-    narrower: the frustum is a symbol.
-    """
-    model = Camera(
+def reported_camera(camera: Mapping[str, Any]) -> Camera:
+    """Return a camera of report.json as a camera model, without its name and sigmas."""
+    return Camera(
         "",
         camera["width_px"],
         camera["height_px"],
@@ -175,6 +165,15 @@ def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
         affinity=np.array(camera["affinity"]),
         model=camera["model"],
     )
+
+
+def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
+    """Return rays (4, 3) to the corners of the format in the camera frame, from the top left clockwise, depth 1.
+
+    A field of view wider than a frustum can show, and corners at which the distortion cannot be undone, are drawn
+    narrower: the frustum is a symbol.
+    """
+    model = reported_camera(camera)
     u, v = model.width_px - 0.5, model.height_px - 0.5
     pixel = np.array([[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]])
     ideal = image_plane_or_nan(model, pixel)
