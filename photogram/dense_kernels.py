@@ -27,7 +27,10 @@ NEUTRAL = FULL_COST // 2
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Sums may be reordered, so that they fill the processor's lanes; NaN keeps its meaning."""
 
-_OUT = -1e10
+LEFT_OUT = -1e10
+"""What `agreement` says of a photograph that was left out; sums of correlations lie far above."""
+_EDGE_PX = 0.01
+"""How far from a crop's edge a sample must stay, so that rounding to 32 bits cannot take it beyond."""
 
 
 class Crops(NamedTuple):
@@ -100,54 +103,122 @@ def nearest_views(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _place(crops: Crops, v: int, X: FloatArray) -> tuple[float, float]:
-    """Return where a crop shows a point, NaN where it does not."""
-    x, y, _ = seen_at(crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v], X)
-    return x * crops.scale - crops.left[v], y * crops.scale - crops.top[v]
+def look_up_row(
+    crops: Crops,
+    ground: Ground,
+    row: int,
+    low: FloatArray,
+    high: FloatArray,
+    slope: Float32Array,
+    out: FloatArray,
+) -> None:
+    """Fill ``out`` (columns, N, 11) with how its views show the windows of a row's cells at heights from ``low`` to
+    ``high`` (columns,), NaN for a cell that is left out; ``slope`` (columns, 2) is what a window rises by, in m, to the
+    next sample to the east and to the south.
+
+    The eleven are the place of the middle in the crop, the steps to the next samples to the east and to the south, all
+    halfway up; the places at ``low`` and at ``high``; and how much the depth grows from halfway to ``high``, as a share
+    of it. A place is NaN where a view does not show it.
+    """
+    X, views = np.empty(3), ground.views[row // ground.patch]
+    for start in range(0, len(low), ground.patch):
+        for i in range(views.shape[1]):
+            v = views[start // ground.patch, i]
+            if v < 0:
+                continue
+            model, q, R, C, radius = crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v]
+            scale, left, top = crops.scale, crops.left[v], crops.top[v]
+            for c in range(start, min(start + ground.patch, len(low))):
+                if np.isnan(low[c]):
+                    continue
+                found, foot, up = out[c, i], ground.foot[row, c], ground.up[row, c]
+                middle = 0.5 * (low[c] + high[c])
+                for k in range(3):
+                    X[k] = foot[k] + middle * up[k]
+                x, y, depth = seen_at(model, q, R, C, radius, X)
+                found[0], found[1] = x * scale - left, y * scale - top
+                for k in range(3):
+                    X[k] = foot[k] + ground.east[k] + (middle + slope[c, 0]) * up[k]
+                x, y, _ = seen_at(model, q, R, C, radius, X)
+                found[2], found[3] = x * scale - left - found[0], y * scale - top - found[1]
+                for k in range(3):
+                    X[k] = foot[k] + ground.south[k] + (middle + slope[c, 1]) * up[k]
+                x, y, _ = seen_at(model, q, R, C, radius, X)
+                found[4], found[5] = x * scale - left - found[0], y * scale - top - found[1]
+                for k in range(3):
+                    X[k] = foot[k] + low[c] * up[k]
+                x, y, nearest = seen_at(model, q, R, C, radius, X)
+                found[6], found[7] = x * scale - left, y * scale - top
+                for k in range(3):
+                    X[k] = foot[k] + high[c] * up[k]
+                x, y, farthest = seen_at(model, q, R, C, radius, X)
+                found[8], found[9] = x * scale - left, y * scale - top
+                found[10] = 0.5 * (farthest - nearest) / depth
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def affine(
-    crops: Crops, v: int, ground: Ground, cell: tuple[int, int], h: float, slope: tuple[float, float], out: FloatArray
-) -> None:
-    """Fill ``out`` (6,) with where a crop shows the middle of a window at height ``h``, and its steps to the next
-    sample to the east and to the south; ``slope`` is what the window rises by to each of them, in m."""
-    X = np.empty(3)
-    foot, up = ground.foot[cell[0], cell[1]], ground.up[cell[0], cell[1]]
-    for k in range(3):
-        X[k] = foot[k] + h * up[k]
-    out[0], out[1] = _place(crops, v, X)
-    for k in range(3):
-        X[k] = foot[k] + ground.east[k] + (h + slope[0]) * up[k]
-    x, y = _place(crops, v, X)
-    out[2], out[3] = x - out[0], y - out[1]
-    for k in range(3):
-        X[k] = foot[k] + ground.south[k] + (h + slope[1]) * up[k]
-    x, y = _place(crops, v, X)
-    out[4], out[5] = x - out[0], y - out[1]
+def window_at(found: FloatArray, t: float, out: FloatArray) -> None:
+    """Fill ``out`` (6,), place and steps of a window, at the height ``t`` from −1, low, to 1, high, from what
+    look_up_row ``found``: the place is interpolated quadratically, the steps grow as the depth becomes less."""
+    w0, w1, w2 = 0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)
+    out[0] = w0 * found[6] + w1 * found[0] + w2 * found[8]
+    out[1] = w0 * found[7] + w1 * found[1] + w2 * found[9]
+    nearer = 1.0 / (1.0 + t * found[10])
+    for e in range(2, 6):
+        out[e] = nearer * found[e]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _within(a: FloatArray, half: int, size: tuple[int, int]) -> bool:
+    """Return whether a window of ± ``half`` samples lies within a crop."""
+    reach_x, reach_y = half * (abs(a[2]) + abs(a[4])) + _EDGE_PX, half * (abs(a[3]) + abs(a[5])) + _EDGE_PX
+    across = a[0] - reach_x >= 0.0 and a[0] + reach_x < size[0] - 1
+    return bool(across and a[1] - reach_y >= 0.0 and a[1] + reach_y < size[1] - 1)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def sample(crops: Crops, v: int, a: FloatArray, offset: Float32Array, half: int, out: Float32Array) -> bool:
-    """Fill ``out`` (n,) with the grey values at ``offset`` (n, 2) samples to the east and to the south of a window's
-    middle, bilinear; False where the window of ± ``half`` samples does not lie within the crop."""
-    w, h = crops.width[v], crops.height[v]
-    reach_x, reach_y = half * (abs(a[2]) + abs(a[4])), half * (abs(a[3]) + abs(a[5]))
-    inside = a[0] - reach_x >= 0.0 and a[0] + reach_x < w - 1 and a[1] - reach_y >= 0.0 and a[1] + reach_y < h - 1
-    if not inside:
+def sample(
+    crop: Float32Array, size: tuple[int, int], a: FloatArray, offset: Float32Array, half: int, out: Float32Array
+) -> bool:
+    """Fill ``out`` (n,) with the grey values of a crop of ``size`` at ``offset`` (n, 2) samples to the east and to the
+    south of the middle of window ``a``, bilinear; False where ± ``half`` samples do not lie within it."""
+    if not _within(a, half, size):
         return False
-    base = crops.start[v]
+    w = size[0]
     x0, y0 = np.float32(a[0]), np.float32(a[1])
     xe, ye, xs, ys = np.float32(a[2]), np.float32(a[3]), np.float32(a[4]), np.float32(a[5])
     for k in range(len(offset)):
         e, s = offset[k, 0], offset[k, 1]
         x, y = x0 + e * xe + s * xs, y0 + e * ye + s * ys
-        xi, yi = min(max(int(x), 0), w - 2), min(max(int(y), 0), h - 2)
+        xi, yi = np.int32(x), np.int32(y)
         fx, fy = x - np.float32(xi), y - np.float32(yi)
-        at = base + yi * w + xi
-        top = crops.pixels[at] + fx * (crops.pixels[at + 1] - crops.pixels[at])
-        low = crops.pixels[at + w] + fx * (crops.pixels[at + w + 1] - crops.pixels[at + w])
+        at = np.int64(yi * np.int32(w) + xi)
+        top = crop[at] + fx * (crop[at + 1] - crop[at])
+        low = crop[at + w] + fx * (crop[at + w + 1] - crop[at + w])
         out[k] = top + fy * (low - top)
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
+def sample_square(crop: Float32Array, size: tuple[int, int], a: FloatArray, half: int, out: Float32Array) -> bool:
+    """Fill ``out`` ((2 ``half`` + 1)²,) with a whole window, row by row from north to south; otherwise as `sample`,
+    whose lines it repeats without offsets, because most of the time of the matching is spent here."""
+    if not _within(a, half, size):
+        return False
+    w = size[0]
+    xe, ye, xs, ys = np.float32(a[2]), np.float32(a[3]), np.float32(a[4]), np.float32(a[5])
+    n = 0
+    for j in range(-half, half + 1):
+        x = np.float32(a[0]) + np.float32(j) * xs - np.float32(half) * xe
+        y = np.float32(a[1]) + np.float32(j) * ys - np.float32(half) * ye
+        for _ in range(2 * half + 1):
+            xi, yi = np.int32(x), np.int32(y)
+            fx, fy = x - np.float32(xi), y - np.float32(yi)
+            at = np.int64(yi * np.int32(w) + xi)
+            top = crop[at] + fx * (crop[at + 1] - crop[at])
+            low = crop[at + w] + fx * (crop[at + w + 1] - crop[at + w])
+            out[n] = top + fy * (low - top)
+            x, y, n = x + xe, y + ye, n + 1
     return True
 
 
@@ -171,7 +242,8 @@ def normalise(p: Float32Array, noise: float) -> float:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def _dot(p: Float32Array, m: Float32Array) -> float:
+def dot(p: Float32Array, m: Float32Array) -> float:
+    """Return the scalar product of two vectors (n,)."""
     total = np.float32(0.0)
     for k in range(len(p)):
         total += p[k] * m[k]
@@ -183,8 +255,8 @@ def agreement(p: Float32Array, own: FloatArray, least: int, m: Float32Array, a: 
     """Return the mean correlation of all pairs of those ``least`` photographs that agree best.
 
     ``p`` (count, n) normalised samples, ``own`` (count,) their squared lengths, ``m`` (n,) and ``a`` (count,) are room
-    to work in: on return ``a`` is the sum of a photograph's correlations with the others, hugely negative for one that
-    was left out. The one that agrees least goes first, and the others are looked at again without it.
+    to work in: on return ``a`` is the sum of a photograph's correlations with the others, LEFT_OUT for one that is not
+    among them. The one that agrees least goes first, and the others are looked at again without it.
     """
     count, n = p.shape
     m[:] = np.float32(0.0)
@@ -193,20 +265,20 @@ def agreement(p: Float32Array, own: FloatArray, least: int, m: Float32Array, a: 
             m[k] += p[i, k]
     together = 0.0
     for i in range(count):
-        a[i] = _dot(p[i], m) - own[i]
+        a[i] = dot(p[i], m) - own[i]
         together += a[i]
     used = count
     while used > least:
         worst = -1
         for i in range(count):
-            if a[i] > _OUT and (worst < 0 or a[i] < a[worst]):
+            if a[i] > LEFT_OUT and (worst < 0 or a[i] < a[worst]):
                 worst = i
         together -= 2.0 * a[worst]
-        a[worst] = _OUT
+        a[worst] = LEFT_OUT
         used -= 1
         for i in range(count):
-            if a[i] > _OUT:
-                a[i] -= _dot(p[i], p[worst])
+            if a[i] > LEFT_OUT:
+                a[i] -= dot(p[i], p[worst])
     return float(together / (used * (used - 1)))
 
 
@@ -214,16 +286,6 @@ def agreement(p: Float32Array, own: FloatArray, least: int, m: Float32Array, a: 
 def share_of(count: int, share: float) -> int:
     """Return how many of ``count`` photographs must agree, two at least."""
     return max(min(count, 2), int(np.ceil(share * count)))
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def square_offsets(half: int) -> Float32Array:
-    """Return the samples (n, 2) of a square window, to the east and to the south of its middle."""
-    side = 2 * half + 1
-    offset = np.empty((side * side, 2), np.float32)
-    for k in range(side * side):
-        offset[k, 0], offset[k, 1] = k % side - half, k // side - half
-    return offset
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
@@ -240,34 +302,31 @@ def fill_costs(
     """Fill the costs of all hypotheses: hypothesis k of a cell is the height k ``step_m`` over the base, its window
     tilted by ``slope`` (rows, columns, 2), in m per sample to the east and to the south.
 
-    Places are interpolated quadratically between the lowest, the middle and the highest hypothesis.
+    Places are interpolated quadratically between the lowest, the middle and the highest hypothesis, and the steps from
+    sample to sample grow as the depth becomes less.
     """
     rows, columns, _ = ground.foot.shape
-    offset = square_offsets(window.half)
-    most, n = ground.views.shape[2], len(offset)
+    most, n = ground.views.shape[2], (2 * window.half + 1) ** 2
     p, m, own, a = np.empty((most, n), np.float32), np.empty(n, np.float32), np.empty(most), np.empty(most)
-    node, way = np.empty((most, 3, 6)), np.empty(6)
+    found, way = np.empty((columns, most, 11)), np.empty(6)
+    low, high = np.empty(columns), np.empty(columns)
     for r in range(rows):
         for c in range(columns):
+            count = start[r * columns + c + 1] - start[r * columns + c]
+            low[c] = first[r * columns + c] * step_m if count > 0 else np.nan
+            high[c] = low[c] + (count - 1) * step_m
+        look_up_row(crops, ground, r, low, high, slope[r], found)
+        for c in range(columns):
             at, count = start[r * columns + c], start[r * columns + c + 1] - start[r * columns + c]
-            if count == 0:
-                continue
             views = ground.views[r // ground.patch, c // ground.patch]
-            low, high = first[r * columns + c] * step_m, (first[r * columns + c] + count - 1) * step_m
-            tilt = (np.float64(slope[r, c, 0]), np.float64(slope[r, c, 1]))
-            for i in range(most):
-                if views[i] >= 0:
-                    for t in range(3):
-                        affine(crops, views[i], ground, (r, c), low + 0.5 * t * (high - low), tilt, node[i, t])
             for k in range(count):
-                t = k / max(count - 1, 1)
-                w0, w1, w2 = (1.0 - t) * (1.0 - 2.0 * t), 4.0 * t * (1.0 - t), t * (2.0 * t - 1.0)
-                seen = 0
+                t, seen = 2.0 * k / max(count - 1, 1) - 1.0, 0
                 for i in range(most):
-                    if views[i] >= 0:
-                        for e in range(6):
-                            way[e] = w0 * node[i, 0, e] + w1 * node[i, 1, e] + w2 * node[i, 2, e]
-                        if sample(crops, views[i], way, offset, window.half, p[seen]):
+                    v = views[i]
+                    if v >= 0:
+                        window_at(found[c, i], t, way)
+                        crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
+                        if sample_square(crop, size, way, window.half, p[seen]):
                             own[seen] = normalise(p[seen], window.noise)
                             seen += 1
                 cost[at + k] = NEUTRAL
@@ -280,13 +339,18 @@ def fill_costs(
 def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Float32Array) -> None:
     """Fill ``out`` (rows, columns) with the grey values of a surface (m over the base), each in the first of its views;
     0 where that does not show it."""
-    offset, way, grey = np.zeros((1, 2), np.float32), np.empty(6), np.empty(1, np.float32)
     rows, columns = surface.shape
+    X, at, grey = np.empty(3), np.zeros(6), np.empty(1, np.float32)
     for r in range(rows):
         for c in range(columns):
             out[r, c] = np.float32(0.0)
-            view = ground.views[r // ground.patch, c // ground.patch, 0]
-            if view >= 0:
-                affine(crops, view, ground, (r, c), np.float64(surface[r, c]), (0.0, 0.0), way)
-                if sample(crops, view, way, offset, 0, grey):
-                    out[r, c] = grey[0]
+            v = ground.views[r // ground.patch, c // ground.patch, 0]
+            if v < 0:
+                continue
+            for k in range(3):
+                X[k] = ground.foot[r, c, k] + surface[r, c] * ground.up[r, c, k]
+            x, y, _ = seen_at(crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v], X)
+            at[0], at[1] = x * crops.scale - crops.left[v], y * crops.scale - crops.top[v]
+            crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
+            if sample_square(crop, size, at, 0, grey):
+                out[r, c] = grey[0]

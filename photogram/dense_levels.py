@@ -19,7 +19,7 @@ from photogram.views import Views
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-STEP_PX = 1.0
+STEP_PX = 0.7
 """Parallax, in pixels of the reduced picture, between neighbouring hypotheses."""
 
 COARSEST_PX = 110
@@ -32,9 +32,11 @@ RANGE_STEPS = 1.5
 DOUBTFUL_NMAD, DOUBTFUL_BETWEEN = 3.0, (0.3, 0.75)
 """A correlation so many NMAD below the median of all is not believed; the limit lies between these two."""
 
+AROUND_CELLS = 8
+"""How far around a doubtful cell, in cells of the coarser level, the finest one looks for heights to try."""
+
 CORRELATION_BINS = 1000
 _LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
-_LATTICE = 64
 
 
 @dataclass(frozen=True)
@@ -155,13 +157,12 @@ def plan_levels(known: KnownGround, views: Views, grid: MapGrid) -> tuple[Level,
 
 def first_prior(known: KnownGround, level: Level, window: Window, base_map_m: float) -> Prior:
     """Return the range of the coarsest level: that of the tie points around, and some more for what stands out."""
-    east, north = level.grid.centres_map_m(window)
-    plan = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     tree = cKDTree(known.points_map_m[:, :2])
     # one query per lattice node: the range changes slowly
     reach = _LOCAL_SHARE * known.flying_height_m
-    node = np.round(plan / (reach / 4)) * (reach / 4)
-    nodes, which = np.unique(node, axis=0, return_inverse=True)
+    axes = [np.unique(np.round(v / (reach / 4)), return_inverse=True) for v in level.grid.centres_map_m(window)]
+    (east, column), (north, row) = axes
+    nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2) * (reach / 4)
     heights = known.points_map_m[:, 2] - base_map_m
     nearest = nearest_in_plan(known.points_map_m, nodes, min(5, len(heights)))
     low, high, middle = (np.empty(len(nodes)) for _ in range(3))
@@ -169,7 +170,7 @@ def first_prior(known: KnownGround, level: Level, window: Window, base_map_m: fl
         around = heights[np.union1d(np.array(near, dtype=np.int64), nearest[n])]
         low[n], high[n], middle[n] = around.min(), around.max(), np.median(around)
     beyond = _BEYOND_SHARE * known.flying_height_m
-    which = which.reshape(window.shape)
+    which = row[:, None] * len(east) + column[None, :]
     return Prior(*(np.ascontiguousarray(v[which], dtype=np.float32) for v in (low - beyond, high + beyond, middle)))
 
 
@@ -181,14 +182,15 @@ def finer_prior(
     window: Window,
     known: Prior,
     *,
-    again: bool = True,
+    widely: bool = True,
 ) -> Prior:
     """Return the range of a window of a finer level from heights ``coarse`` of the next coarser one, and their
     correlations, in its window ``at``.
 
-    Where the coarser level knows nothing, or its photographs did not agree on a cell (a tree too small for it), all of
-    ``known`` is searched; ``again`` False leaves the latter out, for the finest level, where it would cost as much as
-    all the rest. ``at`` reaches at least three cells beyond the finer window, as far as the grid goes.
+    Where the coarser level knows nothing, all of ``known`` is searched, and also where its photographs did not agree on
+    a cell: a tree too small for it, a roof taken for the ground. ``widely`` False searches the latter only between the
+    heights that were agreed on up to AROUND_CELLS cells away, for the finest level, where it would cost as much as all
+    the rest. ``at`` reaches at least AROUND_CELLS + 3 cells beyond the finer window, as far as the grid goes.
     """
     rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
     r, c = rows // 2 - at.row, columns // 2 - at.column
@@ -199,17 +201,30 @@ def finer_prior(
     beyond = RANGE_STEPS * level.step_m
     none = ~np.isfinite(low)
     least = least_correlation_of(correlation_histogram(correlation))
-    doubtful = maximum_filter(again & has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
+    doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
+    lowest, highest = (known.low, known.high) if widely else _agreed_around(smooth, correlation >= least, r, c, beyond)
     low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
     place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
     weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")
     surface = map_coordinates(np.where(has, smooth, 0.0), place, order=1, mode="nearest") / np.maximum(weight, 1e-6)
     surface = np.where(weight > 1e-3, surface, np.where(none, known.surface, 0.5 * (low + high)))
     return Prior(
-        np.where(doubtful, np.minimum(low, known.low), low).astype(np.float32),
-        np.where(doubtful, np.maximum(high, known.high), high).astype(np.float32),
+        np.where(doubtful, np.minimum(low, lowest), low).astype(np.float32),
+        np.where(doubtful, np.maximum(high, highest), high).astype(np.float32),
         surface.astype(np.float32),
     )
+
+
+def _agreed_around(
+    smooth: Float32Array, agreed: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], beyond: float
+) -> tuple[Float32Array, Float32Array]:
+    """Return the lowest and the highest of heights that were ``agreed`` on, up to AROUND_CELLS cells from cells at
+    ``rows`` and ``columns``, and ``beyond``; infinite where there are none."""
+    there, side = agreed & np.isfinite(smooth), 2 * AROUND_CELLS + 1
+    low = minimum_filter(np.where(there, smooth, np.float32(np.inf)), side, mode="nearest")
+    high = maximum_filter(np.where(there, smooth, np.float32(-np.inf)), side, mode="nearest")
+    at = np.ix_(rows, columns)
+    return low[at] - np.float32(beyond), high[at] + np.float32(beyond)
 
 
 def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:

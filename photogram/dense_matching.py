@@ -25,7 +25,7 @@ from photogram.dense_levels import Level, Prior, choose_views, median_of_known
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.height_refinement import refine_heights
-from photogram.map_grid import MapGrid, Verticals, Window, cell_steps, verticals
+from photogram.map_grid import Verticals, Window, cell_steps, verticals
 from photogram.semi_global import CostVolume, regularised
 from photogram.views import Views, places_in_view
 
@@ -105,11 +105,6 @@ class Scene:
     frame: LocalFrame
     views: Views
     picture: Picture
-
-
-def blocks(grid: MapGrid) -> list[Window]:
-    """Return the blocks of a grid, row by row."""
-    return list(grid.tiles(BLOCK_CELLS))
 
 
 def match_block(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from photogram.block_files import BlockFiles
 from photogram.dense_levels import (
+    AROUND_CELLS,
     KnownGround,
     Level,
     Prior,
@@ -130,7 +131,7 @@ def _matched(
             outer = level.grid.around_window(block, MARGIN_CELLS)
             prior = first_prior(known, level, outer, base)
             if number:
-                prior = _around_coarser(stores[number - 1], level, outer, prior, again=not last)
+                prior = _around_coarser(stores[number - 1], level, outer, prior, widely=not last)
             found = match_block(scene, level, block, prior, settings, last=last)
             store.write(block, {k: v for k, v in asdict(found).items() if last or k in ("height_m", "correlation")})
         return block
@@ -140,9 +141,9 @@ def _matched(
         yield future.result()
 
 
-def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, again: bool) -> Prior:
+def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, widely: bool) -> Prior:
     """Return the range of a window from the coarser level."""
     half = Window(outer.row // 2, outer.column // 2, -(-outer.row_end // 2), -(-outer.column_end // 2))
-    at = coarser.grid.around_window(half, 3)
+    at = coarser.grid.around_window(half, AROUND_CELLS + 3)
     height, correlation = coarser.read(at, "height_m", "correlation")
-    return finer_prior(height, correlation, at, level, outer, first, again=again)
+    return finer_prior(height, correlation, at, level, outer, first, widely=widely)

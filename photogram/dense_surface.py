@@ -25,10 +25,16 @@ HOLE, MEASURED, FILLED = 0, 1, 2
 """What a cell of the surface is."""
 
 SUPPORT = 6
+"""How many of its eight neighbours must lie within reach of a cell."""
+
 STEEPEST = 1.5
 """Rise over run up to which neighbouring cells belong to one surface."""
 
 NOISE_SIGMAS = 2.0
+"""How many standard deviations of their difference neighbours may differ besides."""
+
+OUTVOTED = 2
+"""So many photographs that look at a cell and do not agree outvote two that do: a fifth of such heights are wrong."""
 
 FILL_DIRECTIONS = 5
 """A hole is closed when it meets the surface in this many of eight directions."""
@@ -56,14 +62,17 @@ def kept_heights(
     sigma_m: Float32Array,
     correlation: Float32Array,
     rays: ByteArray,
+    seen: ByteArray,
     cell_m: float,
     least: float,
 ) -> Float32Array:
-    """Return the heights (rows, columns) without those that too few photographs or neighbours confirm.
+    """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
+    of those ``seen``, and two alone are not believed against OUTVOTED or more.
 
     The outermost cells of the arrays lack neighbours: give one more on each side than is needed.
     """
-    agreed = (correlation >= least) & (rays >= 2)
+    outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
+    agreed = (correlation >= least) & (rays >= 2) & ~outvoted
     height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
     supported = np.empty(height.shape, dtype=bool)
     _supported(height, sigma_m, STEEPEST * cell_m, supported)

@@ -20,7 +20,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from photogram.dense_kernels import FAST, Crops, Ground, Window, affine, agreement, normalise, sample, share_of
+from photogram.dense_kernels import (
+    FAST,
+    LEFT_OUT,
+    Crops,
+    Ground,
+    Window,
+    agreement,
+    dot,
+    look_up_row,
+    normalise,
+    sample,
+    sample_square,
+    share_of,
+    window_at,
+)
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -29,11 +43,11 @@ IntArray = NDArray[np.int64]
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""
 
-
 FARTHEST = 1.5
 """How far from the middle of three heights, in their distance, a parabola's peak is believed."""
 
 WIDER = 3.0
+"""How many times as far apart the heights of the second trial are."""
 
 BETWEEN_PIXELS = 2.0
 """By how much bilinear samples, a pixel apart, scatter less about their mean than their noise moves the height.
@@ -74,56 +88,77 @@ def _support(
     return side * side
 
 
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _samples(
+    crop: Float32Array, size: tuple[int, int], way: FloatArray, offset: Float32Array, half: int, out: Float32Array
+) -> bool:
+    """Fill ``out`` with what a crop shows of window ``way``: all of it where nothing is left out of ``offset``."""
+    if len(offset) == (2 * half + 1) ** 2:
+        return bool(sample_square(crop, size, way, half, out))
+    return bool(sample(crop, size, way, offset, half, out))
+
+
 @njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def _correlations_with(p: Float32Array, m: Float32Array, used: IntArray, seen: int) -> tuple[float, int]:
+def _correlations_with(p: Float32Array, m: Float32Array, used: IntArray) -> tuple[float, int]:
     """Add the photographs that are like those in use; returns the mean correlation of all pairs, and how many there
     are. ``m`` (n,) is room to work in."""
-    n = p.shape[1]
+    count, n = p.shape
     m[:] = np.float32(0.0)
-    for i in range(seen):
+    for i in range(count):
         if used[i] == 1:
             for k in range(n):
                 m[k] += p[i, k]
-    length = np.float32(0.0)
-    for k in range(n):
-        length += m[k] * m[k]
-    length = np.sqrt(length) + np.float32(1e-12)
-    among, kept = 0.0, 0
-    for i in range(seen):
+    length, among, kept = np.sqrt(dot(m, m)) + 1e-12, 0.0, 0
+    for i in range(count):
         if used[i] == 1:
-            dot = np.float32(0.0)
-            for k in range(n):
-                dot += p[i, k] * m[k]
-            among += dot / length
+            among += dot(p[i], m) / length
             kept += 1
-    for i in range(seen):
-        if used[i] == 0:
-            dot = np.float32(0.0)
-            for k in range(n):
-                dot += p[i, k] * m[k]
-            # those in use are in the mean themselves
-            if dot / length > ALIKE * among / kept:
-                used[i] = 1
-    mean, kept = _mean_correlation(p, m, used, seen)
-    return mean, kept
+    for i in range(count):
+        # those in use are in the mean themselves
+        if used[i] == 0 and dot(p[i], m) / length > ALIKE * among / kept:
+            used[i] = 1
+    return _mean_correlation(p, m, used)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def _mean_correlation(p: Float32Array, m: Float32Array, used: IntArray, seen: int) -> tuple[float, int]:
+def _mean_correlation(p: Float32Array, m: Float32Array, used: IntArray) -> tuple[float, int]:
     """Return the mean correlation of all pairs of the photographs in use, and how many they are."""
-    n = p.shape[1]
+    count, n = p.shape
     m[:] = np.float32(0.0)
-    alone, kept = np.float32(0.0), 0
-    for i in range(seen):
+    alone, kept = 0.0, 0
+    for i in range(count):
         if used[i] == 1:
             kept += 1
+            alone += dot(p[i], p[i])
             for k in range(n):
                 m[k] += p[i, k]
-                alone += p[i, k] * p[i, k]
-    square = np.float32(0.0)
-    for k in range(n):
-        square += m[k] * m[k]
-    return float(square - alone) / (kept * (kept - 1)), kept
+    return (dot(m, m) - alone) / (kept * (kept - 1)), kept
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _correlation_at(
+    crops: Crops,
+    views: IntArray,
+    used: IntArray,
+    found: FloatArray,
+    t: float,
+    window: Window,
+    offset: Float32Array,
+    way: FloatArray,
+    p: Float32Array,
+    m: Float32Array,
+) -> float:
+    """Return the mean correlation of all pairs of the photographs in use at the height ``t`` of `window_at`; ``way``
+    (6,), ``p`` (count, n) and ``m`` (n,) are room to work in."""
+    for i in range(len(views)):
+        if used[i] == 1:
+            v = views[i]
+            window_at(found[i], t, way)
+            crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
+            if not _samples(crop, size, way, offset, window.half, p[i]):
+                p[i] = np.float32(0.0)
+            normalise(p[i], window.noise)
+    return float(_mean_correlation(p, m, used)[0])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -149,57 +184,52 @@ def refine_heights(
     One that fewer than two photographs see has no height (NaN).
     """
     rows, columns = z.shape
-    half = window.half
-    most, n = ground.views.shape[2], (2 * half + 1) ** 2
+    most, n = ground.views.shape[2], (2 * window.half + 1) ** 2
     room, m, own, a = np.empty((most, n), np.float32), np.empty(n, np.float32), np.empty(most), np.empty(most)
-    offsets, way = np.empty((n, 2), np.float32), np.empty(6)
-    view, used, value = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(3)
+    offsets, middle, found = np.empty((n, 2), np.float32), np.empty(columns), np.empty((columns, most, 11))
+    view, used, way = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(6)
     for r in range(rows):
+        middle[:] = z[r]
+        look_up_row(crops, ground, r, middle - probe_m, middle + probe_m, slope[r], found)
         for c in range(columns):
             height[r, c], sigma[r, c], correlation[r, c], rays[r, c] = np.nan, np.nan, 0.0, 0
             if np.isnan(z[r, c]):
                 continue
             tilt = (np.float64(slope[r, c, 0]), np.float64(slope[r, c, 1]))
-            many = _support(z, ground, half, (r, c), tilt, tolerance_m, offsets)
-            offset, p, mean = offsets[:many], room[:, :many], m[:many]
-            views = ground.views[r // ground.patch, c // ground.patch]
-            h, seen = np.float64(z[r, c]), 0
+            many = _support(z, ground, window.half, (r, c), tilt, tolerance_m, offsets)
+            offset, mean, seen = offsets[:many], m[:many], 0
             for i in range(most):
-                if views[i] >= 0:
-                    affine(crops, views[i], ground, (r, c), h, tilt, way)
-                    if sample(crops, views[i], way, offset, half, p[seen]):
-                        own[seen], view[seen], used[seen] = normalise(p[seen], window.noise), views[i], 1
+                v = ground.views[r // ground.patch, c // ground.patch, i]
+                if v >= 0:
+                    crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
+                    if _samples(crop, size, found[c, i], offset, window.half, room[seen, :many]):
+                        own[seen], view[seen] = normalise(room[seen, :many], window.noise), v
+                        found[c, seen] = found[c, i]
                         seen += 1
             if seen < 2:
                 continue
-            agreement(p[:seen], own, share_of(seen, window.kept), mean, a)
+            p, views, using = room[:seen, :many], view[:seen], used[:seen]
+            agreement(p, own, share_of(seen, window.kept), mean, a)
             for i in range(seen):
-                used[i] = 1 if a[i] > -1e9 else 0
-            value[1], kept = _correlations_with(p, mean, used, seen)
+                using[i] = 1 if a[i] > LEFT_OUT else 0
+            best, kept = _correlations_with(p, mean, using)
+            correlation[r, c], rays[r, c] = best, kept
             shift, bend, probe = np.nan, 0.0, probe_m
             for _ in range(2):
-                for t in (0, 2):
-                    for i in range(seen):
-                        if used[i] == 1:
-                            affine(crops, view[i], ground, (r, c), h + (t - 1) * probe, tilt, way)
-                            if not sample(crops, view[i], way, offset, half, p[i]):
-                                p[i] = np.float32(0.0)
-                            normalise(p[i], window.noise)
-                    value[t], _ = _mean_correlation(p, mean, used, seen)
-                bend = 2.0 * value[1] - value[0] - value[2]
-                shift = 0.5 * (value[2] - value[0]) / bend if bend > 0.0 else np.nan
+                t = probe / probe_m
+                below = _correlation_at(crops, views, using, found[c], -t, window, offset, way, p, mean)
+                above = _correlation_at(crops, views, using, found[c], t, window, offset, way, p, mean)
+                bend = 2.0 * best - below - above
+                shift = 0.5 * (above - below) / bend if bend > 0.0 else np.nan
                 if abs(shift) <= FARTHEST:
                     break
                 probe *= WIDER
-            correlation[r, c], rays[r, c] = value[1], kept
             if not abs(shift) <= FARTHEST:
-                height[r, c], sigma[r, c] = h, doubt_m
+                height[r, c], sigma[r, c] = middle[c], doubt_m
                 continue
-            peak = min(value[1] + 0.5 * bend * shift * shift, 1.0)
-            length = 0.0
+            peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
             for i in range(seen):
-                length += own[i] * used[i] / kept
-            height[r, c] = h + probe * shift
-            correlation[r, c] = peak
+                length += own[i] * using[i] / kept
             noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / (many - 2))
+            height[r, c], correlation[r, c] = middle[c] + probe * shift, peak
             sigma[r, c] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))

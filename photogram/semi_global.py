@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 FULL_COST = 254
 """Cost of the worst hypothesis; that of the best is 0."""
 
 _DIRECTIONS = np.array([[0, 1], [1, 0], [0, -1], [-1, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]])
-_FAR = np.int32(1 << 28)
 
 
 @dataclass(frozen=True, eq=False)

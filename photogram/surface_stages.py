@@ -135,7 +135,7 @@ def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: f
     height, sigma, correlation, rays, seen = heights.blocks.read(
         outer, "height_m", "sigma_m", "correlation", "rays", "seen"
     )
-    kept = kept_heights(height, sigma, correlation, rays, grid.cell_m, least)
+    kept = kept_heights(height, sigma, correlation, rays, seen, grid.cell_m, least)
     filled = filled_heights(kept, grid.cell_m, reach)
     known = np.isfinite(kept)
     whole = surface_sigma_m(shared, grid, outer, kept, np.where(known, sigma, np.float32(0.0)))

@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from photogram.dense_kernels import (
+    LEFT_OUT,
     NEUTRAL,
     Window,
     agreement,
     fill_costs,
     grey_of_cells,
+    look_up_row,
     normalise,
     sample,
+    sample_square,
     share_of,
-    square_offsets,
+    window_at,
 )
 from photogram.dense_levels import choose_views
 from photogram.views import places_in_view
@@ -41,7 +44,7 @@ def agreed(samples: NDArray[np.float64], least: int, noise: float = 0.0) -> tupl
     p, own = normalised(samples, noise)
     a = np.empty(len(p))
     score = agreement(p, own, least, np.empty(p.shape[1], np.float32), a)
-    return score, np.flatnonzero(a > -1e9).tolist()
+    return score, np.flatnonzero(a > LEFT_OUT).tolist()
 
 
 def photographs_alike(rng: np.random.Generator, count: int, n: int) -> NDArray[np.float64]:
@@ -94,15 +97,41 @@ def test_samples_are_bilinear(photographed_plane: Any, seed: int, half: int) -> 
     picture, crops = photographed_plane.pictures[3], photographed_plane.crops()
     height, width = picture.shape
     way = np.concatenate([rng.uniform(-5.0, [width + 5.0, height + 5.0]), rng.uniform(-1.5, 1.5, 4)])
-    offset = square_offsets(half)
-    out = np.full(len(offset), np.nan, np.float32)
+    side = np.arange(-half, half + 1, dtype=np.float32)
+    offset = np.column_stack([np.tile(side, len(side)), np.repeat(side, len(side))])
+    out, square = (np.full(len(offset), np.nan, np.float32) for _ in range(2))
+    crop = crops.pixels[crops.start[3] :]
     place = way[:2] + offset.astype(np.float64) @ way[2:].reshape(2, 2)
-    # the middle and the corners decide: strictly within the last row and column
-    inside = bool((place >= 0).all() and (place < [width - 1, height - 1]).all())
-    assert sample(crops, 3, way, offset, half, out) == inside
+    # the middle and the corners decide; a hundredth of a pixel at the edge is left to rounding
+    inside = bool((place > 0.01).all() and (place < [width - 1.01, height - 1.01]).all())
+    assert sample(crop, (width, height), way, offset, half, out) == inside
+    assert sample_square(crop, (width, height), way, half, square) == inside
     if inside:
+        assert np.abs(out - square).max() < 0.02
         expected = map_coordinates(picture.astype(np.float64), place.T[::-1], order=1)
         assert np.abs(out - expected).max() < 0.02  # float32 places, 1e-5 px
+
+
+def test_windows_lie_where_the_photographs_show_them(photographed_plane: Any) -> None:
+    """Quadratic between three heights, 6 % of the flying height apart, against the projection itself."""
+    plane, row, half_m = photographed_plane, 21, 1.2
+    ground, count = plane.ground(), plane.grid.columns
+    found, way = np.full((count, ground.views.shape[2], 11), np.nan), np.empty(6)
+    middle = plane.height_m[row].copy()
+    middle[5] = np.nan
+    look_up_row(plane.crops(), ground, row, middle - half_m, middle + half_m, plane.tilt[row], found)
+    assert np.isnan(found[5]).all()
+    for column, i, t in ((0, 0, 0.0), (33, 1, -1.0), (50, 2, 0.4), (79, 0, 1.0), (60, 1, -0.7)):
+        view = ground.views[row // plane.patch, column // plane.patch, i]
+        window_at(found[column, i], t, way)
+        foot, up = ground.foot[row, column], ground.up[row, column]
+        east, south = plane.tilt[row, column].astype(float)
+        h = middle[column] + t * half_m
+        corners = [foot + h * up, foot + ground.east + (h + east) * up, foot + ground.south + (h + south) * up]
+        exact = places_in_view(plane.views, view, np.array(corners))
+        assert np.abs(way[:2] - exact[0]).max() < 0.005
+        assert np.abs(way[2:4] - (exact[1] - exact[0])).max() < 0.002
+        assert np.abs(way[4:] - (exact[2] - exact[0])).max() < 0.002
 
 
 def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> NDArray[np.uint8]:

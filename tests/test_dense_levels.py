@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photogram.camera import Pose
 from photogram.dense_levels import (
+    AROUND_CELLS,
     DOUBTFUL_BETWEEN,
     KnownGround,
     Level,
@@ -162,7 +163,7 @@ def flat_prior(shape: tuple[int, int]) -> Prior:
 
 @settings(max_examples=80)
 @given(st.data(), st.integers(1, 70), st.integers(1, 61), st.booleans())
-def test_a_finer_range_needs_three_cells_around_it_and_no_more(
+def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     data: st.DataObject, rows: int, columns: int, odd: bool
 ) -> None:
     coarse = MapGrid(0.0, 0.0, 1.0, -(-rows // 2) + odd, -(-columns // 2) + odd)
@@ -174,11 +175,15 @@ def test_a_finer_range_needs_three_cells_around_it_and_no_more(
     row, column = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, columns - 1))
     window = Window(row, column, data.draw(st.integers(row + 1, rows)), data.draw(st.integers(column + 1, columns)))
     half = Window(window.row // 2, window.column // 2, -(-window.row_end // 2), -(-window.column_end // 2))
-    at = coarse.around_window(half, 3)
+    widely = data.draw(st.booleans())
+    at = coarse.around_window(half, 3 if widely else AROUND_CELLS + 3)
     part = finer_prior(
-        np.ascontiguousarray(heights[at.slices]), correlation[at.slices], at, fine, window, flat_prior(window.shape)
+        np.ascontiguousarray(heights[at.slices]), correlation[at.slices], at, fine, window, flat_prior(window.shape),
+        widely=widely,
+    )  # fmt: skip
+    whole = finer_prior(
+        heights, correlation, coarse.whole, fine, fine.grid.whole, flat_prior((rows, columns)), widely=widely
     )
-    whole = finer_prior(heights, correlation, coarse.whole, fine, fine.grid.whole, flat_prior((rows, columns)))
     for name in ("low", "high", "surface"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[window.slices])
 
@@ -195,6 +200,23 @@ def test_where_photographs_disagree_all_heights_are_searched_again() -> None:
     heights[7, 7] = np.nan
     holed = finer_prior(heights, correlation, Window(0, 0, 10, 10), level, level.grid.whole, flat_prior((20, 20)))
     assert np.all(np.isfinite(holed.low) & np.isfinite(holed.high) & np.isfinite(holed.surface))
+
+
+def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_them() -> None:
+    """A roof five metres up, a corner of which was taken for the ground: the roof is tried again there."""
+    level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.4)
+    heights, correlation = np.zeros((30, 30), np.float32), np.full((30, 30), 0.9, np.float32)
+    heights[10:20, 10:20] = 5.0
+    heights[10:13, 10:13], correlation[10:13, 10:13] = 0.0, 0.2
+    heights[2, 27], correlation[2, 27] = 0.0, 0.2
+    prior = finer_prior(
+        heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)), widely=False
+    )
+    beyond = 1.5 * level.step_m
+    assert np.allclose(prior.high[20:26, 20:26], 5.0 + beyond)
+    assert np.allclose(prior.low[20:26, 20:26], -beyond)
+    # the ground is all there is around the other one
+    assert np.allclose([prior.low[4, 54], prior.high[4, 54]], [-beyond, beyond])
 
 
 def test_the_least_correlation_follows_the_ordinary_one() -> None:

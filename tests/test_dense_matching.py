@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photogram.dense_levels import Level, Prior
-from photogram.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, blocks, match_block
+from photogram.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 from photogram.errors import PhotogramError
 from photogram.map_grid import LATTICE_CELLS, MapGrid, Window
 
@@ -76,12 +76,6 @@ def test_pictures_without_texture_give_no_confidence(photographed_plane: Any) ->
     noise = [(90.0 + rng.normal(0.0, 1.5, p.shape)).astype(np.float32) for p in photographed_plane.pictures]
     found = matched(photographed_plane, GRID, Window(48, 48, 112, 112), pictures=noise)
     assert np.nanmedian(found.correlation) < 0.5
-
-
-def test_blocks_cover_a_grid_row_by_row() -> None:
-    windows = blocks(MapGrid(0.0, 0.0, 1.0, 700, 1100))
-    assert sum(w.shape[0] * w.shape[1] for w in windows) == 700 * 1100
-    assert [(w.row, w.column) for w in windows] == sorted((w.row, w.column) for w in windows)
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ CELL_M = 0.25
 
 def kept(height: NDArray[np.float64], correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
     sigma, agreed = (np.full(height.shape, value, np.float32) for value in (sigma_m, correlation))
-    seen = np.full(height.shape, rays, np.uint8)
-    return kept_heights(height.astype(np.float32), sigma, agreed, seen, CELL_M, 0.6)
+    count = np.full(height.shape, rays, np.uint8)
+    return kept_heights(height.astype(np.float32), sigma, agreed, count, count, CELL_M, 0.6)
 
 
 def test_what_differs_by_its_noise_alone_stays() -> None:
@@ -33,6 +33,13 @@ def test_what_differs_by_its_noise_alone_stays() -> None:
     inner = (slice(1, -1), slice(1, -1))
     assert np.isfinite(kept(noisy)[inner]).mean() < 0.7
     assert np.isfinite(kept(noisy, sigma_m=0.3)[inner]).mean() > 0.999
+
+
+def test_two_photographs_do_not_outvote_two_others() -> None:
+    height, some = np.zeros((9, 9), np.float32), np.full((9, 9), 0.9, np.float32)
+    for rays, seen, stays in ((2, 2, True), (2, 3, True), (2, 4, False), (2, 6, False), (3, 6, True), (1, 2, False)):
+        counts = (np.full((9, 9), n, np.uint8) for n in (rays, seen))
+        assert np.isfinite(kept_heights(height, 0 * some, some, *counts, CELL_M, 0.6)[INSIDE]).all() == stays
 
 
 def plane(rows: int, columns: int, east: float, south: float) -> NDArray[np.float64]:
