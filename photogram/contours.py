@@ -111,7 +111,9 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     heights = values[known]
     low, high = float(heights.min()), float(heights.max())
     spread = np.percentile(heights, [0.5, 99.5])
-    interval_m = settings.interval_m or interval_for(float(spread[1] - spread[0]))
+    # a single wild height may not ask for more lines than there can be
+    relief_m = max(float(spread[1] - spread[0]), (high - low) * 2 * LINES_OVER_RELIEF / MAXIMUM_LEVELS)
+    interval_m = settings.interval_m or interval_for(relief_m)
     first, last = np.ceil(low / interval_m), np.floor(high / interval_m)
     if not last - first < MAXIMUM_LEVELS:
         raise PhotogramError(

@@ -84,6 +84,13 @@ def test_default_interval_follows_the_relief() -> None:
     assert contour_lines(cone()).interval_m == interval_for(0.2 * 70)
 
 
+def test_a_single_wild_height_does_not_stop_lines_that_nobody_spaced() -> None:
+    heights = np.tile(np.linspace(20.0, 21.0, 60), (50, 1))
+    heights[25, 30] = 9000.0
+    lines = contour_lines(Raster(heights.astype(np.float32), WEST, NORTH, CELL))
+    assert np.ptp(heights) / lines.interval_m < 2000
+
+
 def test_short_lines_are_left_out() -> None:
     surface = cone()
     surface.values[5, 5] += 3.0  # one cell of noise

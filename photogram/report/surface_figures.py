@@ -149,8 +149,7 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_int
     of = "cells that the photographs see well enough" if dense.footprint is not None else "cells of the grid"
     part = "" if numbers["completeness"] is None else f" {_percent(numbers['completeness'])} of the {of} are measured."
     filled = (
-        f" {_percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif), washed "
-        "out where they are shown."
+        f" {_percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
         if cells["filled"]
         else ""
     )
