@@ -1,6 +1,7 @@
 """photogram's dense matching beside OpenCV's StereoSGBM on rectified pairs of the same photographs, on one grid.
 
-    python benchmarks/dense.py [FOLDER …] [--photographs DIR] [--cell METRES] [--cloud FILE] [--peer-only] [--repeat 1]
+    python benchmarks/dense.py [FOLDER …] [--seed 2] [--photographs DIR] [--cell METRES] [--cloud FILE] [--peer-only]
+        [--repeat 1]
 
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
@@ -145,10 +146,10 @@ class Survey:
         return truth, as_adjusted(truth, survey, self.block)
 
 
-def prepare(source: Path | None, photographs: Path | None, cell_m: float | None, folder: Path) -> Survey:
+def prepare(source: Path | None, seed: int, photographs: Path | None, cell_m: float | None, folder: Path) -> Survey:
     """Copy a survey to a folder, or simulate one there, set the cell, and bring it to its adjustment."""
     if source is None:
-        project_path = write_demonstration(folder, 1, lambda *_: None, whole_survey_plan())
+        project_path = write_demonstration(folder, seed, lambda *_: None, whole_survey_plan())
         photographs = folder / "photographs"
     else:
         original = load_project(source / "project.yaml", photographs)
@@ -164,7 +165,7 @@ def prepare(source: Path | None, photographs: Path | None, cell_m: float | None,
     document = yaml.safe_load(project_path.read_text(encoding="utf-8"))
     document["surface"] = {**(document.get("surface") or {}), "cell_m": cell_m or round(2 * gsd_m(block), 2)}
     project_path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    title = str(source or "simulated survey, seed 1")
+    title = str(source or f"simulated survey, seed {seed}")
     return Survey(title, project_path, photographs, block, photographs.parent)
 
 
@@ -216,6 +217,7 @@ def main() -> None:
     """Measure on every folder and print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER", help="folder of a project.yaml")
+    parser.add_argument("--seed", type=int, default=2, help="of the survey that is simulated without a FOLDER")
     parser.add_argument("--photographs", type=Path, help="where the pictures are, in place of the project's folder")
     parser.add_argument("--cell", type=float, help="size of a cell in m; default 2 GSD")
     parser.add_argument("--cloud", type=Path, help="another program's cloud of the site")
@@ -225,7 +227,7 @@ def main() -> None:
     methods = ["StereoSGBM"] if arguments.peer_only else list(METHODS)
     for source in arguments.folders or [None]:
         with tempfile.TemporaryDirectory() as name:
-            survey = prepare(source, arguments.photographs, arguments.cell, Path(name))
+            survey = prepare(source, arguments.seed, arguments.photographs, arguments.cell, Path(name))
             compare(survey, methods, arguments.repeat, arguments.cloud)
 
 
