@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("--folders", nargs="*", type=Path)
     arguments = parser.parse_args()
     print(
-        f"{'simulated survey':>18}{'cells':>9}{'all: RMS':>10}{'beyond':>9}{'mean':>7}{'matching: RMS':>15}{'beyond':>9}"
+        f"{'simulated survey':>18}{'cells':>9}{'all: RMS':>10}{'beyond':>9}{'median':>8}{'matching':>15}{'beyond':>9}"
     )
     found = []
     for source in arguments.folders or arguments.seeds:
@@ -83,7 +83,7 @@ def main() -> None:
         found.append((rms(z), rms(own), far, own_far))
         title = source if isinstance(source, int) else source.name
         print(
-            f"{title:>18}{len(z):9}{rms(z):10.2f}{far:9.3%}{np.median(z):+7.2f}{rms(own):15.2f}{own_far:9.3%}",
+            f"{title:>18}{len(z):9}{rms(z):10.2f}{far:9.3%}{np.median(z):+8.2f}{rms(own):15.2f}{own_far:9.3%}",
             flush=True,
         )
     both = np.sqrt(np.mean(np.square(found), axis=0))
