@@ -33,8 +33,8 @@ STEEPEST = 1.5
 NOISE_SIGMAS = 2.0
 """How many standard deviations of their difference neighbours may differ besides."""
 
-OUTVOTED = 2
-"""So many photographs that look at a cell and do not agree outvote two that do: a fifth of such heights are wrong."""
+OUTVOTED = 3
+"""So many photographs that look at a cell and do not agree outvote two that do: a third of such heights are wrong."""
 
 FILL_DIRECTIONS = 5
 """A hole is closed when it meets the surface in this many of eight directions."""
