@@ -234,7 +234,7 @@ def test_every_figure_has_a_caption_that_says_what_is_seen(drawn: list[DrawnFigu
     captions = {d.key: d.caption for d in drawn}
     assert all(d.caption.endswith(".") and d.alternative for d in drawn)
     assert "1000 × 600 cells of 5 cm" in captions["orthophoto"]
-    assert "washed out" in captions["dense surface"]
+    assert "are filled from their neighbours (dsm_filled.tif)" in captions["dense surface"]
     assert "Contour lines every 1 m" in captions["dense surface"]
     assert "does not contain wrong matches" in captions["dense sigma"]
     assert "100\u202f% of the measured cells lie within it" in captions["dense sigma"]

@@ -155,7 +155,8 @@ def read_cloud(path: Path) -> PointCloud:
 def read_las(path: Path) -> laspy.LasData:
     """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing or damaged."""
     try:
-        return laspy.read(path)
+        # the decoder is named, else damage would be tried again with any other one that is installed, and told by that
+        return laspy.read(path, laz_backend=laspy.LazBackend.LazrsParallel)
     # lazrs reports damage as its own kind of RuntimeError.
     except (LaspyException, RuntimeError, OSError, ValueError, struct.error) as fault:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
