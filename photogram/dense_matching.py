@@ -37,12 +37,20 @@ Picture = Callable[[int, int], NDArray[np.generic]]
 factor of it."""
 
 BLOCK_CELLS = 384
+"""Cells along the side of a block: part of the result, for a path of the regularisation ends with its block."""
+
 MARGIN_CELLS = 16
 """How far a block looks beyond its edge: paths of the regularisation start there."""
 
 PATCH_CELLS = 16
+"""Cells along the side of a patch, all of which are looked up in the same photographs."""
+
 LARGEST_STEP = 1000.0
+"""The largest penalty: with it sums over eight paths stay well within 16 bits."""
+
 RIM_PX = 8
+"""Pixels around what a block shows that are kept for the windows at its edge."""
+
 _COST_HALF, _REFINEMENT_HALF = 2, 3
 _STEEPEST = 1.0
 _COARSE_LARGE_STEP_SHARE = 0.5

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from photogram.dense_kernels import (
     FAST,
     LEFT_OUT,
+    LOOKED_UP,
     Crops,
     Ground,
     Window,
@@ -186,7 +187,7 @@ def refine_heights(
     rows, columns = z.shape
     most, n = ground.views.shape[2], (2 * window.half + 1) ** 2
     room, m, own, a = np.empty((most, n), np.float32), np.empty(n, np.float32), np.empty(most), np.empty(most)
-    offsets, middle, found = np.empty((n, 2), np.float32), np.empty(columns), np.empty((columns, most, 11))
+    offsets, middle, found = np.empty((n, 2), np.float32), np.empty(columns), np.empty((columns, most, LOOKED_UP))
     view, used, way = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(6)
     for r in range(rows):
         middle[:] = z[r]

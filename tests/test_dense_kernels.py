@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 
 from photogram.dense_kernels import (
     LEFT_OUT,
+    LOOKED_UP,
     NEUTRAL,
     Window,
     agreement,
@@ -116,7 +117,7 @@ def test_windows_lie_where_the_photographs_show_them(photographed_plane: Any) ->
     """Quadratic between three heights, 6 % of the flying height apart, against the projection itself."""
     plane, row, half_m = photographed_plane, 21, 1.2
     ground, count = plane.ground(), plane.grid.columns
-    found, way = np.full((count, ground.views.shape[2], 11), np.nan), np.empty(6)
+    found, way = np.full((count, ground.views.shape[2], LOOKED_UP), np.nan), np.empty(6)
     middle = plane.height_m[row].copy()
     middle[5] = np.nan
     look_up_row(plane.crops(), ground, row, middle - half_m, middle + half_m, plane.tilt[row], found)
