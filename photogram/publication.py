@@ -198,9 +198,8 @@ def _numbers(outcome: _Outcome) -> list[str]:
     value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
     value = {**value, **run_facts(run, stages)}
     value["adjustment"].update(disbelieved(run))
-    dense, drawn, pictures = report_surface(run, value, outcome.results)
-    if dense is not None:
-        value["dense"] = dense
-    sparse = run.surface() if dense is None else None
+    surface, drawn, pictures = report_surface(run, value, outcome.results)
+    value |= surface
+    sparse = None if "dense" in surface else run.surface()
     figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons()) + drawn
     return write_report(run.project, value, figures, outcome.folder) + pictures

@@ -18,10 +18,11 @@ from photogram.files.rasters import picture_on_grid
 from photogram.map_grid import MapGrid
 from photogram.records import Run
 from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
-from photogram.report.dense_numbers import dense_numbers
+from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
     SURFACE_PICTURES,
+    drawn_orthophoto,
     drawn_surface,
     surface_figures,
     write_surface_pictures,
@@ -117,16 +118,18 @@ def dense_surface(run: Run) -> DenseSurface | None:
 
 def report_surface(
     run: Run, numbers: dict[str, Any], results: Path
-) -> tuple[dict[str, Any] | None, list[PageFigure], list[str]]:
-    """Return the numbers of the dense surface, its figures for the page, and the names of its pictures, which are
-    written; nothing where nothing was matched."""
-    dense = dense_surface(run)
+) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
+    """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
+    names of their pictures, which are written; nothing of what was not made."""
     for name in SURFACE_PICTURES:
         (results / "pictures" / name).unlink(missing_ok=True)
-    if dense is None:
-        return None, [], []
-    orthophoto, ground = orthophoto_picture(run), ground_marks(numbers["control_points"])
-    value = dense_numbers(dense, orthophoto, ground)
-    drawn = drawn_surface(dense, orthophoto, ground, value, run.project.report.target_rmse_v_m)
+    value, drawn, ground = {}, [], ground_marks(numbers["control_points"])
+    orthophoto, dense = orthophoto_picture(run), dense_surface(run)
+    if orthophoto is not None:
+        value["orthophoto"] = orthophoto_numbers(orthophoto)
+        drawn.append(drawn_orthophoto(orthophoto, ground))
+    if dense is not None:
+        value["dense"] = dense_numbers(dense, ground)
+        drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)
     names = write_surface_pictures(results / "pictures", drawn)
     return value, surface_figures(drawn), [f"pictures/{name}" for name in names]

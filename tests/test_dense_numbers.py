@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram import decimation
 from photogram.decimation import bands, block_means, block_of, decimated
 from photogram.report.dense import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
-from photogram.report.dense_numbers import dense_numbers, surface_check_numbers
+from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers, surface_check_numbers
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]
@@ -133,7 +133,7 @@ def test_heights_and_sigma_must_lie_on_one_grid() -> None:
 
 def test_cells_of_the_footprint_add_up() -> None:
     dense = a_surface()
-    numbers = dense_numbers(dense, None, checks_on_the_plane([]))
+    numbers = dense_numbers(dense, checks_on_the_plane([]))
     cells = numbers["cells"]
     assert cells == {
         "grid": 5400, "footprint": 5100, "measured": 5100 - 60 - 30, "filled": 30, "holes": 60, "measured_beyond": 300,
@@ -154,13 +154,13 @@ def test_filled_cells_count_alike_whether_their_heights_are_given_or_not() -> No
     dense, none = a_surface(), checks_on_the_plane([])
     heights = np.where(dense.filled, np.nan, dense.heights.values).astype(np.float32)
     without = replace(dense, heights=replace(dense.heights, values=heights))
-    assert dense_numbers(dense, None, none) == dense_numbers(without, None, none)
+    assert dense_numbers(dense, none) == dense_numbers(without, none)
 
 
 def test_a_surface_without_any_height_has_no_statistics() -> None:
     dense = a_surface()
     nothing = replace(dense.heights, values=np.full_like(dense.heights.values, np.nan))
-    numbers = dense_numbers(replace(dense, heights=nothing), None, checks_on_the_plane([0.0] * 4))
+    numbers = dense_numbers(replace(dense, heights=nothing), checks_on_the_plane([0.0] * 4))
     assert numbers["sigma_m"] is None
     assert numbers["completeness"] == 0
     assert numbers["share_3_or_more"] is None
@@ -171,8 +171,7 @@ def test_orthophoto_is_told_by_its_own_cells() -> None:
     rgba = np.zeros((10, 20, 4), dtype=np.uint8)
     rgba[:5, :, 3] = 255
     picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400))
-    numbers = dense_numbers(a_surface(), picture, checks_on_the_plane([]))
-    assert numbers["orthophoto"] == {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
+    assert orthophoto_numbers(picture) == {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
 
 
 # ---- at the check points -------------------------------------------------------------------------------------------
@@ -240,8 +239,8 @@ def test_too_few_check_points_make_no_rmse(count: int, words: str) -> None:
 
 def test_refuted_sigmas_are_a_warning_and_right_ones_are_none() -> None:
     dense = a_surface()
-    assert dense_numbers(dense, None, checks_on_the_plane([0.02, -0.02, 0.03]))["warnings"] == []
-    (warning,) = dense_numbers(dense, None, checks_on_the_plane([0.4, -0.2, 0.3]))["warnings"]
+    assert dense_numbers(dense, checks_on_the_plane([0.02, -0.02, 0.03]))["warnings"] == []
+    (warning,) = dense_numbers(dense, checks_on_the_plane([0.4, -0.2, 0.3]))["warnings"]
     assert "3 check points" in warning
 
 

@@ -22,12 +22,12 @@ from photogram.report.profile_figure import gaps, hillshade, quantiles, sigma_co
 from photogram.report.profiles import ProfileLine, profile, site_lines, step_line, surface_profiles
 from photogram.report.surface_figures import (
     DrawnFigure,
-    _orthophoto,
+    drawn_orthophoto,
     drawn_surface,
     surface_figures,
     write_surface_pictures,
 )
-from photogram.report.surface_maps import contour_levels, rays_scale, target_bounds_m, target_shares
+from photogram.report.surface_maps import rays_scale, target_bounds_m, target_shares
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +88,8 @@ POINTS = marks((5.0, 14.0), (45.0, 16.0), (30.0, 3.0), (25.0, 25.0), error_m=0.0
 @pytest.fixture(scope="module")
 def drawn() -> list[DrawnFigure]:
     dense = scene()
-    return drawn_surface(dense, an_orthophoto(), POINTS, dense_numbers(dense, None, POINTS), 0.05, 1.0)
+    surface = drawn_surface(dense, POINTS, dense_numbers(dense, POINTS), 0.05)
+    return [drawn_orthophoto(an_orthophoto(), POINTS), *surface]
 
 
 # ---- profiles ------------------------------------------------------------------------------------------------------
@@ -152,7 +153,6 @@ def test_profile_holds_heights_gaps_and_the_check_points_beside_it() -> None:
     assert (low, high) == pytest.approx((20.0 - 0.1 - 2.0, 22.0 + 0.1 - 2.0), abs=0.21)
     assert found.beside.name == ("P0",)  # P1 is too far off, P2 is control
     assert found.beside_distance_m == pytest.approx([3.0])
-    assert found.beside_offset_m == pytest.approx([-0.1])
     assert found.beside_difference_m == pytest.approx([0.05], abs=2e-5)
 
 
@@ -169,7 +169,7 @@ def test_nothing_to_draw_makes_no_profile() -> None:
     dense = scene()
     empty = replace(dense, heights=replace(dense.heights, values=np.full_like(dense.heights.values, np.nan)))
     assert surface_profiles(empty, NO_POINTS) == []
-    figures = drawn_surface(empty, None, NO_POINTS, dense_numbers(empty, None, NO_POINTS))
+    figures = drawn_surface(empty, NO_POINTS, dense_numbers(empty, NO_POINTS))
     assert [f.key for f in figures] == ["dense surface"]
 
 
@@ -212,11 +212,6 @@ def test_light_comes_from_the_north_west() -> None:
     np.testing.assert_array_equal(np.isnan(hillshade(hole, 1.0)), column < 3)
 
 
-def test_contour_levels_are_multiples_within_the_heights() -> None:
-    np.testing.assert_allclose(contour_levels(np.array([[9.9, np.nan], [12.01, 10.4]]), 0.5), [10, 10.5, 11, 11.5, 12])
-    assert len(contour_levels(np.full((2, 2), np.nan), 1.0)) == 0
-
-
 @pytest.mark.parametrize(("most", "texts"), [(2, ["2"]), (5, ["2", "3", "4", "5"]), (12, None), (60, None)])
 def test_every_number_of_photographs_has_one_colour(most: int, texts: list[str] | None) -> None:
     scale, places, labels = rays_scale(most)
@@ -235,7 +230,6 @@ def test_every_figure_has_a_caption_that_says_what_is_seen(drawn: list[DrawnFigu
     assert all(d.caption.endswith(".") and d.alternative for d in drawn)
     assert "1000 × 600 cells of 5 cm" in captions["orthophoto"]
     assert "are filled from their neighbours (dsm_filled.tif)" in captions["dense surface"]
-    assert "Contour lines every 1 m" in captions["dense surface"]
     assert "does not contain wrong matches" in captions["dense sigma"]
     assert "100\u202f% of the measured cells lie within it" in captions["dense sigma"]
     assert "A runs along the site; B runs across the site; C runs over a sharp edge" in captions["dense profiles"]
@@ -268,7 +262,7 @@ def test_profiles_are_drawn_with_a_band_of_two_sigma_and_gaps(drawn: list[DrawnF
 def test_figures_are_the_same_twice_and_photographs_are_held_as_jpeg(tmp_path: Path) -> None:
     made = []
     for name in ("first", "second"):
-        drawn = [_orthophoto(an_orthophoto(), POINTS)]
+        drawn = [drawn_orthophoto(an_orthophoto(), POINTS)]
         assert write_surface_pictures(tmp_path / name, drawn) == ["orthophoto.png"]
         made.append(surface_figures(drawn))
     assert made[0] == made[1]
@@ -288,6 +282,6 @@ def test_figures_are_the_same_twice_and_photographs_are_held_as_jpeg(tmp_path: P
 @pytest.mark.parametrize(("rows", "columns"), [(250, 40), (2, 2)])
 def test_sites_of_any_shape_are_drawn_without_a_warning(rows: int, columns: int) -> None:
     dense = scene(rows, columns)
-    numbers = dense_numbers(dense, None, NO_POINTS)
-    keys = [d.key for d in drawn_surface(dense, None, NO_POINTS, numbers)]
+    numbers = dense_numbers(dense, NO_POINTS)
+    keys = [d.key for d in drawn_surface(dense, NO_POINTS, numbers)]
     assert keys[:4] == KEYS[1:5]

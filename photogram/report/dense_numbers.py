@@ -20,7 +20,7 @@ REFUTED_RMS_Z = 2.0
 """Differences that are so many times their predicted standard deviations refute these."""
 
 
-def dense_numbers(dense: DenseSurface, orthophoto: OrthophotoPicture | None, ground: GroundMarks) -> Json:
+def dense_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
     """Return the key `dense` of report.json: size and completeness, standard deviations, and check points."""
     rows, columns = dense.heights.values.shape
     check_points = surface_check_numbers(dense, ground)
@@ -33,7 +33,6 @@ def dense_numbers(dense: DenseSurface, orthophoto: OrthophotoPicture | None, gro
         "confidence": _spread(_measured(dense, dense.confidence), 5),
         "photographs": {"used": len(dense.photographs), "names": list(dense.photographs)},
         "settings": dict(dense.settings),
-        "orthophoto": None if orthophoto is None else _orthophoto_numbers(orthophoto),
         "check_points": check_points,
         "warnings": _warnings(check_points),
     }
@@ -94,7 +93,8 @@ def _spread(values: np.ndarray[Any, Any], percentile: int) -> Json | None:
     return {"median": float(middle), "mean": mean, f"percentile_{percentile}": float(far), **extreme}
 
 
-def _orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
+def orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
+    """Return the key `orthophoto` of report.json: size, and which part of it shows anything."""
     rows, columns = orthophoto.source_shape
     covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
     return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered}

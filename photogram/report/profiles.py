@@ -64,8 +64,8 @@ class ProfileLine:
 @dataclass(frozen=True, eq=False)
 class Profile:
     """Heights and their standard deviations (N,) along a line at distances (N,), m, NaN in gaps; and the check points
-    ``beside`` it: their distances (K,) along the line, offsets (K,) to its left, and how much higher (K,) the surface
-    is at their own places than they were surveyed, NaN over a hole."""
+    ``beside`` it: their distances (K,) along the line, and how much higher (K,) the surface is at their own places than
+    they were surveyed, NaN over a hole."""
 
     line: ProfileLine
     distance_m: FloatArray
@@ -73,7 +73,6 @@ class Profile:
     sigma_m: FloatArray
     beside: GroundMarks
     beside_distance_m: FloatArray
-    beside_offset_m: FloatArray
     beside_difference_m: FloatArray
 
 
@@ -253,4 +252,4 @@ def profile(dense: DenseSurface, line: ProfileLine, ground: GroundMarks) -> Prof
     near = np.flatnonzero((np.abs(offset) <= near_m) & (along >= 0) & (along <= line.length_m))
     beside = checks.select(near)
     difference_m = sampled(dense, beside.place_map_m).height_m - beside.place_map_m[:, 2]
-    return Profile(line, distance_m, at.height_m, at.sigma_m, beside, along[near], offset[near], difference_m)
+    return Profile(line, distance_m, at.height_m, at.sigma_m, beside, along[near], difference_m)

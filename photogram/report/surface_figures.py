@@ -61,20 +61,15 @@ class DrawnFigure:
 
 def drawn_surface(
     dense: DenseSurface,
-    orthophoto: OrthophotoPicture | None,
     ground: GroundMarks,
     numbers: Json,
     target_rmse_v_m: float | None = None,
-    contour_interval_m: float | None = None,
 ) -> list[DrawnFigure]:
     """Draw all figures of a dense surface; ``numbers`` is what `dense_numbers` made of the same.
 
     ``target_rmse_v_m`` is what the project asks of heights, None where it asks nothing.
     """
-    drawn = []
-    if orthophoto is not None:
-        drawn.append(_orthophoto(orthophoto, ground))
-    drawn.append(_relief(dense, ground, numbers, contour_interval_m))
+    drawn = [_relief(dense, ground, numbers)]
     if numbers["sigma_m"] is not None:
         drawn += [_sigma(dense, numbers, target_rmse_v_m), _rays(dense, numbers)]
         drawn.append(_histogram(dense, numbers, target_rmse_v_m))
@@ -130,7 +125,8 @@ def _percent(share: float) -> str:
     return f"{100 * share:.{digits}f}\u202f%"
 
 
-def _orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
+def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
+    """Draw an orthophoto with the ground points at their surveyed places."""
     rows, columns = orthophoto.source_shape
     caption = (
         f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
@@ -142,7 +138,7 @@ def _orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigu
     return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
 
 
-def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_interval_m: float | None) -> DrawnFigure:
+def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json) -> DrawnFigure:
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells = numbers["cells"]
@@ -154,13 +150,12 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json, contour_int
         else ""
     )
     beside = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
-    lines = "" if contour_interval_m is None else f" Contour lines every {contour_interval_m:g} m."
     caption = (
         f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
         f"enlarged for the shading.{part} Grey: holes, where no height was found that photographs agree on.{filled}"
-        f"{beside}{lines}"
+        f"{beside}"
     )
-    figure = relief_figure(dense, ground, tested, WIDTH_IN, contour_interval_m)
+    figure = relief_figure(dense, ground, tested, WIDTH_IN)
     return DrawnFigure("dense surface", figure, caption, "Dense surface model, shaded and tinted by height", tones=True)
 
 

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_hex
 from matplotlib.figure import Figure
-from scipy.ndimage import gaussian_filter
 
 from photogram.decimation import bands, block_means, block_of, decimated
 from photogram.report.dense import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
@@ -90,17 +89,10 @@ def _signed_cm(metres: float | None) -> str:
 
 
 def relief_figure(
-    dense: DenseSurface,
-    ground: GroundMarks,
-    differences_m: dict[str, float],
-    widest_in: float,
-    contour_interval_m: float | None = None,
+    dense: DenseSurface, ground: GroundMarks, differences_m: dict[str, float], widest_in: float
 ) -> Figure:
     """Draw the surface lit from the north-west and tinted by height, holes grey, filled cells washed out, with the
-    ground points; ``differences_m`` (surface minus survey) stand beside those that they name.
-
-    Contour lines of the slightly smoothed surface every ``contour_interval_m`` where one is given.
-    """
+    ground points; ``differences_m`` (surface minus survey) stand beside those that they name."""
     small, share = decimated(dense.heights, MAP_CELLS)
     known = Raster(np.where(share >= KNOWN_SHARE, small.values, np.nan), *_corner(small))
     figure = surface_figure(known, "", widest_in)
@@ -111,8 +103,6 @@ def relief_figure(
         veil = np.ones((*washed.shape, 4), dtype=np.float32)
         veil[..., 3] = 0.6 * (washed & np.isfinite(known.values))
         axes.imshow(veil, extent=_extent(*_corner(small), washed.shape), interpolation="nearest")
-    if contour_interval_m is not None:
-        _contours(axes, known, contour_interval_m)
     _halo(axes)
     draw_ground(figure, axes, ground, [f"{n}{_signed_cm(differences_m.get(n))}" for n in ground.name])
     return figure
@@ -124,32 +114,6 @@ def _corner(raster: Raster) -> tuple[float, float, float]:
 
 def _filled_share(dense: DenseSurface, maximum: int) -> FloatArray:
     return block_means(dense.filled, block_of(dense.filled.shape, maximum))[0]
-
-
-def contour_levels(values: FloatArray, interval_m: float) -> FloatArray:
-    """Return the multiples of an interval between the least and the largest of values; empty of nothing."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return np.zeros(0)
-    first, last = np.ceil(known.min() / interval_m), np.floor(known.max() / interval_m)
-    return np.asarray(np.arange(first, last + 1) * interval_m, dtype=np.float64)
-
-
-def _contours(axes: Axes, raster: Raster, interval_m: float) -> None:
-    known = np.isfinite(raster.values)
-    if not known.any():
-        return
-    weight = gaussian_filter(known.astype(np.float64), 1.5)
-    smooth = gaussian_filter(np.where(known, raster.values, 0.0).astype(np.float64), 1.5) / np.maximum(weight, 1e-9)
-    smooth = np.where(known, smooth, np.nan)
-    levels = contour_levels(smooth, interval_m)
-    if not len(levels):
-        return
-    widths = np.where(np.round(levels / interval_m) % 5 == 0, 0.9, 0.4)
-    rows, columns = raster.values.shape
-    east = raster.west_map_m + (np.arange(columns) + 0.5) * raster.cell_m
-    north = raster.north_map_m - (np.arange(rows) + 0.5) * raster.cell_m
-    axes.contour(east, north, np.ma.masked_invalid(smooth), levels, colors="black", linewidths=widths, alpha=0.55)
 
 
 # ---- uncertainty ---------------------------------------------------------------------------------------------------
