@@ -9,11 +9,21 @@ from rich.table import Table
 
 
 def surface_table(report: Mapping[str, Any]) -> Table | None:
-    """Return a short table of the key `dense` of report.json, None where no dense surface was made."""
-    dense = report.get("dense")
-    if dense is None:
+    """Return a short table of the keys `dense` and `orthophoto` of report.json, None where neither was made."""
+    dense, orthophoto = report.get("dense"), report.get("orthophoto")
+    if dense is None and orthophoto is None:
         return None
-    table = Table("figure", "value", title="Surface", show_header=False)
+    title = "Surface and orthophoto" if dense and orthophoto else "Surface" if dense else "Orthophoto"
+    table = Table("figure", "value", title=title, show_header=False)
+    if dense is not None:
+        _add_surface(table, dense)
+    if orthophoto is not None:
+        size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
+        table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
+    return table
+
+
+def _add_surface(table: Table, dense: Mapping[str, Any]) -> None:
     table.add_row("cell", f"{dense['cell_m']:.3f} m, {dense['columns']} × {dense['rows']} cells")
     cells, share = dense["cells"], dense["completeness"]
     filled = f", {cells['filled']} filled" if cells["filled"] else ""
@@ -30,4 +40,3 @@ def surface_table(report: Mapping[str, Any]) -> Table | None:
             f"check points ({check['n']}): RMSE, mean of the heights",
             f"{check['rmse_m']:.3f}, {check['mean_m']:+.3f} m; {check['rms_z']:.2f} times their sigmas",
         )
-    return table

@@ -47,7 +47,12 @@ class Terminal:
             self._task = None
         took = "done before" if seconds is None else f"{seconds:.1f} s"
         facts = ", ".join(f"{k.replace('_', ' ')} {_short(v)}" for k, v in summary.items() if _is_fact(k, v))
-        self._progress.console.print(f"[bold]{stage.title:<20}[/bold] {took:>12}  [dim]{facts}[/dim]")
+        line = Table.grid(padding=(0, 2, 0, 0))
+        line.add_column(style="bold", width=20)
+        line.add_column(justify="right", width=11)
+        line.add_column(style="dim")
+        line.add_row(stage.title, took, facts)
+        self._progress.console.print(line)
 
 
 def _is_fact(name: str, value: object) -> bool:

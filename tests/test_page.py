@@ -250,6 +250,22 @@ def test_without_a_target_check_points_are_judged_by_the_size_of_a_pixel(
 
 
 @pytest.mark.parametrize(
+    ("count", "rmse_m", "target", "expected"),
+    [(30, 0.0499, 0.05, "good"), (8, 0.0499, 0.05, "attention"), (30, 0.0501, 0.05, "bad"), (2, None, 0.05, "unknown"),
+     (0, None, None, "unknown")],
+)  # fmt: skip
+def test_the_dense_surface_is_judged_like_check_points_in_height(
+    bare: Json, full_report: Json, count: int, rmse_m: float | None, target: float | None, expected: str
+) -> None:
+    dense = deepcopy(full_report["dense"])
+    dense["check_points"] |= {"n": count, "rmse_v_m": rmse_m}
+    subject, settings = "Dense surface at check points", ReportSettings(target_rmse_v_m=target)
+    assert grade(changed(bare, dense=dense), subject, settings) == expected
+    sparse = {k: v for k, v in bare.items() if k != "dense"}
+    assert subject not in {light.subject for light in traffic_lights(complete(sparse, settings))}
+
+
+@pytest.mark.parametrize(
     ("subject", "change", "expected"),
     [
         ("Stated sigmas", {"adjustment": {"sigma0": 1.0}}, "good"),

@@ -141,7 +141,7 @@ def test_verdict_is_told_by_word_and_shape_with_contrast(browser: Chrome, pages:
             """return [...document.querySelectorAll('.grade')].map(g => [g.innerText.trim(),
                 getComputedStyle(g).color, getComputedStyle(g).backgroundColor])"""
         )
-        assert len(grades) == 10
+        assert len(grades) == 11
         assert {text for text, *_ in grades} <= {"● Good", "▲ Attention", "■ Bad", "○ Not tested"}
         assert len({text for text, *_ in grades}) >= 3
         for text, ink, ground in grades:

@@ -167,3 +167,13 @@ def test_a_surface_that_nothing_tests_is_not_called_tested(shown: Console) -> No
 def test_without_a_dense_surface_there_is_no_table_of_it(shown: Console) -> None:
     terminal.show_report(report())
     assert "Surface" not in shown.export_text()
+
+
+def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) -> None:
+    made = {"cell_m": 0.06, "rows": 1500, "columns": 2000, "covered": 0.87}
+    terminal.show_report(report() | {"orthophoto": made})
+    text = shown.export_text()
+    assert "0.060 m, 2000 × 1500 cells, 87% covered" in text
+    assert "Surface" not in text
+    terminal.show_report(report() | {"orthophoto": made, "dense": dense()})
+    assert "Surface and orthophoto" in shown.export_text()

@@ -239,7 +239,7 @@ def sigma_histogram_figure(dense: DenseSurface, target_m: float | None, width_in
         if np.isfinite(place):
             left.axvline(place, color=colour, linestyle=style, linewidth=1.1, label=label)
     left.set(xlabel="predicted sigma of heights, m", ylabel="cells, %", xlim=(bins[0], bins[-1]))
-    left.legend(frameon=False, fontsize=8)
+    left.legend(framealpha=1.0, edgecolor="none", fontsize=8)
     _by_rays(right, counts, edges)
     for axes in (left, right):
         axes.tick_params(labelsize=8)

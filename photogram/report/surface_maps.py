@@ -192,7 +192,7 @@ def _key(figure: Figure, axes: Axes, dense: DenseSurface) -> None:
 def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
     """Draw how many photographs each height was matched in, beside or above the confidence, for wide sites."""
     rows, columns = dense.heights.values.shape
-    beside = columns <= 1.3 * rows
+    beside = columns <= 1.8 * rows
     panel_in = (0.5 if beside else 0.8) * width_in - 0.9
     height_in = panel_in * rows / columns
     figure = new_figure(width_in, (height_in + 1.9) if beside else 2 * height_in + 1.3)

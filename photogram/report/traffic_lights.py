@@ -40,6 +40,7 @@ def traffic_lights(report: Report) -> list[Light]:
     judges: tuple[Callable[[Report], Light], ...] = (
         lambda r: _check(r, "plan"),
         lambda r: _check(r, "height"),
+        *([_surface] if report.get("dense") else []),
         _prediction,
         _blunders,
         _control,
@@ -61,8 +62,26 @@ def _check(report: Report, where: Literal["plan", "height"]) -> Light:
     asprs = report["asprs"]
     letter = "h" if where == "plan" else "v"
     n, rmse = asprs[f"n_{letter}"], number(asprs[f"rmse_{letter}_m"])
-    target, subject = asprs[f"target_rmse_{letter}_m"], f"Check points in {where}"
-    name = f"RMSE_{letter.upper()}"
+    untested = f"no check point{_left_out(report, where)}"
+    return _against_target(report, where, f"Check points in {where}", n, rmse, untested)
+
+
+def _surface(report: Report) -> Light:
+    """Judge the dense surface by the check points that it was interpolated at, as those in height are judged."""
+    test = report["dense"]["check_points"]
+    untested = "too few check points lie on it" if test["n"] else "no check point lies on it"
+    return _against_target(
+        report, "height", "Dense surface at check points", test["n"], number(test["rmse_v_m"]), untested
+    )
+
+
+def _against_target(
+    report: Report, where: Literal["plan", "height"], subject: str, n: int, rmse: float, untested: str
+) -> Light:
+    """Judge the RMSE, m, of n points in plan or height against the target, or against the GSD where there is none;
+    ``untested`` is the reason why there is no RMSE."""
+    letter = "h" if where == "plan" else "v"
+    target, name = report["asprs"][f"target_rmse_{letter}_m"], f"RMSE_{letter.upper()}"
     if target is not None:
         rule = (
             f"good: {name} within the target of {target:.3f} m, from 30 points or more; attention: within it, from "
@@ -74,8 +93,8 @@ def _check(report: Report, where: Literal["plan", "height"]) -> Light:
             f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; attention: within "
             f"{worst:g} GSD, or fewer points; bad: beyond"
         )
-    if not n:
-        return Light(subject, "unknown", f"not tested: no check point{_left_out(report, where)}", rule)
+    if not math.isfinite(rmse):
+        return Light(subject, "unknown", f"not tested: {untested}", rule)
     finding = f"{name} {rmse:.3f} m, n = {n}"
     if target is not None:
         within = rmse <= target
