@@ -18,6 +18,7 @@ from scipy.stats import t as student
 
 from photogram.camera import PARAMETER_NAMES, Camera
 from photogram.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
+from photogram.residual_patterns import ResidualPattern, residual_patterns
 from photogram.survey import Adjustment, Deformation, FloatArray
 
 STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
@@ -93,6 +94,7 @@ class Diagnosis:
 
     correlation: Mapping[str, FloatArray]
     focal_height: Mapping[str, FocalHeight]
+    patterns: Mapping[str, ResidualPattern]
     dome: Dome
     warnings: tuple[str, ...]
     remedies: tuple[Remedy, ...]
@@ -240,6 +242,17 @@ def hidden(known: Deformation) -> list[str]:
     ]
 
 
+def unmodelled(patterns: Mapping[str, ResidualPattern]) -> list[str]:
+    """Return a sentence for each camera whose residuals show that its model leaves something out."""
+    return [
+        f"Residuals in {name} have a pattern of {pattern.pattern_px:.2g} px in common (RMS, of their "
+        f"{pattern.residual_px:.2g} px): the camera model leaves something out, such as a correction within the camera "
+        "or a rolling shutter. What it does to heights is in no predicted sigma: only check points can tell"
+        for name, pattern in patterns.items()
+        if pattern.significant
+    ]
+
+
 def _names(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
     many = len(cameras) > 1
     names = [_WORDS.get(p, p) + (f" of {camera.name}" if many else "") for camera in cameras for p in PARAMETER_NAMES]
@@ -328,8 +341,8 @@ def remedies_of(known: Deformation) -> list[Remedy]:
 def diagnose(result: Adjustment) -> Diagnosis:
     """Return what a block is weak in, and what would help."""
     known, block = result.deformation, result.block
-    dome = _dome(result)
-    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights)
+    dome, patterns = _dome(result), residual_patterns(result)
+    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights) + unmodelled(patterns)
     if dome.significant:
         warnings.append(
             f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "
@@ -339,6 +352,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
     return Diagnosis(
         {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},
         focal_heights(known, block.cameras, result.flights),
+        patterns,
         dome,
         tuple(warnings),
         tuple(remedies_of(known)),

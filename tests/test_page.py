@@ -287,6 +287,11 @@ def test_the_dense_surface_is_judged_like_check_points_in_height(
          "attention"),
         ("Geometry", {"diagnosis": {"focal_height_correlation": -0.99}, "block": {"overlap": {"share_3_or_more": 0.9}}},
          "attention"),
+        *(
+            ("Geometry", {"diagnosis": {"residual_pattern": {"a": {"significant": told, "pattern_px": 0.12}}},
+                          "block": {"overlap": {"share_3_or_more": 0.9}}}, expected)
+            for told, expected in ((False, "good"), (True, "attention"))
+        ),
         ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.2}}}, "good"),
         ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.02}}}, "attention"),
         ("Predicted against achieved", {"predicted_against_achieved": {"n": 4, "chi2": {"p": 0.001}}}, "bad"),

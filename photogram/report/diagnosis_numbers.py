@@ -51,6 +51,7 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             }
             for name, focal in found.focal_height.items()
         },
+        "residual_pattern": {name: asdict(pattern) for name, pattern in found.patterns.items()},
         "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
         "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
         "warnings": list(found.warnings),

@@ -37,6 +37,7 @@ from photogram.report.pictures import (
     surface_figure,
 )
 from photogram.report.plan import plan_contents, plan_figure
+from photogram.residual_patterns import ResidualPattern, residual_patterns
 from photogram.survey import Adjustment, FloatArray, PointCloud, Raster
 
 PLAN_IN, WIDTH_IN = 6.6, 5.4
@@ -233,18 +234,30 @@ def _draw_ellipses(axes: Axes, colour: str, place: FloatArray, covariance_m2: Fl
 
 
 def _residuals(result: Adjustment) -> list[PageFigure]:
-    block, figures = result.block, []
+    block, figures, patterns = result.block, [], residual_patterns(result)
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
             figure = residual_figure(camera, block.tie_points.pixel[seen], result.residual_px[seen], width_in=PLAN_IN)
-            caption = (
-                f"Residuals of tie points in {camera.name} by their place in the photograph, projected minus measured. "
-                "Without a pattern the camera model fits; arrows that point outwards, inwards or around the principal "
-                "point show a distortion that is left."
-            )
+            caption = residual_caption(camera.name, patterns.get(camera.name))
             figures.append(PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure)))
     return figures
+
+
+def residual_caption(camera: str, pattern: ResidualPattern | None) -> str:
+    """Return what stands under the residuals of a camera, with what they have in common where that is known."""
+    caption = (
+        f"Residuals of tie points in {camera} by their place in the photograph, projected minus measured. Without a "
+        "pattern the camera model fits; arrows that point outwards, inwards or around the principal point show a "
+        "distortion that is left."
+    )
+    if pattern is None:
+        return caption
+    told = "more than chance" if pattern.significant else "too little to be told"
+    return (
+        f"{caption} What they have in common at the same place of all photographs has an RMS of "
+        f"{pattern.pattern_px:.2g} px for a coordinate, of the residuals' {pattern.residual_px:.2g} px: {told}."
+    )
 
 
 def _histograms(result: Adjustment) -> PageFigure | None:

@@ -225,7 +225,8 @@ def _geometry(report: Report) -> Light:
     best, worst = OVERLAP
     rule = (
         f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height told apart "
-        f"(correlation below {CORRELATION:g}); attention: {worst:.0%}, or one of these; bad: less"
+        f"(correlation below {CORRELATION:g}), no pattern in the residuals; attention: {worst:.0%}, or one of these; "
+        "bad: less"
     )
     overlap, diagnosis = report["block"].get("overlap"), report.get("diagnosis") or {}
     if overlap is None:
@@ -236,6 +237,9 @@ def _geometry(report: Report) -> Light:
         faults.append(f"doming of {number(dome.get('measured_m')):+.3f} m")
     if abs(correlation) > CORRELATION:
         faults.append(f"focal length and heights correlate by {correlation:.2f}")
+    for name, pattern in (diagnosis.get("residual_pattern") or {}).items():
+        if pattern["significant"]:
+            faults.append(f"residuals in {name} have a pattern of {pattern['pattern_px']:.2g} px")
     grade: Grade = "bad" if share < worst else "good" if share >= best and not faults else "attention"
     return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *faults]), rule)
 
