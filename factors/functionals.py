@@ -18,9 +18,9 @@ from scipy.sparse import csr_array
 from photogram.factors.bundle import limited_threads
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of, eliminated
-from photogram.factors.loss import RobustLoss, steer
+from photogram.factors.loss import RobustLoss, robust_terms, steer
 from photogram.factors.reduced import Factor, Layout
-from photogram.factors.reprojection import Linearisation, Observations, linearise
+from photogram.factors.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray
 
@@ -96,6 +96,12 @@ def _weighted(
     return Linearisation(residual, turn @ linear.pose, turn @ linear.calibration, turn @ linear.point)
 
 
+def _weights(observations: Observations, state: State, problem: Problem) -> FloatArray:
+    """Return the weights (N,) that the robust loss of a problem gives to observations of tie points."""
+    whitened = residuals(observations, state.parameters, state.rotation, state.position, state.tie_point)
+    return robust_terms(whitened, problem.robust_loss, problem.robust_threshold)[1]
+
+
 def _normal(observations: Observations, linear: Linearisation, count: int) -> FloatArray:
     V = np.zeros((count, 3, 3))
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
@@ -131,6 +137,26 @@ def functions_of_tie_points(
     moved = np.einsum("nri,nik->nrk", linear.point, b[o.point]).reshape(2 * len(o), -1)
     columns = -np.asarray(_camera_rows(layout, o, linear).T @ moved)
     return Functions(columns, np.einsum("pik,pil->kl", a, b))
+
+
+def responses_to_pixels(problem: Problem, state: State, found: Solvable, points: IntArray, a: FloatArray) -> FloatArray:
+    """Return by how much the functions Σ aᵀX of ``functions_of_tie_points`` change when the measurements of all tie
+    points (N, 2) move by a pixel along u or v: (N, 2, K), in m per pixel.
+
+    With all Jacobians J and the normal matrix JᵀJ the change is (J (JᵀJ)⁻¹ a)ᵀ times that of the whitened pixels:
+    influences of measurements, as external reliability has them (Baarda 1968).
+    """
+    o, count = problem.tie, len(state.tie_point)
+    linear = _weighted(o, state, state.tie_point, problem.robust_loss, problem.robust_threshold)
+    root = np.sqrt(_weights(o, state, problem)) / o.sigma_px
+    V, of = _normal(o, linear, count), np.zeros((count, 3, a.shape[2]))
+    V[np.bincount(o.point, minlength=count) < 2] = np.eye(3)
+    of[points] = a
+    columns = functions_of_tie_points(problem, state, found.layout, points, a).columns
+    moved = (_camera_rows(found.layout, o, linear) @ found.solve(columns)).reshape(len(o), 2, -1)
+    np.subtract.at(of, o.point, np.einsum("nri,nrk->nik", linear.point, moved))
+    moved += np.einsum("nri,nik->nrk", linear.point, np.linalg.solve(V, of)[o.point])
+    return np.asarray(moved * root[:, None, None])
 
 
 def functions_of_positions(state: State, layout: Layout, weight: FloatArray) -> Functions:

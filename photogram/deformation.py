@@ -200,6 +200,7 @@ def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places
         np.zeros((len(problem.block.cameras), PARAMETERS)),
         np.zeros((len(problem.block.cameras), PARAMETERS)),
         np.full(3, np.nan),
+        np.full(3, np.nan),
     )
 
 

@@ -242,12 +242,19 @@ def hidden(known: Deformation) -> list[str]:
     ]
 
 
-def unmodelled(patterns: Mapping[str, ResidualPattern]) -> list[str]:
+def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> list[str]:
     """Return a sentence for each camera whose residuals show that its model leaves something out."""
+    slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
+    effect = (
+        f"an error of that size which the block follows would tilt it by {slopes.max():.3f} m and bend it to a dome of "
+        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma holds it"
+        if np.isfinite(dome)
+        else "what it does to heights is in no predicted sigma"
+    )
     return [
         f"Residuals in {name} have a pattern of {pattern.pattern_px:.2g} px in common (RMS, of their "
         f"{pattern.residual_px:.2g} px): the camera model leaves something out, such as a correction within the camera "
-        "or a rolling shutter. What it does to heights is in no predicted sigma: only check points can tell"
+        f"or a rolling shutter; {effect}"
         for name, pattern in patterns.items()
         if pattern.significant
     ]
@@ -342,7 +349,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
     """Return what a block is weak in, and what would help."""
     known, block = result.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
-    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights) + unmodelled(patterns)
+    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights) + unmodelled(patterns, known)
     if dome.significant:
         warnings.append(
             f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "

@@ -34,6 +34,7 @@ from photogram.factors.reprojection import Observations
 from photogram.factors.state import State
 from photogram.held_parameters import with_held_freed
 from photogram.registration import registered_block
+from photogram.residual_patterns import pattern_sigmas_m
 from photogram.survey import Adjustment, Block, Deformation, FloatArray, IntArray, Photograph
 
 CONTROL_SIGMA_M = np.array([0.02, 0.02, 0.03])  # of a surveyed point, where the project has none to go by
@@ -213,8 +214,11 @@ def block_deformation(
         start_state(part, problem.flights), control=result.ground_world_m[control], offset=result.offset_world_m
     )
     with limited_threads(0):  # everything here is too small for BLAS to share out
-        found = deformation_and_remedies(problem, state, factored(problem, state))
-    return replace(found, given_parameters=np.array(given_parameters).reshape(-1, PARAMETERS))
+        stiff = factored(problem, state)
+        found = deformation_and_remedies(problem, state, stiff)
+        pattern_m = pattern_sigmas_m(problem, state, stiff)
+    given = np.array(given_parameters).reshape(-1, PARAMETERS)
+    return replace(found, given_parameters=given, pattern_sigma_m=pattern_m)
 
 
 def deformation_and_remedies(problem: Problem, state: State, found: Solvable) -> Deformation:

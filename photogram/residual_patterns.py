@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from photogram.camera import Camera
+from photogram.deformation import height_modes, places_of
+from photogram.factors.functionals import Solvable, responses_to_pixels
+from photogram.factors.graph import Problem
+from photogram.factors.reprojection import residuals
+from photogram.factors.state import State
 from photogram.survey import Adjustment, FloatArray
 
 IntArray = NDArray[np.int64]
@@ -46,18 +51,23 @@ class ResidualPattern:
     significant: bool
 
 
-def residual_pattern(camera: Camera, pixel: FloatArray, residual_px: FloatArray) -> ResidualPattern | None:
-    """Return the pattern of residuals (N, 2), px, at pixels (N, 2) of a camera; None where they are too few."""
+def squares_of(camera: Camera, pixel: FloatArray) -> tuple[IntArray, int]:
+    """Return in which square each pixel (N, 2) of a camera lies, and how many squares there are."""
     side_px = camera.width_px / SQUARES
     rows = int(np.ceil(camera.height_px / side_px))
     column, row = np.floor((pixel + 0.5) / side_px).astype(np.int64).clip(0, [SQUARES - 1, rows - 1]).T
-    square = row * SQUARES + column
-    count = np.bincount(square, minlength=rows * SQUARES)
+    return row * SQUARES + column, rows * SQUARES
+
+
+def residual_pattern(camera: Camera, pixel: FloatArray, residual_px: FloatArray) -> ResidualPattern | None:
+    """Return the pattern of residuals (N, 2), px, at pixels (N, 2) of a camera; None where they are too few."""
+    square, squares = squares_of(camera, pixel)
+    count = np.bincount(square, minlength=squares)
     enough = count >= FEWEST_RESIDUALS
     if enough.sum() < FEWEST_SQUARES:
         return None
-    means = _sums(square, residual_px, len(count)) / np.maximum(count, 1)[:, None]
-    scatter = _sums(square, (residual_px - means[square]) ** 2, len(count))
+    means = _sums(square, residual_px, squares) / np.maximum(count, 1)[:, None]
+    scatter = _sums(square, (residual_px - means[square]) ** 2, squares)
     n = count[enough, None].astype(np.float64)
     mean, error = means[enough], np.sqrt(scatter[enough] / (n * (n - 1.0)))
     residual, chance = float(np.sqrt(np.mean(residual_px**2))), float(np.sqrt(np.mean(error**2)))
@@ -83,3 +93,32 @@ def residual_patterns(result: Adjustment) -> dict[str, ResidualPattern]:
         if pattern is not None:
             found[camera.name] = pattern
     return found
+
+
+def pattern_sigmas_m(problem: Problem, state: State, found: Solvable) -> FloatArray:
+    """Return how far errors of the camera models, as large as the patterns of their residuals but such that the block
+    follows them, tilt and bend it: standard deviations (3,), m, of the slopes east and north and of the dome as
+    Deformation has them. NaN where nothing is known of patterns or of the block.
+
+    An error is taken as one shift for each square of the picture plane, independent of the others, with the RMS of the
+    pattern: Σ over squares and coordinates of (pattern × sum of the responses in the square)².
+    """
+    places = places_of(problem, state)
+    if places is None:
+        return np.full(3, np.nan)
+    a = np.zeros((len(places.points), 3, 3))
+    a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:].T
+    response = responses_to_pixels(problem, state, found, places.points, a)
+    tie, variance, known = problem.tie, np.zeros(3), False
+    whitened = residuals(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    residual_px = whitened * tie.sigma_px[:, None]
+    for c, camera in enumerate(problem.block.cameras):
+        of_camera = (tie.camera == c) & np.isfinite(residual_px).all(axis=1)
+        pattern = residual_pattern(camera, tie.pixel[of_camera], residual_px[of_camera])
+        if pattern is None:
+            continue
+        square, squares = squares_of(camera, tie.pixel[of_camera])
+        together = np.stack([_sums(square, response[of_camera, :, k], squares) for k in range(3)])
+        variance += pattern.pattern_px**2 * np.sum(together**2, axis=(1, 2))
+        known = True
+    return np.sqrt(variance) if known else np.full(3, np.nan)

@@ -387,7 +387,9 @@ class Deformation:
     covariance, ``remedy_sigma_m`` (R, 2, 3) holds before and after: sigma in height in the middle, root mean square
     over the block, sigma of d. ``freed_prior`` and ``freed_sigma`` (cameras, 11) are the sigmas to which held
     parameters were freed and those that they would have after the adjustment, 0 for the others;
-    ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``.
+    ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``. ``pattern_sigma_m`` (3,) is
+    what an error of the camera model as large as the pattern of the residuals does to b, c and d, NaN where nothing is
+    known of it.
     """
 
     centre_world_m: FloatArray
@@ -401,6 +403,7 @@ class Deformation:
     freed_prior: FloatArray
     freed_sigma: FloatArray
     freed_height_sigma_m: FloatArray
+    pattern_sigma_m: FloatArray
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:
@@ -409,7 +412,7 @@ class Deformation:
         given = np.zeros((0, 0)) if given_parameters is None else given_parameters
         return Deformation(
             nothing[:2], float("nan"), np.zeros((0, 0)), nothing, np.zeros(0), given, np.zeros(0, np.str_),
-            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing,
+            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing, nothing,
         )  # fmt: skip
 
     @property

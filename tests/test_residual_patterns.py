@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
 from photogram.camera import Camera
+from photogram.deformation import height_modes, places_of
 from photogram.diagnosis import diagnose
+from photogram.factors.functionals import factored, responses_to_pixels
+from photogram.remedies import block_deformation
 from photogram.report.page_figures import residual_caption
-from photogram.residual_patterns import residual_pattern, residual_patterns
+from photogram.residual_patterns import pattern_sigmas_m, residual_pattern, residual_patterns, squares_of
 from photogram.simulation import SurveyPlan, simulate_block
-from photogram.survey import Adjustment, FloatArray
+from photogram.survey import Adjustment, Block, FloatArray, IntArray
 
 CAMERA = Camera("c", 4000, 3000, 2300.0, np.array([1999.5, 1499.5]))
 NOISE_PX = 0.5
@@ -104,3 +107,67 @@ def test_a_camera_that_the_model_fits_is_not() -> None:
     assert not [w for w in diagnose(right).warnings if "have a pattern" in w]
     assert "px: too little to be told." in residual_caption("simulated", found)
     assert "in common" not in residual_caption("simulated", None)
+
+
+# ---- what a pattern does to heights --------------------------------------------------------------------------------
+
+PLAN = SurveyPlan(
+    focal_px=1000.0, strips=4, photographs_per_strip=5, control_points=0, check_points=0, forward_overlap=0.8,
+    side_overlap=0.7, relief_m=4.0, gnss_sigma_m=(0.5, 0.5, 0.5), gnss_offset_sigma_m=(1.0, 1.0, 2.0),
+)  # fmt: skip
+SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=1e6)
+
+
+def moved_block(shift_px: FloatArray | None = None) -> Block:
+    """Return a block whose pixels are shifted by ``shift_px`` (squares, 2) for each square of the picture plane."""
+    block = simulate_block(
+        PLAN, 7, tie_points=1500, start_position_sigma_m=0.1, start_attitude_sigma_deg=0.1, start_point_sigma_m=0.1
+    ).block
+    if shift_px is None:
+        return block
+    square, _ = squares_of(block.cameras[0], block.tie_points.pixel)
+    return replace(block, tie_points=replace(block.tie_points, pixel=block.tie_points.pixel + shift_px[square]))
+
+
+def responses(result: Adjustment) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return the responses of slopes and dome to the pixels of an adjusted block, their weights, and their points."""
+    problem = make_problem(result.block, SETTINGS)
+    state = replace(start_state(result.block, problem.flights), offset=result.offset_world_m)
+    places = places_of(problem, state)
+    assert places is not None
+    modes = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:]
+    a = np.zeros((len(places.points), 3, 3))
+    a[:, 2] = modes.T
+    return responses_to_pixels(problem, state, factored(problem, state), places.points, a), modes, places.points
+
+
+def test_a_block_moves_with_its_pixels_as_its_responses_say() -> None:
+    """Another way to the same: the pixels are shifted, and everything is adjusted again."""
+    first = adjust(moved_block(), SETTINGS)
+    response, modes, points = responses(first)
+    square, squares = squares_of(first.block.cameras[0], first.block.tie_points.pixel)
+    for seed in range(3):
+        shift_px = np.random.default_rng(seed).normal(scale=0.05, size=(squares, 2))
+        second = adjust(moved_block(shift_px), SETTINGS)
+        moved_m = (second.block.tie_points.position_world_m - first.block.tie_points.position_world_m)[points, 2]
+        predicted = np.einsum("nrk,nr->k", response, shift_px[square])
+        np.testing.assert_allclose(modes @ moved_m, predicted, rtol=0.02, atol=2e-4)
+
+
+def test_predicted_tilt_and_bend_are_what_patterns_do() -> None:
+    """Root mean squares over twelve patterns, whose responses are exact, against the standard deviations."""
+    rms_px = 0.3
+    first = adjust(moved_block(np.random.default_rng(99).normal(scale=rms_px, size=(100, 2))), SETTINGS)
+    problem = make_problem(first.block, SETTINGS)
+    state = replace(start_state(first.block, problem.flights), offset=first.offset_world_m)
+    sigma_m = pattern_sigmas_m(problem, state, factored(problem, state))
+    found = residual_patterns(first)["simulated"]
+    response, _, _ = responses(first)
+    square, squares = squares_of(first.block.cameras[0], first.block.tie_points.pixel)
+    shifts_px = np.random.default_rng(1).normal(scale=found.pattern_px, size=(200, squares, 2))
+    made = np.einsum("nrk,mnr->mk", response, shifts_px[:, square])
+    np.testing.assert_allclose(np.sqrt(np.mean(made**2, axis=0)), sigma_m, rtol=0.2)
+    known = block_deformation(first, SETTINGS, [camera.parameters for camera in first.block.cameras])
+    np.testing.assert_allclose(known.pattern_sigma_m, sigma_m, rtol=1e-6)
+    (sentence,) = [w for w in diagnose(replace(first, deformation=known)).warnings if "have a pattern" in w]
+    assert f"bend it to a dome of {sigma_m[2]:.3f} m" in sentence

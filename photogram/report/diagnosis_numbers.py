@@ -52,6 +52,11 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             for name, focal in found.focal_height.items()
         },
         "residual_pattern": {name: asdict(pattern) for name, pattern in found.patterns.items()},
+        "pattern_effect": {
+            "slopes_m": [_finite(s) for s in result.deformation.pattern_sigma_m[:2]],
+            "dome_m": _finite(result.deformation.pattern_sigma_m[2]),
+            "radius_m": _finite(result.deformation.radius_m),
+        },
         "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
         "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
         "warnings": list(found.warnings),
