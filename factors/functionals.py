@@ -25,6 +25,7 @@ from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray
 
 POINTS_AT_ONCE = 64  # whose three columns each are solved for together
+RESPONDING_AT_ONCE = 10_000  # points whose measurements are linearised together
 
 
 class Solvable(Protocol):
@@ -96,12 +97,6 @@ def _weighted(
     return Linearisation(residual, turn @ linear.pose, turn @ linear.calibration, turn @ linear.point)
 
 
-def _weights(observations: Observations, state: State, problem: Problem) -> FloatArray:
-    """Return the weights (N,) that the robust loss of a problem gives to observations of tie points."""
-    whitened = residuals(observations, state.parameters, state.rotation, state.position, state.tie_point)
-    return robust_terms(whitened, problem.robust_loss, problem.robust_threshold)[1]
-
-
 def _normal(observations: Observations, linear: Linearisation, count: int) -> FloatArray:
     V = np.zeros((count, 3, 3))
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
@@ -146,17 +141,58 @@ def responses_to_pixels(problem: Problem, state: State, found: Solvable, points:
     With all Jacobians J and the normal matrix JᵀJ the change is (J (JᵀJ)⁻¹ a)ᵀ times that of the whitened pixels:
     influences of measurements, as external reliability has them (Baarda 1968).
     """
-    o, count = problem.tie, len(state.tie_point)
-    linear = _weighted(o, state, state.tie_point, problem.robust_loss, problem.robust_threshold)
-    root = np.sqrt(_weights(o, state, problem)) / o.sigma_px
-    V, of = _normal(o, linear, count), np.zeros((count, 3, a.shape[2]))
-    V[np.bincount(o.point, minlength=count) < 2] = np.eye(3)
-    of[points] = a
-    columns = functions_of_tie_points(problem, state, found.layout, points, a).columns
-    moved = (_camera_rows(found.layout, o, linear) @ found.solve(columns)).reshape(len(o), 2, -1)
-    np.subtract.at(of, o.point, np.einsum("nri,nrk->nik", linear.point, moved))
-    moved += np.einsum("nri,nik->nrk", linear.point, np.linalg.solve(V, of)[o.point])
-    return np.asarray(moved * root[:, None, None])
+    layout, tie, functions = found.layout, problem.tie, a.shape[2]
+    solved = found.solve(functions_of_tie_points(problem, state, layout, points, a).columns)
+    of_point = np.zeros((len(state.tie_point), 3, functions))
+    of_point[points] = a
+    order = np.argsort(tie.point, kind="stable")
+    begins = np.searchsorted(tie.point[order], np.arange(len(state.tie_point) + 1))
+    response = np.empty((len(tie), 2, functions))
+    for first in range(0, len(state.tie_point), RESPONDING_AT_ONCE):
+        last = min(first + RESPONDING_AT_ONCE, len(state.tie_point))
+        rays = order[begins[first] : begins[last]]
+        o = tie.select(rays)
+        o = Observations(o.photograph, o.point - first, o.pixel, o.sigma_px, o.camera, o.model)
+        response[rays] = _responses(problem, state, layout, o, solved, slice(first, last), of_point[first:last])
+    return response
+
+
+def _responses(
+    problem: Problem,
+    state: State,
+    layout: Layout,
+    observations: Observations,
+    solved: FloatArray,
+    part: slice,
+    a: FloatArray,
+) -> FloatArray:
+    """Return the responses (N, 2, K) to all measurements of a ``part`` of the tie points, counted from its first, whose
+    functions are ``a`` (P, 3, K)."""
+    o, X = observations, state.tie_point[part]
+    linear = _weighted(o, state, X, problem.robust_loss, problem.robust_threshold)
+    V = _normal(o, linear, len(X))
+    V[np.bincount(o.point, minlength=len(X)) < 2] = np.eye(3)
+    moved = _moved_by_cameras(layout, o, linear, solved)
+    rest = a.copy()
+    np.subtract.at(rest, o.point, np.einsum("nri,nrk->nik", linear.point, moved))
+    moved += np.einsum("nri,nik->nrk", linear.point, np.linalg.solve(V, rest)[o.point])
+    whitened = residuals(o, state.parameters, state.rotation, state.position, X)
+    weight = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)[1]
+    return np.asarray(moved * (np.sqrt(weight) / o.sigma_px)[:, None, None])
+
+
+def _moved_by_cameras(
+    layout: Layout, observations: Observations, linear: Linearisation, solved: FloatArray
+) -> FloatArray:
+    """Return by how much whitened measurements (N, 2, K) move with the changes (6 free + border, K) of the cameras."""
+    o, functions = observations, solved.shape[1]
+    held = np.zeros((1, 6, functions))  # the place of a photograph that is held is −1, the last
+    pose = np.concatenate([solved[: layout.columns].reshape(-1, 6, functions), held])[layout.place[o.photograph]]
+    lens, free = np.zeros((*layout.unit.shape, functions)), layout.unit > 0
+    lens[free] = solved[layout.columns : layout.columns + layout.offset_column] * layout.unit[free][:, None]
+    moved = np.einsum("nri,nik->nrk", linear.pose, pose)
+    moved += np.einsum("nri,nik->nrk", linear.calibration, lens[o.camera])
+    return np.asarray(moved)
 
 
 def functions_of_positions(state: State, layout: Layout, weight: FloatArray) -> Functions:

@@ -31,8 +31,8 @@ class Observations:
     camera: IntArray
     model: IntArray
 
-    def select(self, keep: NDArray[np.bool_]) -> Observations:
-        """Keep the observations of the mask (N,)."""
+    def select(self, keep: NDArray[np.bool_] | IntArray) -> Observations:
+        """Keep the observations of the mask (N,), or of indices."""
         return Observations(
             self.photograph[keep],
             self.point[keep],

@@ -11,6 +11,7 @@ from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start
 from photogram.camera import Camera
 from photogram.deformation import height_modes, places_of
 from photogram.diagnosis import diagnose
+from photogram.factors import functionals
 from photogram.factors.functionals import factored, responses_to_pixels
 from photogram.remedies import block_deformation
 from photogram.report.page_figures import residual_caption
@@ -139,6 +140,13 @@ def responses(result: Adjustment) -> tuple[FloatArray, FloatArray, IntArray]:
     a = np.zeros((len(places.points), 3, 3))
     a[:, 2] = modes.T
     return responses_to_pixels(problem, state, factored(problem, state), places.points, a), modes, places.points
+
+
+def test_responses_do_not_depend_on_how_many_points_are_done_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = adjust(moved_block(), SETTINGS)
+    whole, _, _ = responses(first)
+    monkeypatch.setattr(functionals, "RESPONDING_AT_ONCE", 97)
+    np.testing.assert_allclose(responses(first)[0], whole, rtol=1e-9, atol=1e-12 * np.abs(whole).max())
 
 
 def test_a_block_moves_with_its_pixels_as_its_responses_say() -> None:
