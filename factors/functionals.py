@@ -98,9 +98,14 @@ def _weighted(
 
 
 def _normal(observations: Observations, linear: Linearisation, count: int) -> FloatArray:
-    V = np.zeros((count, 3, 3))
-    np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    return V
+    return _summed(observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point), count)
+
+
+def _summed(point: IntArray, values: FloatArray, count: int) -> FloatArray:
+    """Return the sums (count, …) of values (N, …) by the points (N,) that they belong to."""
+    n = len(point)
+    by_point = csr_array((np.ones(n), (point, np.arange(n))), shape=(count, n))
+    return np.asarray(by_point @ values.reshape(n, -1)).reshape(count, *values.shape[1:])
 
 
 def _camera_rows(layout: Layout, observations: Observations, linear: Linearisation) -> csr_array:
@@ -173,9 +178,8 @@ def _responses(
     V = _normal(o, linear, len(X))
     V[np.bincount(o.point, minlength=len(X)) < 2] = np.eye(3)
     moved = _moved_by_cameras(layout, o, linear, solved)
-    rest = a.copy()
-    np.subtract.at(rest, o.point, np.einsum("nri,nrk->nik", linear.point, moved))
-    moved += np.einsum("nri,nik->nrk", linear.point, np.linalg.solve(V, rest)[o.point])
+    rest = a - _summed(o.point, linear.point.transpose(0, 2, 1) @ moved, len(X))
+    moved += linear.point @ np.linalg.solve(V, rest)[o.point]
     whitened = residuals(o, state.parameters, state.rotation, state.position, X)
     weight = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)[1]
     return np.asarray(moved * (np.sqrt(weight) / o.sigma_px)[:, None, None])
@@ -190,9 +194,7 @@ def _moved_by_cameras(
     pose = np.concatenate([solved[: layout.columns].reshape(-1, 6, functions), held])[layout.place[o.photograph]]
     lens, free = np.zeros((*layout.unit.shape, functions)), layout.unit > 0
     lens[free] = solved[layout.columns : layout.columns + layout.offset_column] * layout.unit[free][:, None]
-    moved = np.einsum("nri,nik->nrk", linear.pose, pose)
-    moved += np.einsum("nri,nik->nrk", linear.calibration, lens[o.camera])
-    return np.asarray(moved)
+    return np.asarray(linear.pose @ pose + linear.calibration @ lens[o.camera])
 
 
 def functions_of_positions(state: State, layout: Layout, weight: FloatArray) -> Functions:
