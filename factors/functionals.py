@@ -18,9 +18,9 @@ from scipy.sparse import csr_array
 from photogram.factors.bundle import limited_threads
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of, eliminated
-from photogram.factors.loss import RobustLoss, robust_terms, steer
+from photogram.factors.loss import RobustLoss, robust_terms
 from photogram.factors.reduced import Factor, Layout
-from photogram.factors.reprojection import Linearisation, Observations, linearise, residuals
+from photogram.factors.reprojection import Linearisation, Observations, linearise
 from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray
 
@@ -90,11 +90,16 @@ def joined(parts: Sequence[Functions]) -> Functions:
 
 def _weighted(
     observations: Observations, state: State, points: FloatArray, loss: RobustLoss, limit: float
-) -> Linearisation:
-    """Return the linearisation of observations under the weights of a robust loss, calibration in natural units."""
+) -> tuple[Linearisation, FloatArray]:
+    """Return the linearisation of observations under the weights of a robust loss, calibration in natural units, and
+    the roots (N,) of the weights."""
     linear = linearise(observations, state.parameters, state.rotation, state.position, points)
-    turn, residual = steer(linear.residual, loss, limit, 1.0)
-    return Linearisation(residual, turn @ linear.pose, turn @ linear.calibration, turn @ linear.point)
+    root = np.sqrt(robust_terms(linear.residual, loss, limit)[1])
+    whole = root[:, None, None]
+    weighted = Linearisation(
+        root[:, None] * linear.residual, whole * linear.pose, whole * linear.calibration, whole * linear.point
+    )
+    return weighted, root
 
 
 def _normal(observations: Observations, linear: Linearisation, count: int) -> FloatArray:
@@ -132,7 +137,7 @@ def functions_of_tie_points(
     """
     o = problem.tie.select(np.isin(problem.tie.point, points))
     o = Observations(o.photograph, np.searchsorted(points, o.point), o.pixel, o.sigma_px, o.camera, o.model)
-    linear = _weighted(o, state, state.tie_point[points], problem.robust_loss, problem.robust_threshold)
+    linear, _ = _weighted(o, state, state.tie_point[points], problem.robust_loss, problem.robust_threshold)
     b = np.linalg.solve(_normal(o, linear, len(points)), a)
     moved = np.einsum("nri,nik->nrk", linear.point, b[o.point]).reshape(2 * len(o), -1)
     columns = -np.asarray(_camera_rows(layout, o, linear).T @ moved)
@@ -174,15 +179,13 @@ def _responses(
     """Return the responses (N, 2, K) to all measurements of a ``part`` of the tie points, counted from its first, whose
     functions are ``a`` (P, 3, K)."""
     o, X = observations, state.tie_point[part]
-    linear = _weighted(o, state, X, problem.robust_loss, problem.robust_threshold)
+    linear, root = _weighted(o, state, X, problem.robust_loss, problem.robust_threshold)
     V = _normal(o, linear, len(X))
     V[np.bincount(o.point, minlength=len(X)) < 2] = np.eye(3)
     moved = _moved_by_cameras(layout, o, linear, solved)
     rest = a - _summed(o.point, linear.point.transpose(0, 2, 1) @ moved, len(X))
     moved += linear.point @ np.linalg.solve(V, rest)[o.point]
-    whitened = residuals(o, state.parameters, state.rotation, state.position, X)
-    weight = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)[1]
-    return np.asarray(moved * (np.sqrt(weight) / o.sigma_px)[:, None, None])
+    return np.asarray(moved * (root / o.sigma_px)[:, None, None])
 
 
 def _moved_by_cameras(

@@ -9,6 +9,7 @@ random effects (Searle, Casella & McCulloch 1992, sec. 3.6).
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from photogram.factors.functionals import Solvable, responses_to_pixels
 from photogram.factors.graph import Problem
 from photogram.factors.reprojection import residuals
 from photogram.factors.state import State
-from photogram.survey import Adjustment, FloatArray
+from photogram.survey import Adjustment, BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 
@@ -84,15 +85,26 @@ def _sums(square: IntArray, values: FloatArray, squares: int) -> FloatArray:
 
 
 def residual_patterns(result: Adjustment) -> dict[str, ResidualPattern]:
-    """Return the pattern of every camera with tie points enough."""
-    tie, found = result.block.tie_points, {}
-    camera_of = np.array([photograph.camera for photograph in result.block.photographs], dtype=np.int64)
-    for c, camera in enumerate(result.block.cameras):
-        of_camera = camera_of[tie.photograph] == c
-        pattern = residual_pattern(camera, tie.pixel[of_camera], result.residual_px[of_camera])
+    """Return the pattern of every camera with tie points enough, by its name."""
+    block = result.block
+    camera_of = np.array([photograph.camera for photograph in block.photographs], dtype=np.int64)
+    of_each = _by_camera(
+        block.cameras, camera_of[block.tie_points.photograph], block.tie_points.pixel, result.residual_px
+    )
+    return {camera.name: pattern for camera, _, pattern in of_each}
+
+
+def _by_camera(
+    cameras: Sequence[Camera], camera_of: IntArray, pixel: FloatArray, residual_px: FloatArray
+) -> Iterator[tuple[Camera, BoolArray, ResidualPattern]]:
+    """Yield every camera with residuals (N, 2) enough, which of them are its own (N,), and their pattern; those of
+    points behind a camera are not finite, and left out."""
+    finite = np.isfinite(residual_px).all(axis=1)
+    for c, camera in enumerate(cameras):
+        own = (camera_of == c) & finite
+        pattern = residual_pattern(camera, pixel[own], residual_px[own])
         if pattern is not None:
-            found[camera.name] = pattern
-    return found
+            yield camera, own, pattern
 
 
 def pattern_sigmas_m(problem: Problem, state: State, found: Solvable) -> FloatArray:
@@ -109,16 +121,13 @@ def pattern_sigmas_m(problem: Problem, state: State, found: Solvable) -> FloatAr
     a = np.zeros((len(places.points), 3, 3))
     a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:].T
     response = responses_to_pixels(problem, state, found, places.points, a)
-    tie, variance, known = problem.tie, np.zeros(3), False
+    tie = problem.tie
     whitened = residuals(tie, state.parameters, state.rotation, state.position, state.tie_point)
-    residual_px = whitened * tie.sigma_px[:, None]
-    for c, camera in enumerate(problem.block.cameras):
-        of_camera = (tie.camera == c) & np.isfinite(residual_px).all(axis=1)
-        pattern = residual_pattern(camera, tie.pixel[of_camera], residual_px[of_camera])
-        if pattern is None:
-            continue
-        square, squares = squares_of(camera, tie.pixel[of_camera])
-        together = np.stack([_sums(square, response[of_camera, :, k], squares) for k in range(3)])
-        variance += pattern.pattern_px**2 * np.sum(together**2, axis=(1, 2))
-        known = True
-    return np.sqrt(variance) if known else np.full(3, np.nan)
+    variances = []
+    for camera, own, pattern in _by_camera(
+        problem.block.cameras, tie.camera, tie.pixel, whitened * tie.sigma_px[:, None]
+    ):
+        square, squares = squares_of(camera, tie.pixel[own])
+        together = np.stack([_sums(square, response[own, :, k], squares) for k in range(3)])
+        variances.append(pattern.pattern_px**2 * np.sum(together**2, axis=(1, 2)))
+    return np.sqrt(np.sum(variances, axis=0)) if variances else np.full(3, np.nan)
