@@ -26,13 +26,15 @@ class SurveyPlan:
     p1 p2, ``affinity_px`` b1 b2, and the ``camera_model``.
     ``calibration_source`` is what the surveyor has of it: a ``laboratory``'s figures, the ``maker``'s in the tags
     (DewarpData), or the ``exif`` focal length alone, in whole millimetres on 35 mm film, with no distortion known.
+    ``focal_tag_factor`` is what EXIF's focal length is wrong by, 1.1 for one that is a tenth too long.
     ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in camera.CLASSIC, are the sigmas that
     the approximate camera states, and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
     Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose height is 0 on the average; an oblique
     strip, of ``oblique_photographs`` where it is not as long as the others, crosses them, its cameras tilted forward by
     ``oblique_angle_deg``. ``attitude_noise_deg`` and
     ``position_noise_m`` are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up)
-    how badly it is measured; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
+    how badly it is measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which
+    the camera moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
     are shared out among the ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor
     attitude nor time.
     Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of ``buildings`` and ``trees``.
@@ -50,6 +52,7 @@ class SurveyPlan:
     affinity_px: tuple[float, float] = (0.0, 0.0)
     camera_model: Model = "brown"
     calibration_source: CalibrationSource = "laboratory"
+    focal_tag_factor: float = 1.0
     calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
     flying_height_m: float = 80.0
     forward_overlap: float = 0.7
@@ -60,6 +63,7 @@ class SurveyPlan:
     oblique_photographs: int | None = None
     oblique_angle_deg: float = 25.0
     speed_m_s: float = 5.0
+    readout_s: float = 0.0
     attitude_noise_deg: float = 1.5
     position_noise_m: float = 0.5
     attitude_sigma_deg: float = 1.0
@@ -130,8 +134,8 @@ class SurveyPlan:
 
     @property
     def focal_35mm_mm(self) -> int:
-        """Return the same in whole millimetres, as EXIF has it."""
-        return round(self.exact_focal_35mm_mm)
+        """Return what EXIF says of it, in whole millimetres."""
+        return round(self.exact_focal_35mm_mm * self.focal_tag_factor)
 
 
 def demonstration_plan() -> SurveyPlan:

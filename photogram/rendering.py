@@ -231,13 +231,17 @@ def _render_rows(
     q: FloatArray,
     R: FloatArray,
     C: FloatArray,
+    readout: FloatArray,
     first: int,
+    height_px: int,
     vignetting: float,
     out: NDArray[np.float32],
 ) -> None:
     """Fill rows of a photograph, from row ``first`` on, with digital numbers; where a ray meets nothing it sees sky."""
     rgb, d = np.empty(3), np.empty(3)
+    middle = C.copy()
     for row in range(out.shape[0]):
+        C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
         for column in range(out.shape[1]):
             x, y = ideal_point(model, q, column, first + row)
             for k in range(3):
@@ -261,22 +265,28 @@ def render(
     noise_dn: float = 2.0,
     blur_px: float = 0.45,
     vignetting: float = 0.5,
+    readout_world_m: FloatArray | None = None,
     threads: int | None = None,
 ) -> ByteArray:
     """Take a photograph of a scene: (height_px, width_px, 3) uint8 red, green, blue.
 
     ``noise_dn`` is the standard deviation of the sensor's noise in digital numbers, ``blur_px`` that of the lens's
-    point spread, ``vignetting`` the loss of light at 45° off the axis; ``threads`` (default one per processor) do not
+    point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the projection
+    centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per processor) do not
     change the result. Raises ImageError where the camera's distortion cannot be undone within the photograph.
     """
     corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
     image_plane(camera, corners)
     field, q = _field(scene), camera.parameters
     R, C = np.ascontiguousarray(pose.rotation_world_from_camera), np.ascontiguousarray(pose.position_world_m)
+    readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
     with ThreadPoolExecutor(threads or cpu_count()) as pool:
         tasks = [
-            pool.submit(_render_rows, field, camera.kind, q, R, C, row, vignetting, picture[row : row + _ROWS_PER_TASK])
+            pool.submit(
+                _render_rows, field, camera.kind, q, R, C, readout, row, camera.height_px, vignetting,
+                picture[row : row + _ROWS_PER_TASK],
+            )
             for row in range(0, camera.height_px, _ROWS_PER_TASK)
         ]
         for task in tasks:

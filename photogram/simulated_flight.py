@@ -30,21 +30,25 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 _START = datetime(2024, 6, 12, 10, 0, tzinfo=UTC)
 _POINTS_AT_ONCE = 20_000
+_READOUT_STEPS = 3  # each takes the error of the row down by the part of its way that the picture moves on
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a simulated survey tried to find out, in the world frame; ``gnss_offset_world_m`` by flight."""
+    """What a simulated survey tried to find out, in the world frame; ``gnss_offset_world_m`` by flight,
+    ``readout_world_m`` (N, 3) as of a Flight."""
 
     camera: Camera
     poses: tuple[Pose, ...]
     control_position_world_m: FloatArray
     gnss_offset_world_m: dict[str, FloatArray]
+    readout_world_m: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A plan as it was flown: the true camera and poses, and what the surveyor has of them."""
+    """A plan as it was flown: the true camera and poses, and what the surveyor has of them. ``readout_world_m`` (N, 3)
+    is the way of each projection centre while its photograph is read out; its pose is that of the middle row."""
 
     plan: SurveyPlan
     camera: Camera
@@ -52,6 +56,7 @@ class Flight:
     poses: tuple[Pose, ...]
     photographs: tuple[Photograph, ...]
     gnss_offset: dict[str, FloatArray]
+    readout_world_m: FloatArray
 
     @property
     def rotations(self) -> FloatArray:
@@ -71,7 +76,7 @@ class Flight:
 
     def truth(self, control_position_world_m: FloatArray) -> Truth:
         """Return the truth, with ground points (G, 3)."""
-        return Truth(self.camera, self.poses, control_position_world_m, self.gnss_offset)
+        return Truth(self.camera, self.poses, control_position_world_m, self.gnss_offset, self.readout_world_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +126,15 @@ def turned(rotation: FloatArray, noise_rad: FloatArray) -> FloatArray:
     return np.asarray(rotation @ Rotation.from_rotvec(noise_rad).as_matrix())
 
 
-def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return rotations (N, 3, 3) and projection centres (N, 3), strip after strip, and the strip (N,) of each."""
+def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Return rotations (N, 3, 3), projection centres (N, 3) and directions of flight (N, 3), strip after strip, and the
+    strip (N,) of each."""
     apart = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m
     length = plan.photographs_per_strip
     courses = [((s - (plan.strips - 1) / 2) * apart, 180.0 * (s % 2), 0.0, length) for s in range(plan.strips)]
     if plan.oblique_strip:
         courses.append((0.0, 90.0, plan.oblique_angle_deg, plan.oblique_photographs or length))
-    rotations, centres = [], []
+    rotations, centres, directions = [], [], []
     for offset, heading_deg, tilt_deg, count in courses:
         heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
         forward = np.array([np.sin(heading), np.cos(heading), 0.0])
@@ -138,17 +144,18 @@ def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, Fl
         along = (np.arange(count) - (count - 1) / 2) * plan.base_m
         rotations += [np.column_stack([right, np.cross(axis, right), axis])] * count
         centres.append(across + (along[:, None] - setback) * forward)
+        directions += [forward] * count
     position = np.concatenate(centres)
     position += plan.position_noise_m * rng.standard_normal(position.shape)
     noise_rad = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
     strip = np.repeat(np.arange(len(courses)), [count for _, _, _, count in courses])
-    return turned(np.array(rotations), noise_rad), position, strip
+    return turned(np.array(rotations), noise_rad), position, np.array(directions), strip
 
 
 def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
     """Fly the plan and measure the positions and attitudes of its photographs."""
     camera, approximate = _cameras(plan, rng)
-    rotations, centres, strip = _courses(plan, rng)
+    rotations, centres, directions, strip = _courses(plan, rng)
     offset = np.array(plan.gnss_offset_sigma_m) * rng.standard_normal((plan.flights, 3))
     flight = np.minimum(strip * plan.flights // plan.strips, plan.flights - 1)
     sigma, sigma_rad = np.array(plan.gnss_sigma_m), float(np.radians(plan.attitude_sigma_deg))
@@ -167,7 +174,8 @@ def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
     )  # fmt: skip
     poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
     offsets = {str(f + 1): v for f, v in enumerate(offset)}
-    return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets)
+    readout = plan.readout_s * plan.speed_m_s * directions
+    return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets, readout)
 
 
 def footprints(flight: Flight, height_m: float) -> FloatArray:
@@ -181,10 +189,11 @@ def footprints(flight: Flight, height_m: float) -> FloatArray:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _sight(
-    model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
-    reach: float, limits: FloatArray,
+    model: int, q: FloatArray, R: FloatArray, C: FloatArray, D: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
+    reach: float, limits: FloatArray, height_px: int,
 ) -> tuple[FloatArray, BoolArray]:  # fmt: skip
-    """Project points p by photographs i; they are seen within ``limits`` (left, top, right, bottom) in px.
+    """Project points p by photographs i, whose centres move on by D from the first to the last row; points are seen
+    within ``limits`` (left, top, right, bottom) in px.
 
     ``reach`` bounds the ideal radius: far outside of a photograph the distortion polynomial folds back, so that the
     pixel alone says nothing.
@@ -193,6 +202,10 @@ def _sight(
     seen = np.zeros(len(p), dtype=np.bool_)
     for n in range(len(p)):
         u, v, depth = project_point(model, q, R[i[n]], C[i[n]], X[p[n]])
+        if depth > 0.0 and np.any(D[i[n]] != 0.0):
+            for _ in range(_READOUT_STEPS):
+                way = min(max(v / (height_px - 1.0), 0.0), 1.0) - 0.5
+                u, v, depth = project_point(model, q, R[i[n]], C[i[n]] + way * D[i[n]], X[p[n]])
         pixel[n, 0], pixel[n, 1] = u, v
         if depth > 0.0:
             distance2 = np.sum((X[p[n]] - C[i[n]]) ** 2)
@@ -210,7 +223,7 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
     centre = corners.mean(axis=1)
     widening = height / max(height - relief, 0.2 * height)
     near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
-    tree, q, R, C = cKDTree(centre), flight.camera.parameters, flight.rotations, flight.centres
+    tree, q, R, C, D = cKDTree(centre), flight.camera.parameters, flight.rotations, flight.centres, flight.readout_world_m
     last = np.array([flight.plan.width_px, flight.plan.height_px]) - 1 - margin_px
     limits = np.array([margin_px, margin_px, *last])
     reach = 1.02 * float(np.linalg.norm(flight.corners, axis=1).max())
@@ -220,7 +233,9 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
         pairs = cKDTree(chunk[:, :2]).sparse_distance_matrix(tree, near_m, output_type="ndarray")
         order = np.lexsort((pairs["j"], pairs["i"]))
         point, photograph = pairs["i"][order].astype(np.int64), pairs["j"][order].astype(np.int64)
-        pixel, seen = _sight(flight.camera.kind, q, R, C, chunk, photograph, point, reach, limits)
+        pixel, seen = _sight(
+            flight.camera.kind, q, R, C, D, chunk, photograph, point, reach, limits, flight.plan.height_px
+        )
         parts.append(Sightings(photograph, point + start, pixel).select(seen))
     photograph, point, pixel = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")
