@@ -205,10 +205,18 @@ def _accuracy(report: Mapping[str, Any]) -> tuple[str, str]:
 
 def _show_blunders(report: Mapping[str, Any]) -> None:
     for blunder in report["blunders"]:
-        console.print(f"[bold]Blunder:[/bold] {escape(blunder['sentence'])}")
+        console.print(f"[bold red]Left out:[/bold red] {escape(blunder['sentence'])}")
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
+
+
+def _show_focal_lengths(report: Mapping[str, Any]) -> None:
+    for name, camera in report["cameras"].items():
+        if camera["focal_length"]:
+            console.print(
+                f"[bold yellow]Focal length of {escape(name)}:[/bold yellow] {escape(camera['focal_length'])}"
+            )
 
 
 def _show_suspects(report: Mapping[str, Any]) -> None:
@@ -242,6 +250,7 @@ def show_report(report: Mapping[str, Any]) -> None:
     """Print the essentials of report.json."""
     _show_tables(_resections(report), _block(report), _left_out(report), _result(report))
     _show_blunders(report)
+    _show_focal_lengths(report)
     for sentence in _consistency(report):
         console.print(escape(sentence))
     show_gnss(report["gnss"])

@@ -58,6 +58,8 @@ class Problem:
 
     All photographs of ``block`` are oriented; ``control`` are its points of role control, ``control_sigma_m`` (G, 3)
     along ``control_axes`` (G, 3, 3), infinite along those that are checks; ``flights`` names the GNSS offsets.
+    ``focal_information`` (cameras, cameras), px⁻², is added to the normal equations of the focal lengths for
+    covariances, see photogram.factors.consider; None for an adjustment.
     """
 
     block: Block
@@ -69,6 +71,7 @@ class Problem:
     flights: tuple[str, ...]
     robust_loss: RobustLoss
     robust_threshold: float
+    focal_information: FloatArray | None = None
 
     @property
     def free(self) -> tuple[IntArray, ...]:

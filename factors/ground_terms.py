@@ -92,6 +92,13 @@ class GroundTerms:
                 (control_gradient, row >= edge, edge),
             ):
                 np.add.at(vector, row[chosen] - start, gradient[chosen])
+        if self._problem.focal_information is not None:
+            owner, parameter = layout.free_parameters
+            at = np.flatnonzero(parameter == 0)
+            unit = layout.border_unit[at]
+            terms.border[np.ix_(at, at)] += self._problem.focal_information[np.ix_(owner[at], owner[at])] * np.outer(
+                unit, unit
+            )
         return Terms(
             cost, terms.pose, terms.pose_border, terms.pose_gradient, terms.border, terms.border_gradient,
             terms.control, terms.control_gradient,

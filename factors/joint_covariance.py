@@ -35,7 +35,7 @@ def joint_ground_covariance(
     joint = np.full((3 * len(points), 3 * len(points)), np.nan)
     if not len(known):
         return joint
-    marks = np.isin(points.mark_point, known)
+    marks = np.isin(points.mark_point, known) & np.isfinite(points.mark_sigma_px)
     photograph = points.mark_photograph[marks]
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
     observations = Observations(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from photogram.camera import PARAMETERS, Pose, models_of
 from photogram.determinacy import check_determined, check_in_front, undetermined
 from photogram.errors import AdjustmentError
+from photogram.factors.consider import with_considered
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
@@ -124,7 +125,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
             control.mark_sigma_px,
             camera_of[control.mark_photograph],
             models,
-        ),
+        ).select(np.isfinite(control.mark_sigma_px)),
         position,
         np.where(control.controlled, control.sigma_m, np.inf),
         axes,
@@ -212,8 +213,8 @@ def adjust(
     """Adjust a block jointly, reject mismatched observations, and compute covariances.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
-    orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors.
-    Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
+    what is held stays as given. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
     part, kept = registered_block(block)
     if not len(kept):
@@ -229,7 +230,9 @@ def _adjust_oriented(
     whole = make_problem(block, settings)
     try:
         first = start_state(block, whole.flights)
-        first = replace(first, parameters=np.array(start)) if len(start) else first
+        if len(start):
+            free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
+            first = replace(first, parameters=np.where(free, np.array(start), first.parameters))
         solved = _solve_rounds(whole, first, settings, progress)
         state = solved.minimum.state
         adjusted, kept = _adjusted_block(block, state, solved.used)
@@ -240,15 +243,17 @@ def _adjust_oriented(
             Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], whole.tie.model)
         )
         progress("covariances")
-        found = covariances(final, final_state)
+        held = covariances(final, final_state)
+        counted = with_considered(final, final_state)
+        found = held if counted is final else covariances(counted, final_state)
     except IndeterminateError as fault:
         raise undetermined(whole, fault) from fault
     sigma0, redundancy = sigma0_and_redundancy(final, final_state)
     ground, ground_covariance = ground_points(final, final_state, found)
-    tested = reliability(final, final_state, found)
+    tested = reliability(final, final_state, held, counted, found)
     poses, R = found.poses, state.rotation
-    held, implied, implied_covariance = implied_offsets(final, final_state, found)
-    arm = left_arm(final, final_state, found)
+    held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
+    arm = left_arm(final, final_state, held)
     tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)
     return Adjustment(
         block=adjusted,
@@ -272,10 +277,10 @@ def _adjust_oriented(
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~kept)),
         reliability=tested,
-        ground_joint_covariance_m2=joint_ground_covariance(final, final_state, found, ground),
+        ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
-        components=variance_components(final, final_state, found, tested, redundancy),
-        held_flights=held,
+        components=variance_components(final, final_state, held, tested, redundancy),
+        held_flights=held_flights,
         implied_offset_world_m=implied,
         implied_offset_covariance_m2=implied_covariance,
         left_arm_camera_m=arm.arm_camera_m,

@@ -6,31 +6,35 @@ named only where the prediction is sure enough to tell it from chance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
 
 from photogram.accuracy import AXES
-from photogram.blunders import Accusation, Search
+from photogram.blunders import Accusation, Search, unmeasured
 from photogram.camera import project
-from photogram.survey import Adjustment, Block, FloatArray
+from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
 
 SURE = 4.0  # sigmas within which a prediction is said to be what was meant
 CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it
 ON_TARGET_PX = 2.0
 _DECIMALS = 3  # of coordinates that people type
+SINGLE = 0.2  # of the attitudes of a flight, up to which those that are wrong are blunders of single photographs
 
 
 @dataclass(frozen=True)
 class Blunder:
-    """A blunder by its name: its ``kind``, the ``points`` it is in, the ``photograph`` of a mark, and a sentence."""
+    """A blunder by its name: its ``kind``, the ``points`` it is in, the ``photograph`` of a mark, a GNSS position or an
+    attitude, the ``camera`` of a focal length, and a sentence."""
 
     kind: str
     points: tuple[str, ...]
     photograph: str | None
     sentence: str
+    camera: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +52,8 @@ class _Ground:
         return bool(np.all(off <= SURE * self.sigma_m[predicted]))
 
 
-def _ground(result: Adjustment) -> _Ground:
-    frame, points = result.block.frame, result.block.control_points
+def _ground(result: Adjustment, points: ControlPoints) -> _Ground:
+    frame = result.block.frame
     axes = frame.rotation_world_from_map(np.zeros(3))
     variance = np.einsum("ji,gjk,ki->gi", axes, result.ground_covariance_m2, axes)
     return _Ground(
@@ -129,37 +133,137 @@ def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
     """Return what went wrong with a mark: whose target it is on, if any, else how far it is off."""
     photographs = [photograph.name for photograph in block.photographs]
     points, i = block.control_points, photographs.index(str(blamed.photograph))
-    m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == points.name.index(blamed.point)))[0]
+    g = points.name.index(blamed.name)
+    m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == g))[0]
     pose, camera = result.block.poses[i], result.block.cameras[block.photographs[i].camera]
     u, v = blamed.off
     if pose is not None:
         place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
         predicted = project(camera, pose, place) - points.mark_pixel[m]
-        u, v = predicted[points.name.index(blamed.point)].tolist()
+        u, v = predicted[g].tolist()
         distance = np.where(np.isfinite(predicted).all(axis=1), np.linalg.norm(predicted, axis=1), np.inf)
-        distance[points.name.index(blamed.point)] = np.inf
+        distance[g] = np.inf
         nearest = int(np.argmin(distance))
         if distance[nearest] <= ON_TARGET_PX + SURE * points.mark_sigma_px[m]:
-            text = f"mark of {blamed.point} in {blamed.photograph} is on the target of {points.name[nearest]}"
-            return Blunder("wrong target", (blamed.point, points.name[nearest]), blamed.photograph, text)
+            text = f"mark of {blamed.name} in {blamed.photograph} is on the target of {points.name[nearest]}"
+            return Blunder("wrong target", (blamed.name, points.name[nearest]), blamed.photograph, text)
     text = (
-        f"mark of {blamed.point} in {blamed.photograph} is {np.hypot(u, v):.1f} px off: everything else predicts it "
+        f"mark of {blamed.name} in {blamed.photograph} is {np.hypot(u, v):.1f} px off: everything else predicts it "
         f"{u:+.1f}, {v:+.1f} px from there"
     )
-    return Blunder("mark", (blamed.point,), blamed.photograph, text)
+    return Blunder("mark", (blamed.name,), blamed.photograph, text)
+
+
+def _of_position(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a GNSS position: how far the rest predicts it from there."""
+    i = [p.name for p in block.photographs].index(blamed.name)
+    pose, photograph, frame = result.block.poses[i], block.photographs[i], block.frame
+    off, where = blamed.off, ""
+    if pose is not None and photograph.gnss_world_m is not None:
+        measured = photograph.measured_centre_world_m(pose.rotation_world_from_camera)
+        offset = np.zeros(3)
+        if photograph.flight in result.flights:
+            offset = result.offset_world_m[result.flights.index(photograph.flight)]
+        places = frame.map_from_world(np.array([pose.position_world_m - offset, measured]))
+        off = tuple((places[0] - places[1]).tolist())
+    if len(off) == 3 and np.isfinite(off).all():
+        where = f" (easting, northing, height {_metres(off)} m)"
+    distance = float(np.linalg.norm(off))
+    text = f"GNSS position of {blamed.name}: everything else predicts it {distance:.2f} m from there{where}"
+    return Blunder("GNSS position", (), blamed.name, text)
+
+
+def _of_attitude(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a measured attitude: by how much the camera was turned otherwise."""
+    i = [p.name for p in block.photographs].index(blamed.name)
+    pose, measured = result.block.poses[i], block.photographs[i].attitude_world_from_camera
+    turn = float(np.linalg.norm(blamed.off))  # where it is not known otherwise
+    if pose is not None and measured is not None:
+        turn = float(
+            np.arccos(np.clip((np.trace(measured.T @ pose.rotation_world_from_camera) - 1.0) / 2.0, -1.0, 1.0))
+        )
+    text = f"attitude of {blamed.name}: everything else turns the camera by {np.rad2deg(turn):.1f}° from it"
+    return Blunder("attitude", (), blamed.name, text)
+
+
+def _of_focal_length(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a given focal length: what everything else wants."""
+    c = [camera.name for camera in block.cameras].index(blamed.name)
+    given, adjusted = block.cameras[c], result.block.cameras[c].focal_px
+    sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
+    text = (
+        f"focal length of camera {given.name}: everything else determines {adjusted:.1f} ± {sigma:.1f} px where "
+        f"{given.focal_px:.1f} ± {given.sigmas[0]:.1f} px is given ({adjusted / given.focal_px - 1.0:+.1%}): a wrong "
+        "tag, a zoom lens, or pictures that were cropped or resized"
+    )
+    return Blunder("focal length", (), None, text, given.name)
+
+
+def _of_offset(result: Adjustment, blamed: Accusation) -> Blunder:
+    """Return the offset of the GNSS positions of a flight that the control points show."""
+    off, sigma = np.array(blamed.off), np.array(blamed.sigma)
+    if blamed.name in result.flights:
+        f = result.flights.index(blamed.name)
+        off, sigma = result.offset_world_m[f], np.sqrt(np.diag(result.offset_covariance_m2[f]))
+    text = (
+        f"GNSS positions of flight {blamed.name}: they lie off the control points by one offset in common "
+        f"(easting, northing, height {_metres(-off)} m, each ± {_metres(sigma).replace('+', '')} m), which is now "
+        "estimated"
+    )
+    return Blunder("GNSS offset", (), None, text)
+
+
+def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
+    """Return the measured attitudes of ``block`` that single photographs of a flight have lost in ``believed``, because
+    its oriented photographs contradict them; those of whole flights are no blunders of single photographs."""
+    lost = [
+        i
+        for i, (given, kept) in enumerate(zip(block.photographs, believed.photographs, strict=True))
+        if given.attitude_sigma_rad is not None
+        and (kept.attitude_sigma_rad is None or given.heading_known > kept.heading_known)
+    ]
+    of_flight = Counter(p.flight for p in block.photographs if p.attitude_sigma_rad is not None)
+    lost_of_flight = Counter(block.photographs[i].flight for i in lost)
+    single = (
+        i
+        for i in lost
+        if lost_of_flight[block.photographs[i].flight] <= SINGLE * of_flight[block.photographs[i].flight]
+    )
+    return [_of_attitude(result, block, unmeasured("attitude", block.photographs[i].name)) for i in single]
+
+
+def _with_rivals(blunder: Blunder, accused: Sequence[Accusation]) -> Blunder:
+    rivals = tuple(dict.fromkeys(rival for a in accused for rival in a.rivals))
+    if not rivals:
+        return blunder
+    more = f" and {len(rivals) - 2} more" if len(rivals) > 2 else ""
+    return replace(
+        blunder, sentence=f"{blunder.sentence}; or it is {' or '.join(rivals[:2])}{more}, which explains as much"
+    )
 
 
 def name_blunders(block: Block, found: Search) -> list[Blunder]:
-    """Return what was blamed in ``block`` by its name, those in the ground first."""
-    ground = _ground(found.result)
-    blamed: dict[int, list[Accusation]] = {}
+    """Return what was accused in ``block`` by its name, points first, then marks, positions, attitudes and the rest."""
+    ground = _ground(found.result, block.control_points)
+    of_points: dict[int, list[Accusation]] = {}
     for a in found.accused:
-        if a.photograph is None:
-            blamed.setdefault(ground.names.index(a.point), []).append(a)
+        if a.kind == "control point":
+            of_points.setdefault(ground.names.index(a.name), []).append(a)
     names: list[Blunder] = []
-    for first, second in _exchanged(ground, tuple(blamed)):
+    for first, second in _exchanged(ground, tuple(of_points)):
         text = f"control points {first} and {second} are exchanged: each is seen where the other was surveyed"
         names.append(Blunder("exchanged points", (first, second), None, text))
     told = {name for blunder in names for name in blunder.points}
-    names += [_of_ground(ground, g, own) for g, own in blamed.items() if ground.names[g] not in told]
-    return names + [_of_mark(found.result, block, a) for a in found.accused if a.photograph is not None]
+    names += [
+        _with_rivals(_of_ground(ground, g, own), own) for g, own in of_points.items() if ground.names[g] not in told
+    ]
+    of_kind: dict[str, Callable[[Accusation], Blunder]] = {
+        "mark": lambda a: _of_mark(found.result, block, a),
+        "GNSS position": lambda a: _of_position(found.result, block, a),
+        "attitude": lambda a: _of_attitude(found.result, block, a),
+        "focal length": lambda a: _of_focal_length(found.result, block, a),
+        "GNSS offset": lambda a: _of_offset(found.result, a),
+    }
+    for kind, named in of_kind.items():
+        names += [_with_rivals(named(a), [a]) for a in found.accused if a.kind == kind]
+    return names

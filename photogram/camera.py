@@ -81,6 +81,8 @@ class Camera:
     ``principal_point_px`` (2,), ``radial`` (4,) k1 k2 k3 k4, ``tangential`` (2,) p1 p2, ``affinity`` (2,) b1 b2.
     ``sigmas`` (11,) in the order of PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard
     deviation, infinity leaves it free. ``radial`` may lack k4, ``sigmas`` those of k4, b1 and b2 (CLASSIC): zero then.
+    ``considered_focal_sigma_px`` is that of a focal length which the adjustment does not change but which counts in
+    every covariance all the same (a consider parameter: Tapley, Schutz & Born 2004, sec. 6.2); 0 for any other.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Camera:
     sigmas: FloatArray = field(default_factory=lambda: _zeros(PARAMETERS))
     affinity: FloatArray = field(default_factory=lambda: _zeros(2))
     model: Model = "brown"
+    considered_focal_sigma_px: float = 0.0
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:

@@ -13,11 +13,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.blunders import Accusation, Adjuster
+from photogram.blunders import Accusation, Adjuster, unmeasured
 from photogram.camera import image_plane_or_nan, models_of
 from photogram.errors import OrientationError
 from photogram.similarity import fit_similarity, robust_similarity
-from photogram.survey import Adjustment, Block, FloatArray
+from photogram.survey import Block, FloatArray
 from photogram.triangulation import consensus_intersections
 
 BENDS = (0.0003, 0.001, 0.005)  # of the extent: what a block without control may be bent by, the stiffest first
@@ -44,12 +44,13 @@ def _held_in_place(block: Block) -> Block:
     return replace(block, control_points=points, photographs=photographs)
 
 
-def _intersected(result: Adjustment) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the ground points (G, 3) from the marks that agree, NaN with fewer than two, and which marks do."""
-    block, points = result.block, result.block.control_points
+def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the ground points (G, 3) of an oriented block from the marks that agree, in the world, NaN with fewer than
+    two, and which marks do."""
+    points = block.control_points
     order = np.lexsort((points.mark_photograph, points.mark_point))
     oriented = np.array([pose is not None for pose in block.poses])
-    order = order[oriented[points.mark_photograph[order]]]
+    order = order[oriented[points.mark_photograph[order]] & np.isfinite(points.mark_sigma_px[order])]
     photograph, pixel = points.mark_photograph[order], points.mark_pixel[order]
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     ideal = np.empty_like(pixel)
@@ -69,13 +70,6 @@ def _intersected(result: Adjustment) -> tuple[FloatArray, NDArray[np.bool_]]:
     return position, inlier
 
 
-def _unmeasured(point: str, photograph: str | None) -> Accusation:
-    """Return the accusation of a mark, or of a whole point, of which no more is known than that it is far off."""
-    axes = (0, 1, 2) if photograph is None else (0, 1)
-    unknown = (float("nan"),) * len(axes)
-    return Accusation(point, photograph, axes, unknown, unknown, float("inf"))
-
-
 def _exchange(position: FloatArray, target: FloatArray, sigma: FloatArray) -> tuple[int, int] | None:
     """Return the two points whose exchange makes all of them fit a similarity, None where no exchange does."""
     best, least = None, _LIMIT
@@ -93,11 +87,13 @@ def gross_blunders(block: Block, adjust: Adjuster) -> list[Accusation]:
     """Return the control points and marks that are grossly off, none where too few agree to say so."""
     result = adjust(_held_in_place(block))
     points, names = block.control_points, [p.name for p in block.photographs]
-    position, agreed = _intersected(result)
+    position, agreed = intersected_marks(result.block)
     control = np.asarray(points.controlled.any(axis=1))
     enough = np.asarray(np.isfinite(position).all(axis=1))
     off = np.flatnonzero(~agreed & enough[points.mark_point] & control[points.mark_point])
-    accused = [_unmeasured(points.name[points.mark_point[m]], names[points.mark_photograph[m]]) for m in off.tolist()]
+    accused = [
+        unmeasured("mark", points.name[points.mark_point[m]], names[points.mark_photograph[m]]) for m in off.tolist()
+    ]
     whole = np.flatnonzero(points.controlled.all(axis=1) & enough)
     target = points.position_world_m[whole]
     extent = float(np.linalg.norm(np.ptp(target, axis=0))) if len(whole) else 0.0
@@ -112,5 +108,5 @@ def gross_blunders(block: Block, adjust: Adjuster) -> list[Accusation]:
             exchanged = _exchange(position[whole], target, sigma)
             agree = ~np.isin(np.arange(len(whole)), exchanged) if exchanged else agree
         if agree.sum() >= min(AGREEING, len(whole) - 2):
-            return accused + [_unmeasured(points.name[g], None) for g in whole[~agree].tolist()]
+            return accused + [unmeasured("control point", points.name[g]) for g in whole[~agree].tolist()]
     return accused

@@ -22,25 +22,23 @@ _DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 class SurveyPlan:
     """All settings of a simulated survey.
 
-    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential``
-    p1 p2, ``affinity_px`` b1 b2, and the ``camera_model``.
-    ``calibration_source`` is what the surveyor has of it: a ``laboratory``'s figures, the ``maker``'s in the tags
-    (DewarpData), or the ``exif`` focal length alone, in whole millimetres on 35 mm film, with no distortion known.
-    ``focal_tag_factor`` is what EXIF's focal length is wrong by, 1.1 for one that is a tenth too long.
-    ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in camera.CLASSIC, are the sigmas that
-    the approximate camera states, and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
-    Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose height is 0 on the average; an oblique
-    strip, of ``oblique_photographs`` where it is not as long as the others, crosses them, its cameras tilted forward by
-    ``oblique_angle_deg``. ``attitude_noise_deg`` and
-    ``position_noise_m`` are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up)
-    how badly it is measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which
-    the camera moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
+    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential`` p1
+    p2, ``affinity_px`` b1 b2, and the ``camera_model``. ``calibration_source`` is what the surveyor has of it: a
+    ``laboratory``'s figures, the ``maker``'s in the tags (DewarpData), or the ``exif`` focal length alone, in whole
+    millimetres on 35 mm film, with no distortion known. ``focal_tag_factor`` is what EXIF's focal length is wrong by,
+    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in
+    camera.CLASSIC, are the sigmas that the approximate camera states, and its errors but for ``exif`` (a zero: known;
+    infinity: free, and without error). Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose
+    height is 0 on the average; an oblique strip, of ``oblique_photographs`` where it is not as long as the others,
+    crosses them, its cameras tilted forward by ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m``
+    are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is
+    measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which the camera
+    moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
     are shared out among the ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor
-    attitude nor time.
-    Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of ``buildings`` and ``trees``.
-    Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every photograph must see
-    ``control_marks_per_photograph`` of the control points.
-    Blunder: ``control_height_blunder_m`` is added to the surveyed height of the point called ``blunder_point``.
+    attitude nor time. Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of
+    ``buildings`` and ``trees``. Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every
+    photograph must see ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is
+    added to the surveyed height of the point called ``blunder_point``.
     """
 
     width_px: int = 1200

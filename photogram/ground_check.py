@@ -1,57 +1,63 @@
-"""The joint adjustment with its verdict on the ground points: blunders found, named, and what they cost.
+"""The joint adjustment with its verdict: what contradicts the rest is named, left out, and the survey goes on.
 
-A blunder that the adjustment can bear is reported beside the result. One so gross that it bends the block is looked for
-without control and ends in an error that names it: a result that holds it would be worth nothing.
+The block is adjusted with everything in it, and suspects are tested on equal terms (photogram.blunders). A blunder so
+gross that it bends the block is laid to its neighbours too: then what a robust adjustment leaves out, and what a look
+without any control point finds, are tried beside it, and that is taken which explains most with least. A focal length
+whose source is rejected is settled at last, see photogram.focal_length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from photogram.accuracy import CheckAccuracy, check_accuracy
+from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import Blunder, name_blunders
-from photogram.blunders import Adjuster, accusations, search, without
-from photogram.errors import ControlPointError, PhotogramError
+from photogram.blunders import Accusation, Adjuster, Search, accusations, search, simplified, without
+from photogram.errors import AdjustmentError, PhotogramError
 from photogram.first_look import gross_blunders
-from photogram.survey import Adjustment, Block, ControlPoints
+from photogram.focal_evidence import FocalDecision, settle_focal_lengths
+from photogram.robust_start import grossly_off
+from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
 
-BENT = 20.0  # sigmas by which the rest contradicts a measurement, from which a blunder in it is blamed on others too
-OUTVOTED = 0.5  # of the tie points of a photograph
-GROSS = 100.0  # sigmas from which the result is worth nothing
+BENT = 12.0
+"""Sigmas by which the rest contradicts a measurement, from which a blunder in it may be laid to others too."""
 
+OUTVOTED = 0.5
+"""Of the tie points of a photograph with marks: a wrong mark may have outvoted them."""
 
-class GrossBlunderError(ControlPointError):
-    """Blunders that bend the whole block, by name; ``blunders`` holds them."""
+ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
+"""Of an adjustment with blunders in it, which is made to say what they do."""
 
-    def __init__(self, blunders: Sequence[Blunder]) -> None:
-        sentences = "; ".join(blunder.sentence for blunder in blunders)
-        in_marks = all(blunder.photograph is not None for blunder in blunders)
-        remedy = "remove the mark" if in_marks else "give the point the role check"
-        super().__init__(f"{sentences}: correct this, or {remedy}; what was matched and oriented is kept")
-        self.blunders = tuple(blunders)
+MANY = 4
+"""Gross blunders from which a second look, without any control point, is worth its time."""
+
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The adjustment with everything in it, the blunders that it holds by name, the worst first, and the accuracy of
-    its check points with them and without."""
+    """The adjustment without what contradicts it: ``accused``, by name the ``blunders``; the accuracy of the check
+    points with everything in it, not a number where that cannot be adjusted, and without; and what was decided on
+    focal lengths, by the names of cameras."""
 
     result: Adjustment
+    accused: tuple[Accusation, ...]
     blunders: tuple[Blunder, ...]
     check_before: CheckAccuracy
     check_after: CheckAccuracy
+    focal_lengths: dict[str, FocalDecision]
 
 
 def _outvoted(block: Block, result: Adjustment) -> bool:
-    """Return whether a photograph with marks has lost most of its tie points: a wrong mark may have outvoted them."""
+    """Return whether a photograph has lost most of its tie points to something else that was measured in it."""
     count = len(block.photographs)
     given, kept = (np.bincount(b.tie_points.photograph, minlength=count) for b in (block, result.block))
-    marked = np.unique(block.control_points.mark_photograph)
-    oriented = np.array([pose is not None for pose in result.block.poses], dtype=bool)[marked]
-    return bool(np.any(oriented & (kept[marked] < OUTVOTED * given[marked])))
+    oriented = np.array([pose is not None for pose in result.block.poses], dtype=bool)
+    return bool(np.any(oriented & (kept < OUTVOTED * given)))
 
 
 def _worst(result: Adjustment) -> float:
@@ -65,24 +71,92 @@ def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     return check_accuracy(np.where(points.controlled, np.nan, difference))
 
 
-def adjust_and_judge(block: Block, adjust: Adjuster) -> Verdict:
-    """Adjust a block with ``adjust``, and judge its control points and their marks.
+def _no_checks(points: ControlPoints) -> CheckAccuracy:
+    return check_accuracy(np.full((len(points), 3), np.nan))
 
-    Raises GrossBlunderError naming gross blunders; whatever ``adjust`` raises where none explains it.
-    """
+
+def _explained(
+    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], adjuster: Adjuster
+) -> tuple[Search, Adjustment | None]:
+    """Return the best explanation of what contradicts the rest, and the adjustment with everything in it, None where it
+    was not made: gross blunders bend it beyond use. Raises PhotogramError where nothing can be adjusted."""
+    gross, whole, found = _looked_for(lambda: grossly_off(block, settings, start)), None, []
+    fault: PhotogramError | None = None
+    if not gross:
+        try:
+            whole = adjuster(block)
+            found.append(search(block, whole, adjuster))
+            if _worst(whole) <= BENT and not _outvoted(block, whole):
+                return found[0], whole
+        except PhotogramError as error:
+            fault = error
+    ways = [gross, _looked_for(lambda: gross_blunders(block, adjuster)) if not gross or len(gross) > MANY else []]
+    simpler = [simplified(way) for way in ways]
+    ways += [s for s, way in zip(simpler, ways, strict=True) if {a.what for a in s} != {a.what for a in way}]
+    for accused in ways:
+        try:
+            if accused:
+                found.append(search(block, adjuster(without(block, accused)), adjuster, accused))
+        except PhotogramError as error:
+            fault = fault or error
+    if not found:
+        raise fault or AdjustmentError("nothing that was measured determines the block")
+    return min(found, key=Search.cost), whole
+
+
+def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
+    """Return the adjustment with everything in it, for what blunders do to the check points, None where there is none."""
+    quick = replace(
+        settings,
+        maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),
+        maximum_iterations=min(ITERATIONS_TO_COMPARE, settings.maximum_iterations),
+    )
     try:
-        result = adjust(block)
-    except PhotogramError as fault:
-        gross = gross_blunders(block, adjust)
-        found = search(block, adjust(without(block, gross)), adjust, gross) if gross else None
-        if found is None or not found.accused:
-            raise
-        raise GrossBlunderError(name_blunders(block, found)) from fault
-    worst = _worst(result)
-    gross = gross_blunders(block, adjust) if worst > BENT or _outvoted(block, result) else []
-    found = search(block, adjust(without(block, gross)) if gross else result, adjust, gross)
-    blunders = name_blunders(block, found)
-    if blunders and worst > GROSS:
-        raise GrossBlunderError(blunders)
+        return adjust(block, quick, start=start)
+    except PhotogramError:
+        return None
+
+
+def _looked_for(look: Callable[[], list[Accusation]]) -> list[Accusation]:
+    """Return what a look at the block finds, nothing where it cannot be adjusted that way."""
+    try:
+        return look()
+    except PhotogramError:
+        return []
+
+
+def adjust_and_judge(
+    block: Block,
+    settings: AdjustmentSettings,
+    start: Sequence[FloatArray] = (),
+    progress: Progress = lambda _: None,
+    readings_px: Sequence[Sequence[float]] = (),
+) -> Verdict:
+    """Adjust a block without what contradicts the rest, and name that.
+
+    ``start`` holds the interior orientations (11,) of the cameras to start from, where they are not the given ones;
+    ``readings_px`` other readings of the source of each focal length. Raises AdjustmentError as adjust does where too
+    little is left, with what contradicts the rest by name.
+    """
+
+    def adjuster(given: Block) -> Adjustment:
+        return adjust(given, settings, progress, start=start)
+
+    found, whole = _explained(block, settings, start, adjuster)
+    settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
+    if settled is not None:
+        sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
+        others = [a for a in found.accused if a.kind != "focal length" or a.name in sure]
+        found = search(settled, adjuster(without(settled, others)), adjuster, others)
     points = block.control_points
-    return Verdict(result, tuple(blunders), _checks(result, points), _checks(found.result, points))
+    if whole is None:
+        whole = _with_everything(block, settings, start)
+    before = _checks(whole, points) if whole is not None else _no_checks(points)
+    return Verdict(
+        found.result,
+        found.accused,
+        tuple(name_blunders(block, found)),
+        before,
+        _checks(found.result, points),
+        decisions,
+    )

@@ -23,12 +23,15 @@ def _check_points(
     """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in
     place."""
     points = problem.block.control_points
+    used = np.isfinite(points.mark_sigma_px)
     index = [
-        g for g, role in enumerate(points.role) if role == "check" and np.count_nonzero(points.mark_point == g) >= 2
+        g
+        for g, role in enumerate(points.role)
+        if role == "check" and np.count_nonzero(used & (points.mark_point == g)) >= 2
     ]
     if not index:
         return
-    mask = np.isin(points.mark_point, index)
+    mask = np.isin(points.mark_point, index) & used
     order = np.flatnonzero(mask)[np.lexsort((points.mark_photograph[mask], points.mark_point[mask]))]
     number = np.searchsorted(index, points.mark_point[order])
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)

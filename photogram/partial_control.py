@@ -25,12 +25,12 @@ def _nearest_to_rays(block: Block, g: int, surveyed_world_m: FloatArray, axes: F
     ``surveyed_world_m`` (3,). Raises AdjustmentError where both leave the point open.
     """
     points = block.control_points
-    held = axes[:, points.controlled[g]].T * _SURVEYED
+    held = axes[:, points.used[g]].T * _SURVEYED
     N = held.T @ held
     right = N @ surveyed_world_m
     for m in np.flatnonzero(points.mark_point == g).tolist():
         pose = block.poses[points.mark_photograph[m]]
-        if pose is None:
+        if pose is None or not np.isfinite(points.mark_sigma_px[m]):
             continue
         camera = block.cameras[block.photographs[points.mark_photograph[m]].camera]
         ray = pose.rotation_world_from_camera @ unproject(camera, points.mark_pixel[m][None])[0]
@@ -38,7 +38,7 @@ def _nearest_to_rays(block: Block, g: int, surveyed_world_m: FloatArray, axes: F
         N += across
         right += across @ pose.position_world_m
     if np.linalg.eigvalsh(N)[0] < _LEAST_EIGENVALUE:
-        held_in = "plan" if points.controlled[g, 0] else "height"
+        held_in = "plan" if points.used[g, 0] else "height"
         raise AdjustmentError(
             f"control point {points.name[g]} is control in {held_in} alone and its marks do not tell the rest: mark it "
             "in more photographs, or give it the role check"
@@ -57,11 +57,12 @@ def control_positions(block: Block) -> tuple[FloatArray, FloatArray]:
     of_control = replace(block, control_points=points)
     origin_axes = frame.rotation_world_from_map(np.zeros(3))
     position, axes = points.position_world_m.copy(), np.repeat(origin_axes[None], len(points), axis=0)
-    for g in np.flatnonzero(~points.controlled.all(axis=1)).tolist():
+    used = points.used
+    for g in np.flatnonzero(~used.all(axis=1)).tolist():
         # rounded, so that a coordinate that is a check leaves no trace in the last bits of the others
         surveyed = np.round(frame.map_from_world(points.position_world_m[g][None])[0], 6)
-        known = frame.world_from_map(np.where(points.controlled[g], surveyed, frame.origin_map_m)[None])[0]
+        known = frame.world_from_map(np.where(used[g], surveyed, frame.origin_map_m)[None])[0]
         found = frame.map_from_world(_nearest_to_rays(of_control, g, known, origin_axes)[None])[0]
-        position[g] = frame.world_from_map(np.where(points.controlled[g], surveyed, found)[None])[0]
+        position[g] = frame.world_from_map(np.where(used[g], surveyed, found)[None])[0]
         axes[g] = frame.rotation_world_from_map(position[g])
     return position, axes

@@ -300,7 +300,7 @@ def _flight(plan: FlightPlan, R: FloatArray, C: FloatArray, rng: np.random.Gener
         relief_m=plan.relief_m, oblique_angle_deg=plan.oblique_angle_deg,
     )  # fmt: skip
     poses = tuple(Pose(r, c) for r, c in zip(R, C, strict=True))
-    return Flight(drawn, camera, approximate, poses, photographs, {"1": offset})
+    return Flight(drawn, camera, approximate, poses, photographs, {"1": offset}, np.zeros((len(poses), 3)))
 
 
 def _control(

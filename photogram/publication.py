@@ -186,6 +186,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
         seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
         held=run.held(),
         verdict=run.verdict(),
+        measured=run.block().control_points,
         sources=run.project.camera_source,
     )
     value["heights"] = height_numbers(

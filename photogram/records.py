@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.blunders import Accusation, unmeasured, without
 from photogram.camera import Pose, rotation_from_gimbal
 from photogram.comparison import CloudStatistics, Comparison
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
@@ -122,7 +123,12 @@ class Run:
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment. Needs the stage `adjustment`."""
-        return adjustment_from(self.block(), self.workspace.stage("adjustment"))
+        folder = self.workspace.stage("adjustment")
+        accused = [
+            replace(unmeasured(kind, name, photograph), axes=tuple(axes))
+            for kind, name, photograph, axes in self.verdict()["accused"]
+        ]
+        return adjustment_from(self.block(), folder, accused)
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
@@ -136,8 +142,8 @@ class Run:
         return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
 
     def verdict(self) -> dict[str, Any]:
-        """Return the blunders in the ground points, and the accuracy of the check points with them and without. Needs
-        the stage `adjustment`."""
+        """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
+        Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.stage("adjustment") / "verdict.json"))
 
     def surface(self) -> Raster:
@@ -318,8 +324,8 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def adjustment_from(block: Block, folder: Path) -> Adjustment:
-    """Return the adjustment of a measured block from the arrays in ``folder``."""
+def adjustment_from(block: Block, folder: Path, accused: Sequence[Accusation] = ()) -> Adjustment:
+    """Return the adjustment of a measured block from the arrays in ``folder``; what was ``accused`` took no part."""
     arrays = read_arrays(folder / "adjustment.npz")
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
     for name in ("flights", "held_flights"):
@@ -332,6 +338,7 @@ def adjustment_from(block: Block, folder: Path) -> Adjustment:
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(folder / "tie_points.npz", TiePoints),
     )
+    adjusted = without(adjusted, [a for a in accused if a.kind != "focal length"])
     return Adjustment(
         block=adjusted,
         reliability=read_record(folder / "reliability.npz", Reliability),

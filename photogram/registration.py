@@ -78,5 +78,9 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, seen, len(seen)),
             gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
             gnss_w=_spread(known.gnss_w, kept, count),
+            gnss_left_out_m=_spread(known.gnss_left_out_m, kept, count),
+            gnss_left_out_covariance_m2=_spread(known.gnss_left_out_covariance_m2, kept, count),
+            attitude_left_out_rad=_spread(known.attitude_left_out_rad, kept, count),
+            attitude_left_out_covariance_rad2=_spread(known.attitude_left_out_covariance_rad2, kept, count),
         ),
     )

@@ -27,6 +27,7 @@ from photogram.deformation import (
     stiffness,
 )
 from photogram.factors.bundle import limited_threads
+from photogram.factors.consider import with_considered
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reduced import SingularError
@@ -213,6 +214,7 @@ def block_deformation(
     state = replace(
         start_state(part, problem.flights), control=result.ground_world_m[control], offset=result.offset_world_m
     )
+    problem = with_considered(problem, state)
     with limited_threads(0):  # everything here is too small for BLAS to share out
         stiff = factored(problem, state)
         found = deformation_and_remedies(problem, state, stiff)

@@ -271,9 +271,10 @@ def render(
     """Take a photograph of a scene: (height_px, width_px, 3) uint8 red, green, blue.
 
     ``noise_dn`` is the standard deviation of the sensor's noise in digital numbers, ``blur_px`` that of the lens's
-    point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the projection
-    centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per processor) do not
-    change the result. Raises ImageError where the camera's distortion cannot be undone within the photograph.
+    point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the
+    projection centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per
+    processor) do not change the result. Raises ImageError where the camera's distortion cannot be undone within the
+    photograph.
     """
     corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
     image_plane(camera, corners)
@@ -284,7 +285,16 @@ def render(
     with ThreadPoolExecutor(threads or cpu_count()) as pool:
         tasks = [
             pool.submit(
-                _render_rows, field, camera.kind, q, R, C, readout, row, camera.height_px, vignetting,
+                _render_rows,
+                field,
+                camera.kind,
+                q,
+                R,
+                C,
+                readout,
+                row,
+                camera.height_px,
+                vignetting,
                 picture[row : row + _ROWS_PER_TASK],
             )
             for row in range(0, camera.height_px, _ROWS_PER_TASK)

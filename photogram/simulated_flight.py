@@ -223,7 +223,13 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
     centre = corners.mean(axis=1)
     widening = height / max(height - relief, 0.2 * height)
     near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
-    tree, q, R, C, D = cKDTree(centre), flight.camera.parameters, flight.rotations, flight.centres, flight.readout_world_m
+    tree, q, R, C, D = (
+        cKDTree(centre),
+        flight.camera.parameters,
+        flight.rotations,
+        flight.centres,
+        flight.readout_world_m,
+    )
     last = np.array([flight.plan.width_px, flight.plan.height_px]) - 1 - margin_px
     limits = np.array([margin_px, margin_px, *last])
     reach = 1.02 * float(np.linalg.norm(flight.corners, axis=1).max())

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from photogram.blunder_names import withdrawn_attitudes
 from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
@@ -32,12 +33,10 @@ from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
 from photogram.remedies import block_deformation
 from photogram.retrieval import most_similar
-from photogram.self_calibration import Held, calibrate
+from photogram.self_calibration import held_parameters, with_priors
 from photogram.structure import Structure
 from photogram.surface_model import surface_with_sigma
 from photogram.survey import (
-    Adjustment,
-    Block,
     ByteArray,
     Features,
     FloatArray,
@@ -312,22 +311,14 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     """Adjust the block jointly."""
     orientation = run.orientation()
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
-    measured = block.photographs
+    measured = block
     if orientation.method != "control":
         block = replace(block, photographs=believed_attitudes(block, orientation.poses))
-    calibrated: list[tuple[Adjustment, Held]] = []
-
-    def adjusted(given: Block) -> Adjustment:
-        calibrated.append(
-            calibrate(
-                given, run.project.adjustment, run.project.calibration, orientation.parameters,
-                lambda text: progress(0, 0, text),
-            )
-        )  # fmt: skip
-        return calibrated[-1][0]
-
-    verdict = adjust_and_judge(block, adjusted)
-    held = next(held for found, held in calibrated if found is verdict.result)
+    kinds = zip(block.cameras, run.project.calibration, strict=True)
+    block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
+    settings, start = run.project.adjustment, orientation.parameters
+    verdict = adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text))
+    blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
@@ -341,11 +332,13 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_record(folder / "reliability.npz", result.reliability)
     write_record(folder / "components.npz", result.components)
     write_record(folder / "deformation.npz", result.deformation)
-    write_json(folder / "held.json", held)
+    write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(
         folder / "verdict.json",
         {
-            "blunders": verdict.blunders,
+            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.accused],
+            "blunders": blunders,
+            "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
             "check_points": verdict.check_before,
             "check_points_without": verdict.check_after,
         },
@@ -353,12 +346,12 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     return {
         "sigma0": result.sigma0,
         "converged": result.converged,
-        "blunders": len(verdict.blunders),
+        "blunders": len(blunders),
         "iterations": result.iterations,
         "disbelieved_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(
             m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
-            for m, p in zip(measured, block.photographs, strict=True)
+            for m, p in zip(measured.photographs, block.photographs, strict=True)
         ),
     }
 

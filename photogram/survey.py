@@ -186,10 +186,11 @@ class ControlPoints:
     """Surveyed ground points and their marks in photographs.
 
     ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3) along the axes of the map;
-    marks: ``mark_photograph`` (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,).
+    marks: ``mark_photograph`` (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,), infinite for a
+    mark that takes no part.
     ``controlled`` (G, 3) says which of easting, northing and height are control: all those of a control point and none
-    of a check point where it is not given. A point with the role control has one at least; its other coordinates are
-    checks.
+    of a check point where it is not given; one with an infinite sigma takes no part all the same. A point with the role
+    control has one at least; its other coordinates are checks.
     """
 
     name: tuple[str, ...]
@@ -220,6 +221,11 @@ class ControlPoints:
 
     def __len__(self) -> int:
         return len(self.name)
+
+    @property
+    def used(self) -> BoolArray:
+        """Which coordinates (G, 3) take part: those that are control, with a finite sigma."""
+        return np.asarray(self.controlled & np.isfinite(self.sigma_m))
 
     def with_role(self, role: Role) -> ControlPoints:
         """Return the points of one role and their marks."""
@@ -318,8 +324,10 @@ class Reliability:
     of control points, ``mark_redundancy``, ``mark_w`` (marks, 2) of their marks, ``gnss_redundancy``, ``gnss_w`` (N, 3)
     of GNSS positions. ``ground_left_out_m`` (G, 3) is predicted minus surveyed for a control point whose survey took no
     part, ``ground_left_out_covariance_m2`` (G, 3, 3) what it would scatter by; ``mark_left_out_px`` (marks, 2) and
-    ``mark_left_out_covariance_px2`` (marks, 2, 2) the same for a mark. NaN for check points, for what is not
-    there, and where nothing else determines an observation.
+    ``mark_left_out_covariance_px2`` (marks, 2, 2) the same for a mark, ``gnss_left_out_m`` (N, 3) with its covariances
+    (N, 3, 3) for a GNSS position, ``attitude_left_out_rad`` (N, 3) with its covariances for a measured attitude, as a
+    turn about the camera's axes, ``focal_left_out_px`` (cameras,) with its sigmas for a given focal length. NaN for
+    check points, for what is not there, and where nothing else determines an observation.
     """
 
     ground_redundancy: FloatArray
@@ -332,10 +340,16 @@ class Reliability:
     mark_left_out_covariance_px2: FloatArray
     gnss_redundancy: FloatArray
     gnss_w: FloatArray
+    gnss_left_out_m: FloatArray
+    gnss_left_out_covariance_m2: FloatArray
+    attitude_left_out_rad: FloatArray
+    attitude_left_out_covariance_rad2: FloatArray
+    focal_left_out_px: FloatArray
+    focal_left_out_sigma_px: FloatArray
 
     @staticmethod
-    def unknown(ground: int, marks: int, photographs: int) -> Reliability:
-        """Return what is known of so many ground points, marks and photographs when nothing is."""
+    def unknown(ground: int, marks: int, photographs: int, cameras: int = 0) -> Reliability:
+        """Return what is known of so many ground points, marks, photographs and cameras when nothing is."""
         points, pixels, positions = (np.full((n, d), np.nan) for n, d in ((ground, 3), (marks, 2), (photographs, 3)))
         return Reliability(
             points,
@@ -348,6 +362,12 @@ class Reliability:
             np.full((marks, 2, 2), np.nan),
             positions,
             positions,
+            positions,
+            np.full((photographs, 3, 3), np.nan),
+            positions,
+            np.full((photographs, 3, 3), np.nan),
+            np.full(cameras, np.nan),
+            np.full(cameras, np.nan),
         )
 
 

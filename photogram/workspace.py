@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import replacing
 
-FORMAT = 5
+FORMAT = 6
 """Raised when the meaning of files in a workspace changes; older stages are then made again."""
 
 RecordT = TypeVar("RecordT")

@@ -20,7 +20,7 @@ from photogram.report.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.statistics import consistency_numbers
 from photogram.report.verdicts import control_test, control_verdict, effect_sentence
 from photogram.resection import Resection
-from photogram.survey import Adjustment, FloatArray, Photograph, PointCloud
+from photogram.survey import Adjustment, ControlPoints, FloatArray, Photograph, PointCloud
 
 Json = dict[str, Any]
 Held = Mapping[str, Mapping[str, str]]
@@ -163,9 +163,12 @@ def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap
     }
 
 
-def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Json:
+def camera_numbers(
+    result: Adjustment, held: Held, sources: Sequence[str], focal_lengths: Mapping[str, str] = MappingProxyType({})
+) -> Json:
     """Return the interior orientation of every camera, the sigmas of its free parameters (null where it was held) and
-    what was known before; ``sources`` by camera, or empty."""
+    what was known before; ``sources`` by camera, or empty; ``focal_lengths`` what was decided where the photographs
+    contradict the source."""
     numbers: Json = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
@@ -182,6 +185,7 @@ def camera_numbers(result: Adjustment, held: Held, sources: Sequence[str]) -> Js
                 n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)
             },
             "held": dict(held.get(camera.name, {})),
+            "focal_length": focal_lengths.get(camera.name),
             "source": (sources[c] or None) if sources else None,
             "width_px": camera.width_px,
             "height_px": camera.height_px,
@@ -224,9 +228,23 @@ def _ground_reliability(result: Adjustment, g: int) -> Json:
     }
 
 
-def ground_numbers(result: Adjustment, blunders: Sequence[Mapping[str, Any]] = ()) -> list[Json]:
-    """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment."""
-    block, frame, points = result.block, result.block.frame, result.block.control_points
+def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[str]:
+    """Return the role of a ground point along its axes: control, check, or left out of the adjustment."""
+    return [
+        ("control" if part else "left out") if control else "check"
+        for control, part in zip(measured.controlled[g], used.used[g], strict=True)
+    ]
+
+
+def ground_numbers(
+    result: Adjustment, blunders: Sequence[Mapping[str, Any]] = (), measured: ControlPoints | None = None
+) -> list[Json]:
+    """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment.
+
+    ``measured`` are the points as they were given, with what was left out of the adjustment.
+    """
+    block, frame, used = result.block, result.block.frame, result.block.control_points
+    points = used if measured is None else measured
     r, numbers = result.reliability, list[Json]()
     for g, name in enumerate(points.name):
         surveyed = _map(frame, points.position_world_m[g])
@@ -237,7 +255,7 @@ def ground_numbers(result: Adjustment, blunders: Sequence[Mapping[str, Any]] = (
             {
                 "name": name,
                 "role": points.role[g],
-                "axis_roles": ["control" if c else "check" for c in points.controlled[g]],
+                "axis_roles": _axis_roles(points, used, g),
                 "surveyed_map_m": surveyed.tolist(),
                 "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
@@ -251,6 +269,7 @@ def ground_numbers(result: Adjustment, blunders: Sequence[Mapping[str, Any]] = (
                 "marks": [
                     {
                         "photograph": block.photographs[points.mark_photograph[m]].name,
+                        "left_out": bool(np.isinf(used.mark_sigma_px[m])),
                         "pixel": points.mark_pixel[m].tolist(),
                         "residual_px": result.mark_residual_px[m].tolist()
                         if np.isfinite(result.mark_residual_px[m]).all()
@@ -342,14 +361,16 @@ def report_numbers(
     held: Held = MappingProxyType({}),
     sources: Sequence[str] = (),
     verdict: Mapping[str, Any] = MappingProxyType({"blunders": ()}),
+    measured: ControlPoints | None = None,
 ) -> Json:
     """Return the whole of report.json.
 
     ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
-    calibration of each camera comes from, empty texts where that is not known, ``verdict`` the blunders found.
+    calibration of each camera comes from, empty texts where that is not known, ``verdict`` the blunders found,
+    ``measured`` the ground points as they were given.
     """
     frame, blunders = result.block.frame, verdict["blunders"]
-    points = ground_numbers(result, blunders)
+    points = ground_numbers(result, blunders, measured)
     effect = {name: verdict[name] for name in ("check_points", "check_points_without")} if blunders else None
     return {
         "photogram": version,
@@ -357,7 +378,7 @@ def report_numbers(
         "world": {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)},
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
-        "cameras": camera_numbers(result, held, sources),
+        "cameras": camera_numbers(result, held, sources, verdict.get("focal_lengths", {})),
         "adjustment": adjustment_numbers(result, seconds["adjustment"]),
         "control_points": points,
         "check_points": check_numbers(points),

@@ -53,10 +53,12 @@ def control_verdict(result: Adjustment, g: int, blunders: Sequence[Mapping[str, 
 
 
 def effect_sentence(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
-    """Return how the check points change when the blunders are left out, None without check points."""
+    """Return what leaving out the blunders does to the check points, None without check points, or where nothing can
+    be adjusted with the blunders in it."""
     if not before["n"] or not after["n"]:
         return None
     return (
-        f"without that, the RMSE of {after['n']} check points goes from {before['rmse_h_m']:.3f} to "
-        f"{after['rmse_h_m']:.3f} m in plan and from {before['rmse_v_m']:.3f} to {after['rmse_v_m']:.3f} m in height"
+        f"with that in the adjustment, the RMSE of {after['n']} check points would be {before['rmse_h_m']:.3f} m in "
+        f"plan and {before['rmse_v_m']:.3f} m in height; without, it is {after['rmse_h_m']:.3f} and "
+        f"{after['rmse_v_m']:.3f} m"
     )
