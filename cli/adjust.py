@@ -44,6 +44,10 @@ def adjust(
     ] = None,
     until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
     pdf: Pdf = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit with 1 where a measurement was left out because others contradict it."),
+    ] = False,
 ) -> None:
     """Orient, match and adjust the photographs of a project jointly; make its clouds, surface and orthophoto."""
     survey = load_project(project, photographs)
@@ -54,3 +58,5 @@ def adjust(
         console.print(f"Results: {survey.results}")
         if pdf:
             say_printed(survey)
+        if strict and report["blunders"]:
+            raise typer.Exit(1)

@@ -9,7 +9,7 @@ whose source is rejected is settled at last, see photogram.focal_length.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 

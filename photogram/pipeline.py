@@ -108,7 +108,12 @@ STAGES = (
         "adjustment",
         "Joint adjustment",
         ("orientation", "transfer"),
-        lambda run: [run.project.adjustment, run.project.gnss_offset_sigma_m, run.project.calibration],
+        lambda run: [
+            run.project.adjustment,
+            run.project.gnss_offset_sigma_m,
+            run.project.calibration,
+            run.project.focal_readings_px,
+        ],
         adjust_block,
     ),
     Stage(

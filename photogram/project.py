@@ -138,8 +138,9 @@ class Project:
     """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
 
     ``cameras``: one calibrated per flight stands there once for each of its flights, as ``NAME (flight FLIGHT)``.
-    ``calibration`` and ``camera_source``, by camera: whether its parameters are freed as given or as the geometry
-    supports, and where its figures come from, empty where the file does not say. ``control_points`` holds those of the
+    ``calibration``, ``camera_source`` and ``focal_readings_px``, by camera: whether its parameters are freed as given or
+    as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
+    that this source may mean. ``control_points`` holds those of the
     list, then those of the files. ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and
     control, zero where there is none.
     """
@@ -151,6 +152,7 @@ class Project:
     cameras: tuple[Camera, ...]
     calibration: tuple[Calibration, ...]
     camera_source: tuple[str, ...]
+    focal_readings_px: tuple[tuple[float, ...], ...]
     photographs: tuple[ProjectPhotograph, ...]
     control_points: tuple[ProjectControlPoint, ...]
     gnss_offset_sigma_m: FloatArray
@@ -259,6 +261,7 @@ def read_project(
         cameras=tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
         calibration=tuple(file.cameras[name].calibration for name, _ in copies),
         camera_source=tuple(file.cameras[name].source or "" for name, _ in copies),
+        focal_readings_px=tuple(file.cameras[name].focal_readings_px for name, _ in copies),
         photographs=listed,
         control_points=_control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
         gnss_offset_sigma_m=np.array(file.gnss.offset_sigma_m),

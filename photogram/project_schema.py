@@ -138,13 +138,15 @@ class CameraSigmas(Entry):
 
 
 class CameraEntry(Entry):
-    """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew."""
+    """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew.
+    ``focal_readings_px`` are other focal lengths that its source may mean."""
 
     width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
     height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
     matlab: Text | None = None
     model: Model | None = None
     focal_px: Positive | None = None
+    focal_readings_px: tuple[Positive, ...] = ()
     principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy")] | None = None
     radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", fewest=2)] | None = None
     tangential: Annotated[tuple[float, float], _vector("p1", "p2")] | None = None

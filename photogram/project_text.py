@@ -46,13 +46,16 @@ def _comment(text: str, indent: int = 0) -> list[str]:
 
 
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
-    figures = ", ".join(f"{name}: {sigma:.3g}" for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True))
+    stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
+    figures = ", ".join(f"{name}: {sigma:.3g}" for name, sigma in stated)
+    readings = [f"    focal_readings_px: {_numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
     return [
         *_comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",
         f"    height_px: {camera.height_px}",
         f"    focal_px: {camera.focal_px:.3f}",
+        *readings,
         f"    principal_point_px: {_numbers(camera.principal_point_px, '.3f')}",
         f"    radial: {_numbers(camera.radial, '.9g')} # k1, k2, k3",
         f"    tangential: {_numbers(camera.tangential, '.9g')} # p1, p2",

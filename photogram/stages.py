@@ -317,7 +317,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
-    verdict = adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text))
+    readings_px = run.project.focal_readings_px
+    verdict = adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text), readings_px)
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]

@@ -18,13 +18,29 @@ from photogram.files.tags import Dewarp, PhotographTags
 DIAGONAL_35MM_MM = 43.2666
 """The diagonal of 36 × 24 mm; a 35 mm equivalent compares diagonals (CIPA DCG-001)."""
 
-SIGMA_NAMES = ("focal_px", "principal_point_px", "k1", "k2", "k3", "p1", "p2")
+WIDTH_35MM_MM = 36.0
+"""Its width, which some writers of tags compare instead."""
+
+SENSOR_WIDTH_MM = {
+    "FC300C": 6.17, "FC300S": 6.17, "FC300X": 6.17, "FC330": 6.17, "FC220": 6.17, "FC7303": 6.17,
+    "FC6310": 13.2, "FC6310S": 13.2, "FC6310R": 13.2, "FC6510": 13.2, "FC6520": 17.3, "L1D-20c": 13.2,
+    "FC3411": 13.2, "L2D-20c": 17.3, "M3E": 17.3,
+}  # fmt: skip
+"""Widths of sensors by the models that their tags name, from the makers' data sheets."""
+
+SIGMA_NAMES = ("focal_px", "principal_point_px", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
 
 _FORMATS = (4 / 3, 3 / 2, 16 / 9, 17 / 9)
 _SAME = 0.01
 _DISAGREEMENT = 1.25
 _EXIF_SIGMAS = (0.1, 0.1, 0.05, 0.003, 0.003)
 _EXIF_FOCAL, _EXIF_CENTRE = 0.03, 0.01
+_SHUTTER = (0.003, 0.001)
+"""Affinity b1, b2 in the focal length of a camera whose shutter is not known: a rolling one, read out in 30 ms at 5 m/s
+and 60 m above ground, stretches the picture by 0.25 % along the flight."""
+
+_ALIKE = 0.005
+"""Readings of one tag that differ by less are one."""
 
 CameraKey = tuple[str | float | None, ...]
 
@@ -33,7 +49,8 @@ CameraKey = tuple[str | float | None, ...]
 class TaggedCamera:
     """One camera of a project to be written; pixels in photogram's frame, ``sigmas`` in the order of SIGMA_NAMES.
 
-    ``source`` says where the figures come from, ``reason`` why they deserve these sigmas.
+    ``source`` says where the figures come from, ``reason`` why they deserve these sigmas. ``readings_px`` are focal
+    lengths that the same tags would give read otherwise.
     """
 
     name: str
@@ -46,6 +63,7 @@ class TaggedCamera:
     sigmas: tuple[float, ...]
     source: str
     reason: str
+    readings_px: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,6 +75,7 @@ class _Interior:
     sigmas: tuple[float, ...]
     source: str
     reason: str
+    readings_px: tuple[float, ...] = ()
 
 
 def camera_key(tags: PhotographTags) -> CameraKey:
@@ -115,10 +134,25 @@ def whole_diagonal_px(width_px: int, height_px: int, sensor_diagonal_mm: float |
     return long * sqrt(1.0 + 1.0 / sensor**2) if aspect > sensor else short * sqrt(1.0 + sensor**2)
 
 
-def _undistorted(focal_px: float, source: str, reason: str) -> _Interior:
-    """Return a camera of which EXIF tells the focal length alone."""
-    sigmas = (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS)
-    return _Interior(focal_px, (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), sigmas, source, reason)
+def _undistorted(focal_px: float, source: str, reason: str, readings_px: tuple[float, ...] = ()) -> _Interior:
+    """Return a camera of which EXIF tells the focal length alone; its standard deviation covers half of what other
+    readings differ by."""
+    apart = max((abs(other / focal_px - 1.0) for other in readings_px), default=0.0)
+    sigmas = (hypot(_EXIF_FOCAL, 0.5 * apart), _EXIF_CENTRE, *_EXIF_SIGMAS, *_SHUTTER)
+    return _Interior(focal_px, (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), sigmas, source, reason, readings_px)
+
+
+def other_readings(tags: PhotographTags, focal_px: float, width: int, height: int) -> dict[str, float]:
+    """Return by their names the focal lengths that a 35 mm equivalent and the sensor's width give read otherwise."""
+    long = max(width, height)
+    readings: dict[str, float] = {}
+    if tags.focal_35mm_mm is not None:
+        readings["by the width"] = tags.focal_35mm_mm / WIDTH_35MM_MM * long
+        readings["by the picture's own diagonal"] = tags.focal_35mm_mm / DIAGONAL_35MM_MM * hypot(width, height)
+    sensor_mm = SENSOR_WIDTH_MM.get((tags.model or "").strip())
+    if sensor_mm is not None and tags.focal_mm is not None:
+        readings[f"by the sensor's width of {sensor_mm:g} mm"] = tags.focal_mm / sensor_mm * long
+    return {name: value for name, value in readings.items() if abs(value / focal_px - 1.0) > _ALIKE}
 
 
 def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | None:
@@ -130,11 +164,17 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
     part = diagonal > 1.005 * hypot(width, height)
     of = "the whole sensor, of which the picture is a part," if part else "the picture"
     lens = "" if tags.focal_mm is None else f"EXIF focal length {tags.focal_mm:g} mm, "
+    focal_px = equivalent / DIAGONAL_35MM_MM * diagonal
+    others = other_readings(tags, focal_px, width, height)
+    read = "; ".join(f"{value:.0f} px {name}" for name, value in others.items())
+    covers = f" Read otherwise it is {read}: the sigma covers half of that too." if others else ""
     return _undistorted(
-        equivalent / DIAGONAL_35MM_MM * diagonal,
+        focal_px,
         f"{lens}35 mm equivalent {equivalent:g} mm",
         f"{equivalent:g} / {DIAGONAL_35MM_MM:g} of the diagonal of {of} {diagonal:.0f} px; the equivalent is a whole "
-        "number, so 3 %. The distortion is not known at all: its sigmas are what lenses have.",
+        f"number, so 3 %.{covers} The distortion is not known at all: its sigmas are what lenses have; those of b1 and b2 "
+        "are what a rolling shutter does.",
+        tuple(others.values()),
     )
 
 
@@ -218,7 +258,7 @@ def _given(focal_px: float) -> _Interior:
         (0.0, 0.0),
         (0.0, 0.0, 0.0),
         (0.0, 0.0),
-        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS),
+        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS, *_SHUTTER),
         "focal length given on the command line",
         "3 % of the focal length; make it smaller if you know it better.",
     )
@@ -253,6 +293,7 @@ def tagged_camera(name: str, tags: Sequence[PhotographTags], given_focal_px: flo
     if interior is None:
         return None
     focal_sigma, centre_sigma, *others = interior.sigmas
+    distortion, affinity = others[:5], [sigma * interior.focal_px for sigma in others[5:] or (0.0, 0.0)]
     return TaggedCamera(
         name,
         width,
@@ -261,7 +302,8 @@ def tagged_camera(name: str, tags: Sequence[PhotographTags], given_focal_px: flo
         ((width - 1) / 2 + interior.centre_offset_px[0], (height - 1) / 2 + interior.centre_offset_px[1]),
         interior.radial,
         interior.tangential,
-        (focal_sigma * interior.focal_px, centre_sigma * width, *others),
+        (focal_sigma * interior.focal_px, centre_sigma * width, *distortion, *affinity),
         interior.source,
         interior.reason,
+        interior.readings_px,
     )

@@ -47,7 +47,13 @@ def test_focal_length_does_not_depend_on_the_part_of_the_sensor_kept() -> None:
     assert whole.focal_px == pytest.approx(20.0 / 43.2666 * 5000.0)
     assert part.focal_px == pytest.approx(whole.focal_px)
     assert part.principal_point_px == (1999.5, 1124.5)
-    assert part.sigmas == pytest.approx((0.03 * part.focal_px, 40.0, 0.1, 0.1, 0.05, 0.003, 0.003))
+    # 20 mm by the picture's own diagonal is 8 % less: half of that is covered
+    f, own_diagonal_px = part.focal_px, 20.0 / 43.2666 * hypot(4000, 2250)
+    assert part.sigmas[0] == pytest.approx(hypot(0.03 * f, 0.5 * (f - own_diagonal_px)))
+    assert part.sigmas[1:] == pytest.approx((40.0, 0.1, 0.1, 0.05, 0.003, 0.003, 0.003 * f, 0.001 * f))
+    assert part.readings_px == pytest.approx((20.0 / 36.0 * 4000.0, own_diagonal_px, 3.61 / 6.17 * 4000.0))
+    assert "Read otherwise it is 2222 px by the width; 2121 px by the picture's own diagonal; 2340 px" in part.reason
+    assert whole.readings_px == pytest.approx((20.0 / 36.0 * 4000.0, 3.61 / 6.17 * 4000.0))
     assert "35 mm equivalent 20 mm" in part.source
 
 
@@ -68,7 +74,8 @@ def test_calibration_of_dji_is_taken_with_its_centre_and_order() -> None:
     assert camera.principal_point_px == pytest.approx((2735.5 - 20.03, 1823.5 + 23.1))
     assert camera.radial == DEWARP.radial
     assert camera.tangential == DEWARP.tangential
-    assert camera.sigmas == pytest.approx((0.002 * 3653.8, 5.472, 0.01, 0.01, 0.01, 0.001, 0.001))
+    assert camera.sigmas == pytest.approx((0.002 * 3653.8, 5.472, 0.01, 0.01, 0.01, 0.001, 0.001, 0.0, 0.0))
+    assert camera.readings_px == (), "a calibration has one reading"
     assert camera.source == "DewarpData of 2018-09-07"
 
 
