@@ -105,7 +105,8 @@ def _explained(
 
 
 def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
-    """Return the adjustment with everything in it, for what blunders do to the check points, None where there is none."""
+    """Return the adjustment with everything in it, for what blunders do to the check points, None where there is
+    none."""
     quick = replace(
         settings,
         maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),

@@ -138,11 +138,10 @@ class Project:
     """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
 
     ``cameras``: one calibrated per flight stands there once for each of its flights, as ``NAME (flight FLIGHT)``.
-    ``calibration``, ``camera_source`` and ``focal_readings_px``, by camera: whether its parameters are freed as given or
-    as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
-    that this source may mean. ``control_points`` holds those of the
-    list, then those of the files. ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and
-    control, zero where there is none.
+    ``calibration``, ``camera_source`` and ``focal_readings_px``, by camera: whether its parameters are freed as given
+    or as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
+    that this source may mean. ``control_points`` holds those of the list, then those of the files.
+    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
     """
 
     path: Path

@@ -172,8 +172,8 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
         focal_px,
         f"{lens}35 mm equivalent {equivalent:g} mm",
         f"{equivalent:g} / {DIAGONAL_35MM_MM:g} of the diagonal of {of} {diagonal:.0f} px; the equivalent is a whole "
-        f"number, so 3 %.{covers} The distortion is not known at all: its sigmas are what lenses have; those of b1 and b2 "
-        "are what a rolling shutter does.",
+        f"number, so 3 %.{covers} The distortion is not known at all: its sigmas are what lenses have; those of b1 and "
+        "b2 are what a rolling shutter does.",
         tuple(others.values()),
     )
 
