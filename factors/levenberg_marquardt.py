@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from photogram.factors.state import State
 
 FIRST, LEAST, GREATEST = 1e-5, 1e-12, 1e12
@@ -139,6 +141,9 @@ def minimise(
 
 
 def _saved(current: float, trial: Trial) -> float:
-    """Return what a step saves; where rounding hides it, on the word of the linear model."""
+    """Return what a step saves; where rounding hides it, on the word of the linear model. Nothing is saved by a step
+    that no camera can take: to a focal length that is not positive, or out of the numbers."""
+    if not (np.all(trial.state.parameters[:, 0] > 0.0) and np.isfinite(trial.cost)):
+        return -np.inf
     saved, hidden = current - trial.cost, ROUNDING * current
     return trial.predicted if abs(saved) <= hidden and 0.0 < trial.predicted <= hidden else saved
