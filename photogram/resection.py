@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -333,7 +334,8 @@ def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
         scale = float(np.sqrt(np.sum(share**2) / (2 * least - 6)))
         if not scale * np.median(marks.expected_px(pose)) < SCATTER * marks.camera.width_px:
             continue
-        settled = _refined_on(marks, pose, marks.agrees(pose, scale) | chosen, lambda p, k=scale: marks.agrees(p, k))
+        within = partial(marks.agrees, scale=scale)
+        settled = _refined_on(marks, pose, within(pose) | chosen, within)
         if settled is not None and settled[1].sum() >= least and (best is None or scale < best[0]):
             best = scale, (choice, *settled)
     return None if best is None else best[1]
