@@ -187,7 +187,7 @@ def _result(report: Mapping[str, Any]) -> Table:
     table.add_row(*_accuracy(report))
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
-        table.add_row("check points with fewer than two marks", ", ".join(unused))
+        table.add_row("check points without two marks that meet", ", ".join(unused))
     return table
 
 

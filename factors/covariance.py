@@ -14,6 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from photogram.camera import PARAMETERS
 from photogram.factors.bundle import limited_threads
+from photogram.factors.datum import TURN, Datum, datum_of, reach_m, weights_of
 from photogram.factors.elimination import Cameras, Points, point_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
@@ -21,14 +22,13 @@ from photogram.factors.loss import NO_LOSS
 from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
 from photogram.factors.reprojection import Linearisation, Observations, linearise
 from photogram.factors.state import State
-from photogram.factors.variables import CONTROL_POINT, POSE, TIE_POINT
+from photogram.factors.variables import CONTROL_POINT, DATUM, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
-MEANINGLESS_SIGMA_RAD = (
-    0.2  # an attitude known no better than this is not determined: nothing is linear over such angles
-)
+MEANINGLESS_SIGMA_RAD = 1.0  # an attitude known no better than this may be any
+WHOLE = 0.9  # of a change that nothing holds, that is one of the block as a whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,13 +191,23 @@ def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:
     return 1.0 / float(value[0]), np.asarray(vector[:, 0])
 
 
-def _undetermined(normal: NormalEquations, scale: FloatArray) -> IndeterminateError:
-    """Return the fault that names the variable that moves most along a direction that nothing holds."""
+def _undetermined(normal: NormalEquations, scale: FloatArray, whole: Datum) -> IndeterminateError:
+    """Return the fault that names the variable that moves most along a direction that nothing holds, or the datum."""
     layout = normal.layout
     try:
         _, direction = _weakest_direction(normal.factor(scale=scale, shift=RANK_SHIFT))
     except SingularError as fault:
         return IndeterminateError(variable_at(layout, fault.column))
+    return _open(layout, direction, scale, whole)
+
+
+def _open(layout: Layout, direction: FloatArray, scale: FloatArray, whole: Datum) -> IndeterminateError:
+    """Return the fault that names what moves along a ``direction`` of the system whose rows were divided by
+    ``scale``."""
+    change = direction / scale
+    in_border = float(np.sum(direction[layout.columns :] ** 2) / np.sum(direction**2))
+    if layout.free > 1 and in_border < 1.0 - WHOLE and whole.share(change) > WHOLE:
+        return IndeterminateError((DATUM, whole.main_part(change)))
     return IndeterminateError(_weakest(layout, direction))
 
 
@@ -209,23 +219,40 @@ def _weakest(layout: Layout, direction: FloatArray) -> tuple[str, int]:
     return max(weight, key=lambda variable: weight[variable])
 
 
-def _checked_factor(normal: NormalEquations, scale: FloatArray) -> Factor:
+def _checked_factor(normal: NormalEquations, scale: FloatArray, whole: Datum) -> Factor:
     """Factor the normalised system. Raises IndeterminateError where it is singular to working precision."""
     try:
         factor = normal.factor(scale=scale)
     except SingularError as fault:
-        raise _undetermined(normal, scale) from fault
+        raise _undetermined(normal, scale, whole) from fault
     smallest, direction = _weakest_direction(factor)
     if not smallest > RANK_TOLERANCE:
-        raise IndeterminateError(_weakest(normal.layout, direction))
+        raise _open(normal.layout, direction, scale, whole)
     return factor
+
+
+def _check_attitudes(found: Covariances, whole: Datum) -> None:
+    """Raise IndeterminateError where an attitude may be any, naming the block that turns or the photograph."""
+    variance = np.einsum("naa->na", found.poses)[:, :3].max(axis=1, initial=0.0)
+    if not np.any(variance > MEANINGLESS_SIGMA_RAD**2):
+        return
+    worst = int(np.argmax(variance))
+    turn = found.between(whole.fit, whole.fit)[3:6, 3:6]
+    if found.layout.free > 1 and float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
+        steady = weights_of(found.poses, whole.distance_m)
+        again = datum_of(found.layout, whole.state, whole.distance_m, steady)
+        turn = found.between(again.fit, again.fit)[3:6, 3:6]
+        if float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
+            raise IndeterminateError((DATUM, TURN))
+    raise IndeterminateError((POSE, worst))
 
 
 def covariances(problem: Problem, state: State) -> Covariances:
     """Compute the covariances of all variables at ``state``.
 
-    Raises IndeterminateError naming the variable that nothing holds when the normal equations are singular, or the
-    photograph whose attitude they leave open, such as that of a strip which may turn about its own axis.
+    What is weak has large sigmas. Raises IndeterminateError naming the variable that nothing holds when the normal
+    equations are singular to working precision, or an attitude may be any: the datum where the whole block is shifted,
+    turned or scaled, such as a strip which may turn about its own axis.
     """
     bundle = bundle_of(problem, state)
     bundle = replace(bundle, loss=bundle.loss.weights_alone())
@@ -234,15 +261,14 @@ def covariances(problem: Problem, state: State) -> Covariances:
         terms = bundle.ground.linearise(state)
         normal = eliminated(bundle, state, terms, pool)
         scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
-        factor = _checked_factor(normal, scale)
+        whole = datum_of(layout, state, reach_m(problem, state))
+        factor = _checked_factor(normal, scale, whole)
         inverse = factor.inverse_within_band()
         scale_matrix(inverse, scale, layout)
         T = factor.T * scale[m:] / scale[:m, None]
         border = factor.border_covariance() / np.outer(scale[m:], scale[m:])
         found = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
-        variance = np.einsum("naa->na", found.poses)[:, :3].max(axis=1, initial=0.0)
-        if np.any(variance > MEANINGLESS_SIGMA_RAD**2):
-            raise IndeterminateError((POSE, int(np.argmax(variance))))
+        _check_attitudes(found, whole)
         cameras, blocks = Cameras(state.parameters, state.rotation, state.position), (inverse, T, border)
         ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)

@@ -7,6 +7,7 @@ import re
 import gtsam
 
 POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION = "x", "l", "g", "o", "k"
+DATUM = "datum"  # not a variable: the block as a whole, by the parts of photogram.factors.datum
 
 WORDS = {
     POSE: "photograph",

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.camera import PARAMETERS, Pose, models_of
-from photogram.determinacy import check_determined, check_in_front, undetermined
+from photogram.determinacy import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.errors import AdjustmentError
 from photogram.factors.consider import with_considered
 from photogram.factors.covariance import covariances
@@ -26,7 +26,7 @@ from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.reprojection import Observations, residuals
 from photogram.factors.state import State
 from photogram.gnss_offsets import implied_offsets
-from photogram.ground_points import ground_points, mark_residuals_px
+from photogram.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.lever_arms import left_arm
 from photogram.outliers import (
     agreeing_observations,
@@ -37,12 +37,15 @@ from photogram.outliers import (
     without_narrow,
 )
 from photogram.partial_control import control_positions
-from photogram.registration import registered_block, with_all_photographs
+from photogram.registration import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.reliability import reliability
-from photogram.survey import Adjustment, Block, FloatArray, check_range
+from photogram.survey import Adjustment, Block, FloatArray, IntArray, check_range
 from photogram.variance_components import variance_components
 
 Progress = Callable[[str], None]
+
+LEFT_OUT = 0.25  # of the oriented photographs, that may be left out for the rest to be adjusted
+MOST_LOST_MARKS = 3
 
 
 @dataclass(frozen=True)
@@ -214,13 +217,45 @@ def adjust(
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
-    what is held stays as given. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    what is held stays as given. A single photograph or mark that keeps the rest from a solution is left out, with the
+    reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
-    part, kept = registered_block(block)
-    if not len(kept):
+    part, oriented = block, len(registered_block(block)[1])
+    if not oriented:
         raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
-    adjusted = _adjust_oriented(part, settings, progress, start)
-    return adjusted if len(kept) == len(block.poses) else with_all_photographs(adjusted, block, kept)
+    left: dict[int, str] = {}
+    marks = np.ones(len(block.control_points.mark_point), dtype=bool)
+    lost_marks: list[str] = []
+    while True:
+        solvable, kept = registered_block(part)
+        try:
+            adjusted = _adjust_oriented(solvable, settings, progress, start)
+            break
+        except UnheldError as fault:
+            left |= {int(kept[i]): why for i, why in fault.photographs.items()}
+            lost_marks += fault.marks.values()
+            if (
+                len(left) > max(1.0, LEFT_OUT * oriented)
+                or oriented - len(left) < 2
+                or len(lost_marks) > MOST_LOST_MARKS
+            ):
+                raise
+            marks[_of_all(block, marks, kept)[list(fault.marks)]] = False
+            poses = tuple(None if i in left else pose for i, pose in enumerate(block.poses))
+            part = without_marks(replace(block, poses=poses), marks)
+    names = [photograph.name for photograph in block.photographs]
+    said = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
+    said += [f"A mark is left out: {why}" for why in lost_marks]
+    reason = tuple(left.get(i, "") for i in range(len(names))) if left else ()
+    adjusted = replace(adjusted, warnings=(*said, *adjusted.warnings), reason=reason)
+    if len(kept) < len(block.poses):
+        adjusted = with_all_photographs(adjusted, part, kept)
+    return adjusted if marks.all() else with_all_marks(adjusted, block, marks)
+
+
+def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
+    """Return the numbers in ``block`` of the marks ``marks`` (M,) in the photographs ``kept`` (K,)."""
+    return np.flatnonzero(marks & np.isin(block.control_points.mark_photograph, kept))
 
 
 def _adjust_oriented(
@@ -286,4 +321,5 @@ def _adjust_oriented(
         left_arm_camera_m=arm.arm_camera_m,
         left_arm_sigma_m=arm.sigma_m,
         left_arm_p=arm.p,
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found)),
     )

@@ -42,6 +42,9 @@ sigma."""
 LOST_RAY = 9.0
 """What a ray of a tie point that was left out counts in the weighted square sum."""
 
+LOST_PHOTOGRAPH = 1000.0
+"""What a photograph counts that the adjustment leaves out."""
+
 MARK_PREDICTED = 2.0
 """Standard deviation of a mark against where others put it, over its own."""
 
@@ -230,6 +233,7 @@ class Search:
         was measured beside the tie points, and what it leaves out."""
         r, lost = self.result.reliability, LOST_RAY * self.result.discarded_observations
         expected = sum(float(np.nansum(n)) for n in (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy))
+        lost += LOST_PHOTOGRAPH * sum(bool(why) for why in self.result.reason)
         return 2.0 * self.result.cost - expected + lost + PRICE * len(self.accused)
 
 

@@ -349,7 +349,12 @@ def diagnose(result: Adjustment) -> Diagnosis:
     """Return what a block is weak in, and what would help."""
     known, block = result.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
-    warnings = hidden(known) + weaknesses(known, block.cameras, result.flights) + unmodelled(patterns, known)
+    warnings = (
+        list(result.warnings)
+        + hidden(known)
+        + weaknesses(known, block.cameras, result.flights)
+        + unmodelled(patterns, known)
+    )
     if dome.significant:
         warnings.append(
             f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "

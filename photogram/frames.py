@@ -32,6 +32,7 @@ from photogram.heights import (
     HeightSystem,
     crs_name,
     full_crs,
+    geographic_crs,
     geoid_height_m,
     is_gnss_ellipsoid,
     vertical_crs,
@@ -244,10 +245,7 @@ class LocalFrame:
 
     @cached_property
     def _geodetic(self) -> Transformer:
-        geodetic = self._crs.geodetic_crs
-        if geodetic is None:
-            raise FrameError(f"crs: {self.crs} has no geodetic datum")
-        return Transformer.from_crs(self._crs, geodetic, always_xy=True)
+        return Transformer.from_crs(self._crs, geographic_crs(self._crs), always_xy=True)
 
     @cached_property
     def _topocentric(self) -> Transformer:

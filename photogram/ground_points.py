@@ -1,4 +1,7 @@
-"""Adjusted positions of ground points: control points as estimated, check points intersected from their marks alone."""
+"""Adjusted positions of ground points: control points as estimated, check points intersected from their marks alone.
+
+A check point whose marks do not meet in front of their photographs has no position, and a sentence that names it.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogram.camera import Camera, image_plane, models_of
-from photogram.errors import AdjustmentError
+from photogram.camera import Camera, image_plane_or_nan, models_of
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination import first_observations
 from photogram.factors.graph import Problem
 from photogram.factors.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.factors.state import State
-from photogram.survey import Block, FloatArray
+from photogram.survey import Block, ControlPoints, FloatArray, IntArray
 from photogram.triangulation import consensus_intersections
+
+LARGEST_CONDITION = 1e14  # of the normal equations of a point whose rays meet
+
+
+def _intersected(points: ControlPoints) -> IntArray:
+    """Return the check points that have two marks at least that take part."""
+    used = np.bincount(points.mark_point[np.isfinite(points.mark_sigma_px)], minlength=len(points))
+    return np.flatnonzero((np.array(points.role) == "check") & (used >= 2))
+
+
+def unmet(block: Block, ground_world_m: FloatArray) -> list[str]:
+    """Return a sentence for each check point with two marks or more that has no position in ``ground_world_m`` (G, 3),
+    because they do not meet in front of their photographs."""
+    points = block.control_points
+    sentences = []
+    for g in _intersected(points).tolist():
+        if np.isfinite(ground_world_m[g]).all():
+            continue
+        seen = points.mark_photograph[(points.mark_point == g) & np.isfinite(points.mark_sigma_px)]
+        names = ", ".join(block.photographs[i].name for i in seen.tolist())
+        sentences.append(
+            f"Check point {points.name[g]} has no adjusted position, because its marks in {names} do not meet in front "
+            "of these photographs: check its marks"
+        )
+    return sentences
 
 
 def _check_points(
@@ -23,15 +50,10 @@ def _check_points(
     """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in
     place."""
     points = problem.block.control_points
-    used = np.isfinite(points.mark_sigma_px)
-    index = [
-        g
-        for g, role in enumerate(points.role)
-        if role == "check" and np.count_nonzero(used & (points.mark_point == g)) >= 2
-    ]
-    if not index:
+    index = _intersected(points)
+    if not len(index):
         return
-    mask = np.isin(points.mark_point, index) & used
+    mask = np.isin(points.mark_point, index) & np.isfinite(points.mark_sigma_px)
     order = np.flatnonzero(mask)[np.lexsort((points.mark_photograph[mask], points.mark_point[mask]))]
     number = np.searchsorted(index, points.mark_point[order])
     camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
@@ -48,7 +70,9 @@ def _check_points(
     X = intersect_weighted(observations, cameras, state, len(index))
     linear = linearise(observations, state.parameters, state.rotation, state.position, X)
     first = first_observations(number, len(index))
-    for n, g in enumerate(index):
+    for n, g in enumerate(index.tolist()):
+        if not np.isfinite(X[n]).all():
+            continue
         rays = slice(int(first[n]), int(first[n + 1]))
         ground[g], covariance[g] = X[n], _intersection_covariance(observations, linear, rays, found)
 
@@ -74,14 +98,11 @@ def _intersection_covariance(
 
 def intersect_weighted(observations: Observations, cameras: Sequence[Camera], state: State, count: int) -> FloatArray:
     """Intersect ``count`` points from observations sorted by point with fixed cameras: Gauss–Newton from the best two
-    rays.
-
-    Raises AdjustmentError when the marks of a point do not meet in front of their photographs.
-    """
+    rays; returns positions (count, 3) in the world, NaN where rays do not meet in front of all their photographs."""
     o = observations
     ideal = np.empty_like(o.pixel)
     for c in np.unique(o.camera):
-        ideal[o.camera == c] = image_plane(cameras[c], o.pixel[o.camera == c])
+        ideal[o.camera == c] = image_plane_or_nan(cameras[c], o.pixel[o.camera == c])
     camera_of = np.zeros(len(state.rotation), dtype=np.int64)
     camera_of[o.photograph] = o.camera
     everything = np.full(len(o), 1e6)
@@ -97,24 +118,27 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         state.rotation,
         state.position,
     )
+    met = np.isfinite(X).all(axis=1)
     for _ in range(20):
-        linear = linearise(o, state.parameters, state.rotation, state.position, X)
+        linear = linearise(o, state.parameters, state.rotation, state.position, np.nan_to_num(X))
         V, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
         np.add.at(V, o.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
         np.add.at(g, o.point, np.einsum("nri,nr->ni", linear.point, linear.residual))
-        if not (np.isfinite(g).all() and np.all(np.linalg.cond(V) < 1e14)):
-            raise AdjustmentError(
-                "the marks of a check point do not meet in front of their photographs: check the marks"
-            )
-        step = np.linalg.solve(V, g[..., None])[..., 0]
+        eigenvalue = np.linalg.eigvalsh(np.nan_to_num(V))
+        met &= np.isfinite(g).all(axis=1) & (eigenvalue[:, 0] * LARGEST_CONDITION > eigenvalue[:, 2])
+        step = np.zeros((count, 3))
+        step[met] = np.linalg.solve(V[met], g[met][..., None])[..., 0]
         X = X - step
-        if np.abs(step).max() < 1e-9:
+        if np.abs(step).max(initial=0.0) < 1e-9:
             break
-    return np.asarray(X)
+    left = residuals(o, state.parameters, state.rotation, state.position, np.nan_to_num(X))
+    met &= np.bincount(o.point, ~np.isfinite(left).all(axis=1), minlength=count) == 0
+    return np.where(met[:, None], X, np.nan)
 
 
 def ground_points(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
-    """Return the adjusted positions (G, 3) and covariances (G, 3, 3) of all ground points, control and check."""
+    """Return the adjusted positions (G, 3) and covariances (G, 3, 3) of all ground points, control and check, in the
+    world, m; NaN for check points with fewer than two marks, or whose marks do not meet."""
     points = problem.block.control_points
     ground = np.full((len(points), 3), np.nan)
     covariance = np.full((len(points), 3, 3), np.nan)

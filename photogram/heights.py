@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.aoi import AreaOfInterest
-from pyproj.crs import CompoundCRS
+from pyproj.crs import CompoundCRS, GeographicCRS
 from pyproj.datadir import get_user_data_dir
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import TransformerGroup
@@ -193,16 +193,28 @@ def _to_gnss(source: str) -> Transformer:
     return Transformer.from_crs(CRS.from_wkt(source), "EPSG:4326", always_xy=True)
 
 
+def geographic_crs(crs: CRS) -> CRS:
+    """Return the geographic CRS that a map grid is projected from, longitude and latitude in degrees.
+
+    Some count in grads (NTF (Paris), under Lambert zones of France): theirs comes back in degrees of the same datum and
+    prime meridian. Raises FrameError where there is no geodetic datum.
+    """
+    geodetic = crs.geodetic_crs
+    if geodetic is None or geodetic.datum is None:
+        raise FrameError(f"crs: {crs.name} has no geodetic datum")
+    plan = geodetic.to_2d()
+    if all(axis.unit_name == "degree" for axis in plan.axis_info):
+        return plan
+    return GeographicCRS(f"{plan.name} in degrees", geodetic.datum)
+
+
 def geoid_height_m(crs: CRS, geoid: Geoid, longitude_latitude_deg: FloatArray) -> FloatArray:
     """Return the height (N,) of a geoid above the ellipsoid of GNSS at longitudes and latitudes (N, 2) in the datum of
     ``crs``, bilinear in its grid; NaN outside the grid.
 
     Raises FrameError where PROJ does not know the geoid or lacks its grid; the message names the file.
     """
-    geodetic = crs.geodetic_crs
-    if geodetic is None:
-        raise FrameError(f"crs: {crs.name} has no geodetic datum")
-    source = geodetic.to_2d()
+    source = geographic_crs(crs)
     places = np.asarray(longitude_latitude_deg, dtype=np.float64).reshape(-1, 2)
     if not len(places):
         return np.zeros(0)

@@ -112,7 +112,8 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
             pixel, sigma = points.mark_pixel[marks], points.mark_sigma_px[marks]
             try:
                 camera = block.cameras[photograph.camera]
-                resection = resect(camera, position, pixel, sigma, expected_world_m=gnss)
+                sigma_m = points.sigma_m[points.mark_point[marks]]
+                resection = resect(camera, position, pixel, sigma, sigma_m=sigma_m, expected_world_m=gnss)
             except PhotogramError as fault:
                 faults.append(f"photograph {photograph.name}: {fault}")
         found.append(resection)
@@ -239,16 +240,14 @@ def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -
 def orient(block: Block, settings: OrientationSettings, progress: Progress = lambda *_: None) -> Orientation:
     """Find a starting pose for every photograph that can be joined to the block.
 
-    Raises OrientationError when control points contradict each other, when nothing can be oriented, or when nothing
-    places the block in the world.
+    Control points that contradict each other in every photograph are passed over where tie points orient the block: the
+    adjustment names the wrong ones. Raises OrientationError when they do and nothing else orients it, when nothing can
+    be oriented, or when nothing places the block in the world.
     """
     count = len(block.photographs)
     resections, faults = resections_of(block, any_camera=settings.method == "control")
-    if (
-        faults
-        and settings.method in ("auto", "control")
-        and len(faults) + sum(r is not None for r in resections) == count
-    ):
+    contradicted = bool(faults) and len(faults) + sum(r is not None for r in resections) == count
+    if contradicted and settings.method == "control":
         raise OrientationError("\n".join(faults))
     if settings.method != "control":
         resections = _confirmed(block, resections, settings)
@@ -263,12 +262,17 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         )
     components, method = _components(block, settings, progress)
     if not components:
+        if contradicted and settings.method == "auto":
+            raise OrientationError("\n".join(faults))
         raise OrientationError(
             f"no two of the {count} photographs can be oriented to each other: they need {settings.minimum_points} tie "
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )
     structure = components[0]
-    fit = georeference(structure, block)
+    try:
+        fit = georeference(structure, block)
+    except OrientationError as fault:
+        raise OrientationError("\n".join([str(fault), *faults])) from fault
     component = np.full(count, -1, dtype=np.int64)
     for number, other in enumerate(components):
         component[other.registered] = number

@@ -310,14 +310,17 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
     )
 
 
+_WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
+
+
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(("block", "flights", "held_flights", "reliability", "components", "deformation"))
+    parts = dict.fromkeys(("block", *_WORDS, "reliability", "components", "deformation"))
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
-    arrays["flights"] = np.array(result.flights, dtype=np.str_)
-    arrays["held_flights"] = np.array(result.held_flights, dtype=np.str_)
+    for name in _WORDS:
+        arrays[name] = np.array(getattr(result, name), dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
@@ -328,8 +331,8 @@ def adjustment_from(block: Block, folder: Path, accused: Sequence[Accusation] = 
     """Return the adjustment of a measured block from the arrays in ``folder``; what was ``accused`` took no part."""
     arrays = read_arrays(folder / "adjustment.npz")
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    for name in ("flights", "held_flights"):
-        values[name] = tuple(str(f) for f in values[name])
+    for name in _WORDS:
+        values[name] = tuple(str(word) for word in values[name])
     parameters = values.pop("camera_parameters")
     rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
     adjusted = replace(

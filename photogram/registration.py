@@ -1,4 +1,4 @@
-"""The part of a block that could be oriented, and the way back to all its photographs."""
+"""The part of a block that could be oriented, and the way back to all its photographs and marks."""
 
 from __future__ import annotations
 
@@ -82,5 +82,37 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             gnss_left_out_covariance_m2=_spread(known.gnss_left_out_covariance_m2, kept, count),
             attitude_left_out_rad=_spread(known.attitude_left_out_rad, kept, count),
             attitude_left_out_covariance_rad2=_spread(known.attitude_left_out_covariance_rad2, kept, count),
+        ),
+    )
+
+
+def without_marks(block: Block, kept: NDArray[np.bool_]) -> Block:
+    """Return the block with the marks ``kept`` (M,) alone."""
+    control = block.control_points
+    return replace(
+        block,
+        control_points=replace(
+            control,
+            mark_photograph=control.mark_photograph[kept],
+            mark_point=control.mark_point[kept],
+            mark_pixel=control.mark_pixel[kept],
+            mark_sigma_px=control.mark_sigma_px[kept],
+        ),
+    )
+
+
+def with_all_marks(adjustment: Adjustment, block: Block, kept: NDArray[np.bool_]) -> Adjustment:
+    """Return the adjustment of the marks ``kept`` (M,) as one of all marks of ``block``: NaN for the others."""
+    known, count = adjustment.reliability, len(kept)
+    return replace(
+        adjustment,
+        block=replace(adjustment.block, control_points=block.control_points),
+        mark_residual_px=_spread(adjustment.mark_residual_px, kept, count),
+        reliability=replace(
+            known,
+            mark_redundancy=_spread(known.mark_redundancy, kept, count),
+            mark_w=_spread(known.mark_w, kept, count),
+            mark_left_out_px=_spread(known.mark_left_out_px, kept, count),
+            mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, kept, count),
         ),
     )

@@ -2,13 +2,17 @@
 
 P3P gives up to four poses from three points (Grunert 1841; solver: Ding et al. 2023, in OpenCV); the fourth point
 chooses among them. With more than four points every triple, or a seeded sample of triples, is tried (RANSAC; Fischler
-& Bolles 1981) and the pose with the most agreeing marks wins. It is then refined on all agreeing marks by least
-squares.
+& Bolles 1981); the best poses are refined by least squares on the marks that agree with them, which are chosen anew
+until they stay the same (Chum et al. 2003), and the pose with the most agreeing marks wins. A mark is expected to be
+off by its own sigma and by that of its surveyed point, seen from the photograph. Where few marks agree so, their
+scatter is taken from the marks themselves (least median of squares, Rousseeuw 1984): stated sigmas are often too small.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -25,6 +29,10 @@ TRIPLES = 400
 REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only
 COLLINEAR = 0.02  # height of a triangle over its longest side
 CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
+AGREEING = 3.0  # sigmas, that a mark may be off
+CANDIDATES = 5  # minimal solutions that are refined on the marks that agree with them
+MAJORITY = 0.6  # of the marks, that must agree where they scatter more than stated
+SCATTER = 0.005  # of the width of the photograph, the most that they may scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +116,44 @@ def collinear(points_world_m: FloatArray) -> bool:
     return len(points_world_m) < 3 or bool(singular[1] < COLLINEAR * singular[0])
 
 
-def _misfit_px(camera: Camera, pose: Pose, points_world_m: FloatArray, pixel: FloatArray) -> FloatArray:
-    """Distance (N,) between projected points and their marks, infinite where a point is not seen."""
-    distance = np.linalg.norm(project(camera, pose, points_world_m) - pixel, axis=1)
-    return np.where(np.isfinite(distance), distance, np.inf)
+@dataclass(frozen=True, eq=False)
+class _Marks:
+    """The marks (N, 2) of a photograph with their sigmas (N,) in px, and their points in the world with the sigmas of
+    their survey (N, 3) in m; a mark agrees within ``tolerance_px`` or AGREEING sigmas, whichever is more."""
+
+    camera: Camera
+    points: FloatArray
+    pixel: FloatArray
+    sigma_px: FloatArray
+    sigma_m: FloatArray
+    tolerance_px: float
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def misfit_px(self, pose: Pose) -> FloatArray:
+        """Distance (N,) between projected points and their marks, infinite where a point is not seen."""
+        distance = np.linalg.norm(project(self.camera, pose, self.points) - self.pixel, axis=1)
+        return np.where(np.isfinite(distance), distance, np.inf)
+
+    def expected_px(self, pose: Pose) -> FloatArray:
+        """Sigmas (N,) of the marks, those of the surveyed points across their rays included."""
+        ray = self.points - pose.position_world_m
+        square = np.maximum(np.einsum("ni,ni->n", ray, ray), 1e-12)
+        variance = self.sigma_m**2
+        across = 0.5 * (variance.sum(axis=1) - np.einsum("ni,ni->n", ray**2, variance) / square)
+        return np.asarray(np.sqrt(self.sigma_px**2 + self.camera.focal_px**2 * across / square))
+
+    def agrees(self, pose: Pose, scale: float | None = None) -> NDArray[np.bool_]:
+        """Return which marks (N,) agree with a pose, or do where they scatter ``scale`` times as much as expected."""
+        if scale is not None:
+            return np.asarray(self.misfit_px(pose) < AGREEING * scale * self.expected_px(pose))
+        return np.asarray(self.misfit_px(pose) < np.maximum(self.tolerance_px, AGREEING * self.expected_px(pose)))
+
+    def refined(self, pose: Pose, chosen: NDArray[np.bool_]) -> Pose:
+        """Return the least-squares pose of the marks ``chosen`` (N,). Raises OrientationError as refine_pose."""
+        sigma_px = self.expected_px(pose)[chosen]
+        return refine_pose(self.camera, pose, self.points[chosen], self.pixel[chosen], sigma_px)
 
 
 def resect(
@@ -120,16 +162,19 @@ def resect(
     pixel: FloatArray,
     sigma_px: FloatArray,
     *,
+    sigma_m: FloatArray | None = None,
     expected_world_m: FloatArray | None = None,
     tolerance_px: float = 10.0,
     seed: int = 0,
 ) -> Resection:
     """Resect one photograph from at least three control points (N, 3) and their marks (N, 2) with sigmas (N,) in px.
 
-    Four points: P3P on the first three, chosen by the fourth, or on another three where those contradict it. More:
-    the triple with the most marks within ``tolerance_px``. Three: the pose nearest to ``expected_world_m`` (3,), the
-    GNSS position. Raises OrientationError when the points are too few, collinear, leave several poses, or contradict
-    each other.
+    ``sigma_m`` (N, 3) are the standard deviations of the points, none where it is not given. Four points: P3P on the
+    first three, chosen by the fourth, or on another three where those contradict it. More: the pose with the most marks
+    within ``tolerance_px``, or three sigmas of mark and point together; where these are fewer than MAJORITY, the pose
+    with the least median of squares, if a majority scatters by no more than SCATTER of the photograph's width. Three:
+    the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError when the points are too
+    few, collinear, leave several poses, or contradict each other.
     """
     count = len(pixel)
     if count < 3:
@@ -142,75 +187,162 @@ def resect(
         raise OrientationError(
             "3 control points leave up to four poses: mark a fourth point, or give the GNSS position"
         )
+    sigma_m = np.zeros((count, 3)) if sigma_m is None else sigma_m
+    marks = _Marks(camera, points_world_m, pixel, sigma_px, sigma_m, tolerance_px)
     first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed)
-    best = _chosen(camera, points_world_m, pixel, first, expected_world_m, tolerance_px)
-    if count == 4 and (best is None or best.rank[1] > CONTRADICTION * camera.width_px):
+    found = _solutions(marks, first, expected_world_m)
+    if count == 4 and (not found or min(c.misfit for c in found) > _contradiction_px(marks, found[0].pose)):
         # three points of a small or nearly flat triangle magnify the noise of their marks
-        best = _chosen(camera, points_world_m, pixel, _triples(count, seed), expected_world_m, tolerance_px)
-    if best is None:
+        found = _solutions(marks, _triples(count, seed), expected_world_m)
+    if not found:
         raise OrientationError(
             "no pose sees three of its control points where they are marked: check their coordinates and marks"
         )
-    return _resection(camera, points_world_m, pixel, sigma_px, best)
+    if count > 4:
+        return _of_most(marks, found)
+    return _of_few(marks, min(found, key=lambda choice: choice.misfit))
 
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """A minimal solution; the smallest ``rank`` wins."""
+    """A minimal solution: its triple of marks, how many ``solutions`` they allow, its pose, the misfit that chooses
+    among those of three or four points, and the errors (N,) of all marks in px."""
 
-    rank: tuple[float, float]
     triple: tuple[int, int, int]
     solutions: int
     pose: Pose
-    agrees: NDArray[np.bool_]
+    misfit: float
+    error_px: FloatArray
 
 
-def _chosen(
-    camera: Camera,
-    points: FloatArray,
-    pixel: FloatArray,
-    triples: list[tuple[int, int, int]],
-    expected_world_m: FloatArray | None,
-    tolerance_px: float,
-) -> _Choice | None:
-    """Return the pose of one of the triples that most marks agree with; None when no three points can be seen so."""
-    count = len(pixel)
-    best: _Choice | None = None
+def _solutions(
+    marks: _Marks, triples: list[tuple[int, int, int]], expected_world_m: FloatArray | None
+) -> list[_Choice]:
+    """Return the poses of all triples that do not lie in one line."""
+    found = []
     for triple in triples:
-        if _flatness(points[list(triple)]) < COLLINEAR:
+        if _flatness(marks.points[list(triple)]) < COLLINEAR:
             continue
-        poses = p3p_poses(camera, points[list(triple)], pixel[list(triple)])
+        poses = p3p_poses(marks.camera, marks.points[list(triple)], marks.pixel[list(triple)])
         for pose in poses:
-            error = _misfit_px(camera, pose, points, pixel)
-            agrees = error < tolerance_px if count > 4 else np.ones(count, dtype=bool)
-            misfit = float(error.max()) if count == 4 else float(np.sum(np.minimum(error, tolerance_px)))
-            if count == 3 and expected_world_m is not None:
+            error = marks.misfit_px(pose)
+            misfit = float(error.max())
+            if len(marks) == 3 and expected_world_m is not None:
                 misfit = float(np.linalg.norm(pose.position_world_m - expected_world_m))
-            rank = (-float(agrees.sum()), misfit)
-            if best is None or rank < best.rank:
-                best = _Choice(rank, triple, len(poses), pose, agrees)
-    return best
+            found.append(_Choice(triple, len(poses), pose, misfit, error))
+    return found
 
 
-def _resection(
-    camera: Camera, points: FloatArray, pixel: FloatArray, sigma_px: FloatArray, choice: _Choice
-) -> Resection:
-    triple, p3p, inliers = choice.triple, choice.pose, choice.agrees
-    if len(pixel) > 4 and inliers.sum() < 4:
-        raise OrientationError(
-            f"only {inliers.sum()} of its {len(pixel)} control points agree with any pose: "
-            "check their coordinates and marks"
-        )
-    others = [i for i in np.flatnonzero(inliers) if i not in triple]
-    error = _misfit_px(camera, p3p, points, pixel)
-    check_px = float(error[others].max()) if others else float("nan")
-    if check_px > CONTRADICTION * camera.width_px:
+def _contradiction_px(marks: _Marks, pose: Pose) -> float:
+    """Return the largest misfit of a fourth point that three others do not contradict."""
+    return CONTRADICTION * marks.camera.width_px + AGREEING * float(marks.expected_px(pose).max())
+
+
+def _of_few(marks: _Marks, choice: _Choice) -> Resection:
+    """Return the resection from three or four marks."""
+    others = [i for i in range(len(marks)) if i not in choice.triple]
+    check_px = float(choice.error_px[others].max()) if others else float("nan")
+    if check_px > _contradiction_px(marks, choice.pose):
         misses = f"misses the fourth by {check_px:.0f} px" if np.isfinite(check_px) else "does not see the fourth"
         raise OrientationError(
             f"its four control points contradict each other: the pose of three of them {misses}; check their "
             "coordinates and marks, and that no two are swapped"
         )
-    refined = refine_pose(camera, p3p, points[inliers], pixel[inliers], sigma_px[inliers]) if others else p3p
-    return Resection(
-        p3p, triple, choice.solutions, check_px, refined, inliers, project(camera, refined, points) - pixel
+    inliers = np.ones(len(marks), dtype=bool)
+    return _resection(marks, choice, marks.refined(choice.pose, inliers) if others else choice.pose, inliers)
+
+
+def _of_most(marks: _Marks, found: list[_Choice]) -> Resection:
+    """Return the resection that most marks agree with, of five or more.
+
+    Raises OrientationError where fewer than four agree with any pose.
+    """
+    agreeing = _settled(marks, found)
+    if agreeing is None or agreeing[2].sum() < MAJORITY * len(marks):
+        scattered = _scattered(marks, found)
+        agreeing = agreeing if scattered is None else scattered
+    if agreeing is None:
+        most = max(int(marks.agrees(choice.pose).sum()) for choice in found)
+        raise OrientationError(
+            f"only {most} of its {len(marks)} control points agree with any pose: check their coordinates and marks"
+        )
+    return _resection(marks, *agreeing)
+
+
+_Agreeing = tuple[_Choice, Pose, NDArray[np.bool_]]
+
+
+def _settled(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
+    """Return the minimal solution, refined on the marks that agree with it, that most agree with; None where four never
+    do."""
+
+    def rank(pose: Pose, error_px: FloatArray, agrees: NDArray[np.bool_]) -> tuple[int, float]:
+        limit = np.maximum(marks.tolerance_px, AGREEING * marks.expected_px(pose))
+        return -int(agrees.sum()), float(np.sum(np.minimum(error_px / limit, 1.0) ** 2))
+
+    ranked = sorted(
+        ((rank(c.pose, c.error_px, marks.agrees(c.pose)), i) for i, c in enumerate(found)), key=lambda pair: pair
     )
+    best: tuple[tuple[int, float], _Agreeing] | None = None
+    for _, i in ranked[:CANDIDATES]:
+        settled = _refined_on(marks, found[i].pose, marks.agrees(found[i].pose), marks.agrees)
+        if settled is not None:
+            of_all = rank(settled[0], marks.misfit_px(settled[0]), settled[1])
+            if best is None or of_all < best[0]:
+                best = of_all, (found[i], *settled)
+    return None if best is None else best[1]
+
+
+def _refined_on(
+    marks: _Marks, pose: Pose, chosen: NDArray[np.bool_], choose: Callable[[Pose], NDArray[np.bool_]]
+) -> tuple[Pose, NDArray[np.bool_]] | None:
+    """Refine a pose on the marks ``chosen`` (N,), choose them anew, and so on until they stay the same; None where
+    fewer than four are left, or they contradict each other."""
+    for _ in range(10):
+        if chosen.sum() < 4:
+            return None
+        try:
+            pose = marks.refined(pose, chosen)
+        except OrientationError:
+            return None
+        again = choose(pose)
+        if np.array_equal(again, chosen):
+            break
+        chosen = again
+    return pose, chosen
+
+
+def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
+    """Return the pose with the least median of squares, refined on the marks within AGREEING times the scatter of that
+    majority; None where the scatter is beyond what marks may have."""
+    least = max(5, int(np.ceil(MAJORITY * len(marks))))
+
+    def nearest(pose: Pose) -> NDArray[np.bool_]:
+        order = np.argsort(marks.misfit_px(pose) / marks.expected_px(pose), kind="stable")
+        return np.isin(np.arange(len(marks)), order[:least])
+
+    def largest(choice: _Choice) -> float:
+        return float(np.sort(choice.error_px / marks.expected_px(choice.pose))[least - 1])
+
+    best: tuple[float, _Agreeing] | None = None
+    for choice in sorted(found, key=largest)[:CANDIDATES]:
+        core = _refined_on(marks, choice.pose, nearest(choice.pose), nearest)
+        if core is None:
+            continue
+        pose, chosen = core
+        share = marks.misfit_px(pose)[chosen] / marks.expected_px(pose)[chosen]
+        scale = float(np.sqrt(np.sum(share**2) / (2 * least - 6)))
+        if not scale * np.median(marks.expected_px(pose)) < SCATTER * marks.camera.width_px:
+            continue
+        within = partial(marks.agrees, scale=scale)
+        settled = _refined_on(marks, pose, within(pose) | chosen, within)
+        if settled is not None and settled[1].sum() >= least and (best is None or scale < best[0]):
+            best = scale, (choice, *settled)
+    return None if best is None else best[1]
+
+
+def _resection(marks: _Marks, choice: _Choice, refined: Pose, inliers: NDArray[np.bool_]) -> Resection:
+    others = [i for i in np.flatnonzero(inliers) if i not in choice.triple]
+    check_px = float(choice.error_px[others].max()) if others else float("nan")
+    residual_px = project(marks.camera, refined, marks.points) - marks.pixel
+    return Resection(choice.pose, choice.triple, choice.solutions, check_px, refined, inliers, residual_px)

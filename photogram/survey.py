@@ -459,6 +459,8 @@ class Adjustment:
     Where no offset is estimated, ``held_flights`` are those with GNSS positions, ``implied_offset_world_m`` (F, 3) with
     its covariance the offsets that would be, NaN where nothing but the positions tells. ``left_arm_camera_m`` (3,) with
     its sigmas is the lever arm that the positions show beside the one that is counted, ``left_arm_p`` the p of none.
+    ``warnings`` say what is weak, or was left out by the adjustment; ``reason`` (N,) why it left a photograph out,
+    empty where it did not, or () where it left out none.
     """
 
     block: Block
@@ -492,3 +494,5 @@ class Adjustment:
     left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     left_arm_p: float = float("nan")
     deformation: Deformation = field(default_factory=Deformation.unknown)
+    warnings: tuple[str, ...] = ()
+    reason: tuple[str, ...] = ()

@@ -20,7 +20,16 @@ from photogram.factors.graph import (
     variable_size,
 )
 from photogram.factors.state import State
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key, kind_and_index
+from photogram.factors.variables import (
+    CALIBRATION,
+    CONTROL_POINT,
+    DATUM,
+    GNSS_OFFSET,
+    POSE,
+    TIE_POINT,
+    key,
+    kind_and_index,
+)
 from photogram.simulation import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
@@ -221,4 +230,4 @@ def test_a_block_without_any_datum_is_not_solved() -> None:
     with pytest.raises(IndeterminateError) as fault:
         covariances(adrift, replace(state, control=none, offset=none))
     assert fault.value.variable is not None
-    assert fault.value.variable[0] == POSE
+    assert fault.value.variable[0] == DATUM

@@ -15,9 +15,17 @@ SITES = {
     "EPSG:2056": (2683000.0, 1248000.0, 1900.0),
     "EPSG:31370": (150000.0, 170000.0, 60.0),
     "EPSG:32733": (262000.0, 6243000.0, 40.0),
+    "EPSG:27561": (1000000.0, 112400.0, 140.0),  # its geographic CRS counts grads from Paris
 }
 sites = pytest.mark.parametrize("crs", SITES)
 offsets = st.tuples(st.floats(-5000.0, 5000.0), st.floats(-5000.0, 5000.0), st.floats(-300.0, 3000.0))
+
+
+def units_per_degree(crs: str) -> float:
+    """How many of the units of its geographic CRS are a degree."""
+    geodetic = CRS(crs).geodetic_crs
+    assert geodetic is not None
+    return float(np.deg2rad(1.0) / geodetic.axis_info[0].unit_conversion_factor)
 
 
 def geocentric(crs: str, points_map_m: np.ndarray) -> np.ndarray:
@@ -26,6 +34,7 @@ def geocentric(crs: str, points_map_m: np.ndarray) -> np.ndarray:
     assert geodetic is not None
     assert geodetic.ellipsoid is not None
     lon, lat = Transformer.from_crs(crs, geodetic, always_xy=True).transform(points_map_m[:, 0], points_map_m[:, 1])
+    lon, lat = lon / units_per_degree(crs), lat / units_per_degree(crs)
     a, b = geodetic.ellipsoid.semi_major_metre, geodetic.ellipsoid.semi_minor_metre
     degrees = "+step +proj=unitconvert +xy_in=deg +xy_out=rad"
     cart = Transformer.from_pipeline(f"+proj=pipeline {degrees} +step +proj=cart +a={a} +b={b}")
@@ -68,7 +77,8 @@ def test_axes_at_the_origin_are_true_east_north_and_up(crs: str) -> None:
     step = 1e-6
     to_map = Transformer.from_crs(CRS(crs).geodetic_crs, crs, always_xy=True)
     for axis, moved in enumerate([(lon + step, lat, height), (lon, lat + step, height), (lon, lat, height + 1.0)]):
-        easting, northing = to_map.transform(moved[0], moved[1])
+        unit = units_per_degree(crs)
+        easting, northing = to_map.transform(unit * moved[0], unit * moved[1])
         world = frame.world_from_map(np.array([[easting, northing, moved[2]]]))[0]
         np.testing.assert_allclose(world / np.linalg.norm(world), np.eye(3)[axis], atol=1e-5)
 
@@ -77,7 +87,7 @@ def geodetic_from_map_datum(crs: str, point_map_m: np.ndarray) -> tuple[float, f
     lon, lat = Transformer.from_crs(crs, CRS(crs).geodetic_crs, always_xy=True).transform(
         point_map_m[0], point_map_m[1]
     )
-    return float(lon), float(lat), float(point_map_m[2])
+    return float(lon) / units_per_degree(crs), float(lat) / units_per_degree(crs), float(point_map_m[2])
 
 
 @sites
@@ -97,6 +107,20 @@ def test_the_scale_factor_and_the_height_explain_the_difference_between_map_and_
         low, high = sorted((1 + height / meridian, 1 + height / vertical))
         scale = frame.grid_scale(np.array(SITES[crs]))
         assert scale / high - 1e-8 < ratio < scale / low + 1e-8
+
+
+def test_a_map_whose_geographic_crs_counts_grads_is_as_its_twin_in_degrees() -> None:
+    """NTF (Paris) / Lambert Nord France is Lambert I of the same datum, whose PROJ string counts degrees."""
+    twin = (
+        "+proj=lcc +lat_1=49.5 +lat_0=49.5 +lon_0=0 +k_0=0.999877341 +x_0=600000 +y_0=200000 +a=6378249.2 "
+        "+b=6356515 +pm=paris +units=m"
+    )
+    place = np.array([600000.0, 200000.0, 100.0])
+    points = place + np.random.default_rng(0).uniform(-2000.0, 2000.0, (20, 3))
+    worlds = [LocalFrame(crs, (600000.0, 200000.0, 100.0)).world_from_map(points) for crs in ("EPSG:27561", twin)]
+    np.testing.assert_allclose(worlds[0], worlds[1], rtol=0, atol=1e-5)
+    # a metre of this map, hardly reduced, is a metre on the ground: not 0.9 or 1.1 of one
+    np.testing.assert_allclose(distances(worlds[0]), distances(points), rtol=5e-4)
 
 
 def test_the_scale_of_utm_is_known_at_its_central_meridian() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pytest
 from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, sigma0_and_redundancy, start_state
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import Problem
-from photogram.factors.levenberg_marquardt import remaining
+from photogram.factors.levenberg_marquardt import Trial, remaining
+from photogram.factors.levenberg_marquardt import minimise as levenberg_marquardt
 from photogram.factors.state import State
 from photogram.simulation import SurveyPlan, simulate_block, whole_survey_plan
 
@@ -131,3 +133,33 @@ def test_ladybug_of_bundle_adjustment_in_the_large() -> None:
     assert found.converged
     assert bal["half_squares"](observations, found) == pytest.approx(13_344.24, abs=0.5)
     assert found.cost == pytest.approx(bal["half_squares"](observations, found), rel=1e-9)
+
+
+@pytest.mark.parametrize("lost", [-5.0, np.nan])
+def test_a_step_to_a_focal_length_that_cannot_be_is_refused(lost: float) -> None:
+    """An undamped step leads to a smaller cost with a negative focal length, or out of the numbers."""
+    start = state_of(100.0)
+
+    class Slope:
+        def cost(self, state: State) -> float:
+            return float((state.parameters[0, 0] - 20.0) ** 2)
+
+        def linearise(self, state: State, near: bool) -> Callable[[float], Trial]:  # noqa: ARG002
+            f = state.parameters[0, 0]
+
+            def step(damping: float) -> Trial:
+                moved = state_of(lost if damping < 1e-3 else f + (20.0 - f) / (1.0 + damping))
+                return Trial(moved, -1.0 if damping < 1e-3 else self.cost(moved), self.cost(state))
+
+            return step
+
+    found = levenberg_marquardt(Slope(), start, 50, 1e-9)
+    assert found.state.parameters[0, 0] == pytest.approx(20.0, abs=1.0)
+
+
+def state_of(focal_px: float) -> State:
+    """One camera and nothing else."""
+    none = np.zeros((0, 3))
+    parameters = np.zeros((1, 11))
+    parameters[0, 0] = focal_px
+    return State(np.zeros((0, 3, 3)), none, parameters, none, none, none)

@@ -276,6 +276,28 @@ def test_one_photograph_with_contradicting_control_does_not_stop_a_block_that_ne
     assert_true(oriented, block, 1.5, 1.0)
 
 
+def test_control_that_contradicts_in_every_photograph_does_not_stop_a_block_with_tie_points() -> None:
+    """All marks of every photograph stand at each other's places: GNSS places what the tie points orient."""
+    plan = SurveyPlan(
+        strips=2, photographs_per_strip=4, control_points=14, check_points=0, control_marks_per_photograph=4,
+        calibration_sigmas=(0.0,) * 8,
+    )  # fmt: skip
+    block = simulated(1, plan)
+    control = block.block.control_points
+    pixel = control.mark_pixel.copy()
+    for photograph in range(8):
+        mine = np.flatnonzero(control.mark_photograph == photograph)
+        pixel[mine] = np.roll(pixel[mine], 1, axis=0)
+    wrong = replace(bare(block, no_attitude), control_points=replace(control, mark_pixel=pixel))
+    assert len(resections_of(wrong)[1]) == 8
+    with pytest.raises(OrientationError, match="agree with any pose"):
+        orient(wrong, BY_CONTROL)
+    oriented = orient(wrong, AUTO)
+    assert oriented.method == "growth"
+    assert oriented.registered.all()
+    assert_true(oriented, block, 4.0, 4.0)
+
+
 def test_a_resection_far_away_is_not_believed() -> None:
     """Three marks and a position allow a pose 40 m off, of which only the tie points show that it is wrong."""
     plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=14)

@@ -118,6 +118,42 @@ def test_two_wrong_points_of_eight_are_found_and_left_out(seed: int) -> None:
     assert not set(found.points) & set(wrong.tolist())
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_survey_sigmas_count_in_the_picture(seed: int) -> None:
+    """Half a metre is some 30 px here: points surveyed to that agree, a mark on another target does not."""
+    points, pixel = ground(8, seed)
+    moved = points + np.random.default_rng(seed).normal(0.0, 0.5, points.shape)
+    pixel[5] += [900.0, 700.0] * np.sign([2741.0, 1837.0] - pixel[5])
+    found = resect(CAMERA, moved, pixel, np.full(8, 0.5), sigma_m=np.full((8, 3), 0.5))
+    assert found.inliers.tolist() == [True] * 5 + [False] + [True] * 2
+    assert np.linalg.norm(found.refined.position_world_m - POSE.position_world_m) < 6.0
+
+
+def test_the_survey_sigma_of_a_point_is_taken_across_its_ray() -> None:
+    """Heights known to 5 m only excuse a horizontal error of 2 m no more than they must."""
+    points, pixel = ground(8, 1)
+    sigma_m = np.tile([0.01, 0.01, 5.0], (8, 1))
+    below = resect(CAMERA, points, pixel, np.full(8, 0.5), sigma_m=sigma_m)
+    assert_same(below.refined, POSE)
+    wrong = points.copy()
+    wrong[3] += [2.0, 1.0, 0.0]
+    exact = resect(CAMERA, wrong, pixel, np.full(8, 0.5), sigma_m=np.full((8, 3), 0.01))
+    assert np.flatnonzero(~exact.inliers).tolist() == [3]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_marks_that_scatter_more_than_stated_are_resected_by_their_own_scatter(seed: int) -> None:
+    """Marks of 8 px for which 0.5 px are stated, and one on another target: no four of ten need lie within 10 px."""
+    points, pixel = ground(10, seed)
+    rng = np.random.default_rng([seed, 1])
+    pixel = pixel + 8.0 * rng.standard_normal(pixel.shape)
+    pixel[6] += [500.0, 300.0] * np.sign([2741.0, 1837.0] - pixel[6])
+    found = resect(CAMERA, points, pixel, np.full(10, 0.5))
+    assert not found.inliers[6]
+    assert found.inliers.sum() >= 6
+    assert np.linalg.norm(found.refined.position_world_m - POSE.position_world_m) < 1.5
+
+
 def test_points_in_any_order_give_the_same_pose() -> None:
     points, pixel = ground(8, 2)
     pixel = pixel + np.random.default_rng(0).standard_normal(pixel.shape)

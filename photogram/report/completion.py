@@ -139,7 +139,7 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     add("tie points", adjustment["discarded_tie_points"], "fewer than two observations were left of them")
     for point in report["control_points"]:
         if point.get("adjusted_map_m") is None:
-            add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs")
+            add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs that meet")
     for entry in (report.get("gnss") or {}).get("not_used") or []:
         add(f"GNSS position of {entry.get('photograph')}", 1, str(entry.get("reason")))
     for key, what, reason in (

@@ -105,7 +105,8 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
         entry: Json = {"camera": block.cameras[photograph.camera].name, "registered": pose is not None}
         numbers[photograph.name] = entry
         if pose is None:
-            entry.update(reason=orientation.reason[i] or NOT_ADJUSTED, tie_points=0, gnss_residual_m=None)
+            left_out = result.reason[i] if result.reason else ""
+            entry.update(reason=orientation.reason[i] or left_out or NOT_ADJUSTED, tie_points=0, gnss_residual_m=None)
             continue
         entry.update(reason=None, **_exterior(result, i, pose), tie_points=int(rays[i]))
         entry["gsd_m"] = float(gsd_m[i])
