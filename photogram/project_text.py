@@ -45,9 +45,17 @@ def _comment(text: str, indent: int = 0) -> list[str]:
     return textwrap.wrap(text, _WIDTH, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
 
 
+def _flow(key: str, entries: Sequence[str]) -> list[str]:
+    """Return a mapping in YAML's flow style after its indented ``key``, on as many lines as it needs."""
+    lines = textwrap.wrap(
+        ", ".join(entries), _WIDTH, initial_indent=f"{key}: {{", subsequent_indent=" " * (len(key) + 3)
+    )
+    return [*lines[:-1], f"{lines[-1]}}}"]
+
+
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
     stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
-    figures = ", ".join(f"{name}: {sigma:.3g}" for name, sigma in stated)
+    figures = [f"{name}: {sigma:.3g}" for name, sigma in stated]
     readings = [f"    focal_readings_px: {_numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
     return [
         *_comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
@@ -61,7 +69,7 @@ def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
         f"    tangential: {_numbers(camera.tangential, '.9g')} # p1, p2",
         f"    source: {_scalar(camera.source)}",
         "    calibration: auto # what the geometry of the photographs can tell is estimated, the rest is held",
-        f"    sigmas: {{{figures}}}",
+        *_flow("    sigmas", figures),
     ]
 
 
