@@ -24,7 +24,7 @@ from photogram.survey import Block, FloatArray, IntArray
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
 WEAK_SCALE = 0.01
-WEAK_FOCAL = 0.05  # of the focal length
+WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
 MOST_NAMED = 5  # photographs, in sentences of their own
 STEEP = 0.9  # upward part of an axis that is called vertical
 FLAT = 0.3  # of one that is called level
@@ -229,11 +229,23 @@ def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
             f"of control points: its attitude is known to {np.rad2deg(attitude[i]):.1f}°, its position to "
             f"{position[i]:.3g} m (1 sigma); more overlap or marks would hold it"
         )
-    for c, camera in enumerate(block.cameras):
-        sigma = float(np.sqrt(found.calibration(c)[0, 0]))
-        if sigma > WEAK_FOCAL * camera.focal_px:
-            sentences.append(
-                f"The focal length of {camera.name} is known to {sigma:.3g} px only ({sigma / camera.focal_px:.0%}, "
-                "1 sigma): a prior sigma, or control points at different distances, would hold it"
-            )
+    return sentences + _weak_cameras(problem, found)
+
+
+def _weak_cameras(problem: Problem, found: Covariances) -> list[str]:
+    """Return what is weak of focal lengths and principal points."""
+    sentences = []
+    for c, camera in enumerate(problem.block.cameras):
+        sigma = np.sqrt(np.diag(found.calibration(c)))
+        for k, name, size, of in (
+            (0, "focal length", camera.focal_px, ""),
+            (1, "principal point in x", float(camera.width_px), " of the width"),
+            (2, "principal point in y", float(camera.height_px), " of the height"),
+        ):
+            if sigma[k] > WEAK_CAMERA * size:
+                sentences.append(
+                    f"The {name} of {camera.name} is known to {sigma[k]:.3g} px only, {sigma[k] / size:.0%}{of} (1 "
+                    "sigma): a prior sigma, control points at different distances, or photographs turned against each "
+                    "other would hold it"
+                )
     return sentences

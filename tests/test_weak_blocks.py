@@ -11,11 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
-from photogram.camera import project
-from photogram.determinacy import UnheldError, check_in_front, control_marks
+from photogram.camera import Pose, project
+from photogram.determinacy import WEAK_CAMERA, UnheldError, check_in_front, control_marks
 from photogram.errors import AdjustmentError
 from photogram.factors.graph import Problem
 from photogram.factors.state import State
+from photogram.records import adjustment_arrays
 from photogram.registration import with_all_marks, without_marks
 from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, IntArray
@@ -117,6 +118,55 @@ def test_positions_of_a_metre_nearly_in_one_line_are_a_weak_datum_with_its_sigma
         if q is not None
     ]
     assert np.max(turns) < 4.0 * stated
+
+
+@pytest.mark.parametrize("marked", [False, True])
+def test_a_photograph_that_starts_upside_down_is_left_out(marked: bool) -> None:
+    """Its tie points agree with nothing; marks of its own lie behind it and pull at nothing."""
+    block = simulated(0).block
+    poses = list(block.poses)
+    assert poses[1] is not None
+    over = poses[1].rotation_world_from_camera @ np.diag([1.0, -1.0, -1.0])
+    poses[1] = Pose(over, poses[1].position_world_m)
+    every = block.tie_points.point
+    wrong = replace(thinned(block, 1, every, control=marked), poses=tuple(poses))
+    assert np.count_nonzero(wrong.control_points.mark_photograph == 1) >= (3 if marked else 0)
+    result = adjust(wrong, SETTINGS)
+    assert [pose is None for pose in result.block.poses] == [False, True, False, False, False, False]
+    assert ("not held by control points" if marked else "0 image points take part") in result.reason[1]
+    assert np.isnan(result.mark_residual_px[wrong.control_points.mark_photograph == 1]).all()
+    kept = adjusted(0)
+    error = [
+        np.abs(p.position_world_m - q.position_world_m).max()
+        for p, q in zip(result.block.poses, kept.block.poses, strict=True)
+        if p is not None and q is not None
+    ]
+    assert max(error) < 0.2
+
+
+def test_a_focal_length_that_nothing_tells_is_named_with_its_sigma() -> None:
+    """Level ground and photographs that look straight down: few tie points and loose control hardly tell it."""
+    plan = replace(PLAN, relief_m=0.0, calibration_sigmas=(np.inf, 3.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    block = simulate_block(plan, 1, tie_points=60).block
+    photographs = tuple(
+        replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for p in block.photographs
+    )
+    points = block.control_points
+    loose = replace(points, sigma_m=np.full_like(points.sigma_m, 2.0))
+    result = adjust(replace(block, photographs=photographs, control_points=loose), SETTINGS)
+    sigma = np.sqrt(result.calibration_covariance[0, 0, 0])
+    assert sigma > WEAK_CAMERA * block.cameras[0].focal_px
+    named = [w for w in result.warnings if w.startswith(f"The focal length of {block.cameras[0].name} is known to")]
+    assert len(named) == 1
+    assert f"{sigma:.3g} px only" in named[0]
+
+
+def test_what_is_said_comes_back_from_the_workspace() -> None:
+    result = replace(adjusted(0), warnings=("One.", "Two, after it: ä."), reason=("", "left out", "", "", "", ""))
+    arrays = adjustment_arrays(result)
+    for name in ("warnings", "reason"):
+        assert tuple(str(word) for word in arrays[name]) == getattr(result, name)
 
 
 def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() -> None:
