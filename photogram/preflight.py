@@ -179,6 +179,7 @@ def check_survey(
     tags = [header.tags for header in headers]
     needs = machine_needs(project, tags, workers)
     findings = [
+        *project.warnings,
         *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
         *survey_findings(project, tags),
         *machine_findings(project, needs, free_disk_bytes, memory),
