@@ -14,6 +14,7 @@ from photogram.errors import FrameError, ImageError
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, some, things
 from photogram.frames import LocalFrame, map_from_geodetic, map_heights
+from photogram.frozen_positions import frozen_positions
 from photogram.measured_positions import FROM_TAGS, sigmas_of, source_of
 from photogram.project import Project, ProjectPhotograph
 from photogram.project_checks import AreaOfUse
@@ -64,7 +65,20 @@ class MeasuredSurvey:
         return np.asarray(np.isfinite(self.gnss_map_m).all(axis=1))
 
 
+def frozen_photographs(tags: Sequence[PhotographTags | None], stated_map_m: FloatArray) -> BoolArray:
+    """Return which of the positions (F, 3) of a receiver that has stopped are not measured ones."""
+    return frozen_positions(stated_map_m, [None if t is None else t.time for t in tags])
+
+
 def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
+    """Return the measured GNSS position (F, 3) of each photograph in the map, NaN where there is none, or where the
+    receiver has stopped. Raises FrameError where the tags' lie outside the CRS."""
+    position = stated_positions(project, tags)
+    position[frozen_photographs(tags, position)] = np.nan
+    return position
+
+
+def stated_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
     """Return the GNSS position (F, 3) of each photograph in the map, the project's before those of files before its
     tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
     nothing = (np.nan,) * 3
@@ -230,14 +244,34 @@ def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
     ]
 
 
+def frozen_findings(
+    project: Project, tags: Sequence[PhotographTags | None], survey: MeasuredSurvey | None
+) -> list[Finding]:
+    """Return the photographs whose positions repeat each other; a fault where too little else places the block."""
+    frozen = np.flatnonzero(frozen_photographs(tags, stated_positions(project, tags)))
+    if not len(frozen):
+        return []
+    placed = survey is not None and max(survey.positioned.sum(), _placing(survey).sum()) >= 3
+    text = f"{len(frozen)} photographs taken at different times have the same GNSS position: it is not used"
+    remedy = "the receiver had stopped: give positions of the flight under photographs.positions, or control points"
+    names = some([project.photographs[i].name for i in frozen])
+    return [Finding("warning" if placed else "fault", names, text, remedy)]
+
+
 # ---- number and arrangement of control -----------------------------------------------------------------------------
+
+
+def _placing(survey: MeasuredSurvey) -> BoolArray:
+    """Return which points (P,) place the block: control in all axes, with a mark."""
+    points = survey.control
+    marks = np.bincount(points.mark_point, minlength=len(points))
+    return points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
 
 
 def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
     """Return whether control points and GNSS positions together can hold the block."""
     points, positions = survey.control, int(survey.positioned.sum())
-    marks = np.bincount(survey.control.mark_point, minlength=len(points))
-    control = points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
+    control = _placing(survey)
     count = int(control.sum())
     remedy = "mark at least three control points, not in one line, or give photographs with GNSS tags"
     if positions < 3 and count < 3:
@@ -415,9 +449,11 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         if findings:
             return findings
         text = "neither control points nor GNSS positions: nothing says where the survey is"
-        return [Finding("fault", "the block", text, "give control_points, or photographs with GNSS tags")]
+        remedy = "give control_points, or photographs with GNSS tags"
+        return [*frozen_findings(project, tags, None), Finding("fault", "the block", text, remedy)]
     return [
         *findings,
+        *frozen_findings(project, tags, survey),
         *site_findings(project, survey),
         *control_distance_findings(survey),
         *arrangement_findings(survey),

@@ -329,7 +329,7 @@ def _marks_in_photographs(
     taking_part = set(names)
     kept = [[mark for mark in own if mark.photograph in taking_part] for own in marks]
     nothing_left = not any(kept) and not marks_listed
-    for source, own, rest in zip(sources, marks, kept, strict=True):
+    for source, own in zip(sources, marks, strict=True):
         missing = [mark for mark in own if mark.photograph not in taking_part]
         if not missing:
             continue

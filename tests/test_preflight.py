@@ -205,6 +205,12 @@ def on_all(*changes: Callable[[Survey], Survey]) -> Callable[[Survey], Survey]:
     return change
 
 
+def frozen(survey: Survey) -> Survey:
+    tag = survey[1][0]
+    assert tag is not None
+    return with_tags(survey, longitude_deg=tag.longitude_deg, latitude_deg=tag.latitude_deg, height_m=tag.height_m)
+
+
 def with_crs(crs: str) -> Callable[[Survey], Survey]:
     return lambda survey: (replace(survey[0], crs=crs, control_points=()), survey[1])
 
@@ -238,6 +244,36 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "no standard deviation": (
         lambda s: with_tags(s, gnss_sigma_m=None),
         [("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 GNSS positions without a standard dev")],
+    ),
+    "two lenses": (
+        on_all(
+            *(tag_changed(i, lens="DL 35mm", lens_serial="2") for i in range(4)),
+            *(tag_changed(i, lens="DL 24mm", lens_serial="1") for i in range(4, 12)),
+        ),
+        [
+            (
+                "warning",
+                "camera p4",
+                "its photographs were taken with different lenses: DL 24mm no. 1 (8), DL 35mm no. 2 (4)",
+            )
+        ],
+    ),
+    "XMP that is not XML": (
+        on_all(*(tag_changed(i, damage=("the XMP tags are not valid XML (x), only EXIF is used",)) for i in (3, 5))),
+        [("warning", "03.JPG, 05.JPG", "the XMP tags are not valid XML (x), only EXIF is used")],
+    ),
+    "a frozen receiver": (
+        frozen,
+        [
+            ("warning", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+        ],
+    ),
+    "a frozen receiver and no control": (
+        on_all(keep_points([]), frozen),
+        [
+            ("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+            ("fault", "the block", "neither control points nor GNSS positions: nothing says where the survey is"),
+        ],
     ),
     "some without GNSS": (
         tag_changed(3, longitude_deg=None, latitude_deg=None),
@@ -414,8 +450,8 @@ def test_twins_disk_and_memory() -> None:
     survey = a_survey()
     findings = found(survey, twins=[(0, 3)], free_disk_bytes=10**6, memory=10**8)
     assert [(f.severity, f.where) for f in findings[:-1]] == [
-        ("fault", "00.JPG, 03.JPG"),
         ("fault", "disk"),
+        ("warning", "00.JPG, 03.JPG"),
         ("warning", "memory"),
     ]
     assert found(survey, free_disk_bytes=10**12, memory=10**12)[0].severity == "note"
@@ -476,7 +512,7 @@ def test_command_says_ready(survey: Path, photogram: Run, monkeypatch: pytest.Mo
     outcome = photogram("check", survey / "project.yaml")
     assert outcome.code == 0, outcome.out
     assert outcome.err == ""
-    assert flat(outcome.out.strip().splitlines()[-1]).startswith("Ready: 0 faults")
+    assert flat(outcome.out.strip().splitlines()[-1]).startswith("Ready: 0 errors")
     assert "4 photographs, 1 camera, 4 with GNSS" in flat(outcome.out)
     assert not (survey / "work").exists()
 
@@ -499,7 +535,7 @@ def test_command_says_everything_at_once(
     assert "project.yaml:" in outcome.out
     assert "'EPSG:99999' is no coordinate reference system" in flat(outcome.out)
     assert "the same photograph twice" in outcome.out
-    assert outcome.out.strip().splitlines()[-1].startswith("Not ready: 3 faults")
+    assert outcome.out.strip().splitlines()[-1].startswith("Not ready: 2 errors, 1 warning")
 
 
 def test_command_without_a_project_file(tmp_path: Path, photogram: Run) -> None:

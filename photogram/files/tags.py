@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -82,8 +82,8 @@ class PhotographTags:
     camera's clock, with a zone only where the tags give one. ``height_is_ellipsoidal``: above the ellipsoid, or else
     near sea level, often from a barometer. ``gnss_sigma_m`` is east, north, up, ``gnss_horizontal_error_m`` EXIF's
     positioning error. ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in
-    camera.rotation_from_gimbal, whatever the maker's own convention is. ``damage`` says in words which tags could not be
-    read, empty where all could.
+    camera.rotation_from_gimbal, whatever the maker's own convention is. ``damage`` says in words which tags could not
+    be read, empty where all could.
     """
 
     make: str | None = None
@@ -117,6 +117,16 @@ class PhotographTags:
     flight_roll_deg: float | None = None
     dewarp: Dewarp | None = None
     damage: tuple[str, ...] = ()
+
+
+def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str, list[str]]]:
+    """Return each kind of damage, in the words of the first photograph that has it, and the names of all that have it;
+    ``damaged`` are the names of photographs and the ``damage`` of their tags."""
+    kinds: dict[str, tuple[str, list[str]]] = {}
+    for name, texts in damaged:
+        for text in texts:
+            kinds.setdefault(text.split(" (")[0], (text, []))[1].append(name)
+    return list(kinds.values())
 
 
 # ---- EXIF ----------------------------------------------------------------------------------------------------------
@@ -233,7 +243,8 @@ def _exif(picture: Image.Image) -> tuple[_Tags, _Tags, _Tags, tuple[str, ...]]:
         if isinstance(packet, bytes):  # once more: opening the picture may have read it, and said what is damaged
             whole = Image.Exif()
             whole.load(packet)
-        main, exif, gps = (dict(part) for part in (whole, *map(whole.get_ifd, (ExifTags.IFD.Exif, ExifTags.IFD.GPSInfo))))
+        main = dict(whole)  # tags are decoded when asked for
+        exif, gps = dict(whole.get_ifd(ExifTags.IFD.Exif)), dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
     texts = dict.fromkeys(" ".join(str(warning.message).split()).rstrip(". ") for warning in recorded)
     return main, exif, gps, tuple(f"the EXIF tags are damaged ({text})" for text in texts)
 
