@@ -404,7 +404,8 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     judged = np.isfinite(angle)
     wrong = np.zeros(len(angle), dtype=bool)
     wrong[judged] = angle[judged] > limit[judged]
-    if wrong.sum() >= 4 and wrong.sum() * 2 > judged.sum():
+    several = min(len(np.unique(points.mark_point[wrong])), len(np.unique(points.mark_photograph[wrong]))) >= 3
+    if wrong.sum() >= 4 and wrong.sum() * (3 if several else 2) > judged.sum():
         text = (
             f"{int(wrong.sum())} of {int(judged.sum())} point elsewhere than GNSS positions and attitudes say, by "
             f"{np.median(angle[wrong]):.0f}° in the middle"

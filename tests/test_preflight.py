@@ -353,6 +353,38 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
             ),
         ],
     ),
+    "marks of half-size pictures": (
+        lambda s: with_points(s, lambda p: replace(p, mark_pixel=(p.mark_pixel + 0.5) / 2 - 0.5)),
+        [
+            (
+                "warning",
+                "marks",
+                "the marks of the control points agree with the GNSS positions only with marks measured in pictures of "
+                "about 2000 × 1500 px, the photographs have 4000 × 3000 px",
+            ),
+            (
+                "warning",
+                "marks",
+                "the marks of the check points agree with the GNSS positions only with marks measured",
+            ),
+            ("warning", "marks", "17 of 37 point elsewhere than GNSS positions and attitudes say, by 3"),
+        ],
+    ),
+    "a focal length 13 % too long": (
+        lambda s: (replace(s[0], cameras=(replace(CAMERA, focal_px=1.13 * CAMERA.focal_px),)), s[1]),
+        [
+            (
+                "warning",
+                "marks",
+                "the marks of the control points agree with the GNSS positions only with a focal length",
+            ),
+            (
+                "warning",
+                "marks",
+                "the marks of the check points agree with the GNSS positions only with a focal length",
+            ),
+        ],
+    ),
     "two control points, no GNSS": (
         on_all(keep_points(["G0", "G2", "G5"]), without_gnss),
         [
