@@ -16,6 +16,7 @@ from photogram.findings import Finding, some, things
 from photogram.frames import LocalFrame, map_from_geodetic, map_heights
 from photogram.frozen_positions import frozen_positions
 from photogram.measured_positions import FROM_TAGS, sigmas_of, source_of
+from photogram.misplaced import other_reading
 from photogram.project import Project, ProjectPhotograph
 from photogram.project_checks import AreaOfUse
 from photogram.similarity import straight
@@ -127,7 +128,7 @@ def measured_survey(
     """Return what is known of the survey's geometry, None where nothing says where it is. Raises FrameError as
     LocalFrame does."""
     known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
-    control_map_m = np.array([p.position_map_m for p in project.control_points]).reshape(-1, 3)
+    control_map_m = _control_map_m(project)
     places = np.vstack([gnss_map_m[known], control_map_m])
     if not len(places):
         return None
@@ -180,9 +181,17 @@ def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
     easting, northing, _ = gnss_map_m[foreign[0]]
     text = f"{len(foreign)} of {len(known)} GNSS positions are outside {area}: found {easting:.0f}, {northing:.0f}"
     if len(foreign) == len(known):
-        return [Finding("fault", "crs", text, "give the CRS of the site")]
+        reading = other_reading(project.crs, gnss_map_m[known], _control_map_m(project))
+        if reading is None:
+            return [Finding("fault", "crs", text, "give the CRS of the site")]
+        text += f"; {reading[0]} they would lie among the control points"
+        return [Finding("fault", "GNSS positions", text, reading[1])]
     names = some([project.photographs[i].name for i in foreign])
     return [Finding("fault", names, text, "leave these photographs out, or correct their positions")]
+
+
+def _control_map_m(project: Project) -> FloatArray:
+    return np.array([p.position_map_m for p in project.control_points]).reshape(-1, 3)
 
 
 def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
@@ -221,8 +230,8 @@ def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     return findings
 
 
-def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
-    """Return the ground points that lie far from every photograph, in plan."""
+def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
+    """Return the ground points that lie far from every photograph, in plan, and what would put them among them."""
     known, points = survey.positioned, survey.control
     if not known.any() or not len(points):
         return []
@@ -230,9 +239,7 @@ def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
     footprint_m = np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
     limit_m = np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
     if distance_m.min() > max(FOREIGN_M, float(limit_m.min())):
-        where = "control_points"
-        text = f"the nearest of them is {distance_m.min() / 1000:.1f} km from the nearest GNSS position of a photograph"
-        return [Finding("fault", where, text, "check crs, the points' own CRS, and that both are of one site")]
+        return [_foreign_control(project, survey.gnss_map_m[known])]
     return [
         Finding(
             "warning",
@@ -242,6 +249,20 @@ def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
         )
         for i in np.flatnonzero(distance_m > limit_m)
     ]
+
+
+def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
+    """Return the finding for ground points that all lie far from all GNSS positions (F, 3)."""
+    control_map_m = _control_map_m(project)
+    distance_m = float(np.min(cKDTree(gnss_map_m[:, :2]).query(control_map_m[:, :2])[0]))
+    text = f"they lie {distance_m / 1000:.3g} km or more from the GNSS positions of the photographs"
+    for points, others, who in ((control_map_m, gnss_map_m, ""), (gnss_map_m, control_map_m, "the GNSS positions: ")):
+        reading = other_reading(project.crs, points, others)
+        if reading is not None:
+            lie = "the control points" if who else "them"
+            text += f"; {who or ''}{reading[0]} they would lie among {lie}"
+            return Finding("fault", "control_points", text, reading[1])
+    return Finding("fault", "control_points", text, "check crs, the points' own CRS, and that both are of one site")
 
 
 def frozen_findings(
@@ -452,13 +473,14 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         text = "neither control points nor GNSS positions: nothing says where the survey is"
         remedy = "give control_points, or photographs with GNSS tags"
         return [*frozen_findings(project, tags, None), Finding("fault", "the block", text, remedy)]
-    return [
-        *findings,
+    distance = control_distance_findings(project, survey)
+    findings += [
         *frozen_findings(project, tags, survey),
         *site_findings(project, survey),
-        *control_distance_findings(survey),
+        *distance,
         *arrangement_findings(survey),
-        *height_findings(project, survey),
-        *view_findings(project, survey),
         *mark_findings(survey),
     ]
+    if any(finding.severity == "fault" for finding in distance):
+        return findings  # heights and directions to points of another place mean nothing
+    return [*findings, *height_findings(project, survey), *view_findings(project, survey)]

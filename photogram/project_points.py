@@ -56,7 +56,7 @@ class GroundPoint:
 @dataclass(frozen=True, eq=False)
 class _Source:
     """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown,
-    ``heights`` the system that its heights were given in."""
+    ``heights`` the system that its heights were given in, ``columns`` what the first two figures of a point are."""
 
     key: Key
     entry: ControlFileEntry
@@ -65,6 +65,7 @@ class _Source:
     position_map_m: FloatArray | None
     turned_map_m: FloatArray | None
     heights: HeightSystem | None
+    columns: tuple[str, str]
 
     @property
     def marks_path(self) -> str:
@@ -133,7 +134,8 @@ def _source(
     position, turned, given = None, None, None
     if crs is not None:
         position, turned, given = _positions(document, file, key, entry, points, crs, heights)
-    return _Source(key, entry, points, marks or (), position, turned, given)
+    columns = ("easting", "northing") if crs is None or _is_grid(crs) else ("longitude", "latitude")
+    return _Source(key, entry, points, marks or (), position, turned, given, columns)
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -196,7 +198,7 @@ def _located(source: _Source) -> list[Located]:
     if source.position_map_m is None or source.turned_map_m is None:
         return []
     return [
-        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned)
+        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned, source.columns)
         for point, position, turned in zip(
             source.points.points, source.position_map_m, source.turned_map_m, strict=True
         )

@@ -306,8 +306,7 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "control of another place": (
         lambda s: with_points(s, lambda p: replace(p, position_map_m=p.position_map_m + np.array([3e4, 0, 0]))),
         [
-            ("fault", "control_points", "the nearest of them is 30.0 km from the nearest GNSS position"),
-            ("warning", "marks", "37 of 37 point elsewhere than GNSS positions and attitudes say, by "),
+            ("fault", "control_points", "they lie 29.9 km or more from the GNSS positions of the photographs"),
         ],
     ),
     "one control point far away": (

@@ -358,7 +358,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "latitude before longitude": (
         [("check.csv", "12.5116;55.8231", "55.8231;12.5116")],
-        [f"25: {K}: check.csv:2: K1: easting and northing look swapped: found easting "],
+        [f"25: {K}: check.csv:2: K1: longitude and latitude look swapped: found easting "],
     ),
     "swapped in a whole file": (
         [("gcp_list.txt", "720000 6192010", "6192010 720000")] * 2

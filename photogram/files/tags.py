@@ -36,6 +36,9 @@ Kind = Literal["frame", "thermal", "panorama", "fisheye"]
 MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, centimetre, millimetre, micrometre."""
 
+HIGHEST_M = 50_000.0
+"""No camera's height is farther from the ellipsoid or the sea."""
+
 DJI_NUMBERS = {
     "height_above_take_off_m": "RelativeAltitude",
     "gimbal_yaw_deg": "GimbalYawDegree",
@@ -349,8 +352,12 @@ def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
 # ---- position ------------------------------------------------------------------------------------------------------
 
 
-def _position(xmp: Mapping[str, str], gps: Mapping[int, object], path: Path) -> dict[str, float | None]:
-    """Return longitude, latitude and height, XMP before EXIF; longitude and latitude of exactly zero mean no fix."""
+def _position(
+    xmp: Mapping[str, str], gps: Mapping[int, object], path: Path
+) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    """Return longitude, latitude and height, XMP before EXIF, and in words why they are not used where the height is
+    none; longitude and latitude of exactly zero mean no fix."""
+    damage: tuple[str, ...] = ()
     longitude = _xmp_number(xmp, "GpsLongitude", path)
     if longitude is None:
         # The older firmware of DJI and Autel spells it so.
@@ -368,7 +375,10 @@ def _position(xmp: Mapping[str, str], gps: Mapping[int, object], path: Path) -> 
             f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which lie on no globe: "
             "correct or remove the tags"
         )
-    return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}
+    elif height is not None and abs(height) > HIGHEST_M:
+        damage = (f"the tags give a height of {height:.6g} m (no aircraft flies there), the position is not used",)
+        longitude = latitude = height = None
+    return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}, damage
 
 
 def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[float, float, float] | None:
@@ -399,11 +409,12 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     """
     main, exif, gps, damage = _exif(picture)
     xmp, xmp_damage = _xmp(picture)
+    position, position_damage = _position(xmp, gps, path)
     number = _xmp_number(xmp, "RtkFlag", path)
     flag = None if number is None else int(number)
     values: dict[str, object] = {
         **{field: _xmp_number(xmp, name, path) for field, name in DJI_NUMBERS.items() if field not in _GIMBAL},
-        **_position(xmp, gps, path),
+        **position,
         **_attitude(xmp, path),
         **_camera_calibration(xmp, path),
     }
@@ -429,6 +440,6 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         gnss_horizontal_error_m=_positive(gps.get(ExifTags.GPS.GPSHPositioningError)),
         rtk_flag=flag,
         dewarp=_dewarp(xmp, path),
-        damage=(*damage, xmp_damage) if xmp_damage else damage,
+        damage=(*damage, *filter(None, (xmp_damage,)), *position_damage),
         **values,  # type: ignore[arg-type]
     )
