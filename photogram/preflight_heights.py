@@ -19,7 +19,7 @@ from photogram.frames import LocalFrame
 from photogram.height_datum import HeightEvidence, HeightShift, height_shift
 from photogram.heights import Geoid, HeightSystem
 from photogram.image_scale import ScaleFit, fit_scales
-from photogram.preflight_geometry import MeasuredSurvey, usable_survey
+from photogram.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project import Project
 from photogram.survey import Block, FloatArray, Role
 
