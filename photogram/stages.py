@@ -33,6 +33,7 @@ from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.preflight_positions import time_findings
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.registration import part_of_block
 from photogram.remedies import block_deformation
 from photogram.retrieval import most_similar
 from photogram.self_calibration import Held, calibrate
@@ -248,14 +249,28 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
 # ---- orientation ---------------------------------------------------------------------------------------------------
 
 
+def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
+    """Return the orientation of the photographs ``kept`` as one of all; the others are ``copies`` of those named."""
+    place = {i: k for k, i in enumerate(kept)}
+    rows = [place.get(i) for i in range(len(copies))]
+    return replace(
+        found,
+        poses=tuple(None if k is None else found.poses[k] for k in rows),
+        resections=tuple(None if k is None else found.resections[k] for k in rows),
+        component=np.array([-1 if k is None else found.component[k] for k in rows], dtype=np.int64),
+        reason=tuple(
+            f"the same photograph as {copy}" if k is None else found.reason[k]
+            for k, copy in zip(rows, copies, strict=True)
+        ),
+    )
+
+
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Find a starting pose for every photograph that can be joined to the block."""
     block = replace(run.block(), tie_points=run.tie_points())
-    orientation = orient(block, run.project.orientation, progress)
     copies = [note.get("copy_of") for note in run.notes()]
-    reasons = zip(orientation.reason, copies, strict=True)
-    named = tuple(reason if copy is None else f"the same photograph as {copy}" for reason, copy in reasons)
-    orientation = replace(orientation, reason=named)
+    part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
+    orientation = _with_copies(orient(part, run.project.orientation, progress), kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
