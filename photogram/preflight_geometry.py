@@ -121,13 +121,20 @@ def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     return findings
 
 
+def _distance_to_photographs(survey: MeasuredSurvey) -> tuple[FloatArray, FloatArray]:
+    """Return of each ground point (P,) how far it is from the nearest photograph in plan, and that one's footprint,
+    zero where it is not known. Some photograph must have a position."""
+    known = survey.positioned
+    distance_m, nearest = cKDTree(survey.gnss_world_m[known, :2]).query(survey.control.position_world_m[:, :2])
+    return np.asarray(distance_m), np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
+
+
 def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     """Return the ground points that lie far from every photograph, in plan, and what would put them among them."""
     known, points = survey.positioned, survey.control
     if not known.any() or not len(points):
         return []
-    distance_m, nearest = map(np.asarray, cKDTree(survey.gnss_world_m[known, :2]).query(points.position_world_m[:, :2]))
-    footprint_m = np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
+    distance_m, footprint_m = _distance_to_photographs(survey)
     limit_m = np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
     if distance_m.min() > max(FOREIGN_M, float(limit_m.min())):
         return [_foreign_control(project, survey.gnss_map_m[known])]
@@ -174,10 +181,15 @@ def frozen_findings(
 
 
 def _placing(survey: MeasuredSurvey) -> BoolArray:
-    """Return which points (P,) place the block: control in all axes, with a mark."""
+    """Return which points (P,) place the block: control in all axes, with a mark, and not far from all photographs."""
     points = survey.control
     marks = np.bincount(points.mark_point, minlength=len(points))
-    return points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
+    placing = points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
+    if not len(points) or not survey.positioned.any():
+        return placing
+    distance_m, footprint_m = _distance_to_photographs(survey)
+    near = distance_m <= np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
+    return placing & near if near.any() else placing
 
 
 def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:

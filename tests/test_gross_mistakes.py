@@ -177,6 +177,21 @@ def test_a_focal_length_that_is_30_percent_off(tiny: Tiny, factor: float) -> Non
     only(tiny.findings(), "warning", "a focal length of about ", f"stated are {factor * FOCAL_PX:.0f} px", "focal_px")
 
 
+def test_a_wrong_focal_length_is_no_reason_to_stop(tiny: Tiny, photogram: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """RTK and check points alone: heights look 6 m off, and the focal length may be adjusted."""
+    monkeypatch.setattr(console, "width", 500)
+    tiny.values["cameras"]["drone"]["focal_px"] = 1.13 * FOCAL_PX
+    tiny.write()
+    for point in tiny.values["control_points"]["list"]:
+        point["role"] = "check"
+    tiny.project.write_text(yaml.safe_dump(tiny.values))
+    outcome = photogram("adjust", tiny.project, "--until", "features")
+    assert outcome.code == 0, outcome.err
+    assert (
+        "the marks of the check points agree with the GNSS positions only with a focal length of about" in outcome.out
+    )
+
+
 def test_the_camera_of_another_picture_size(tiny: Tiny) -> None:
     tiny.values["cameras"]["drone"] |= {"width_px": 4000, "height_px": 3000}
     only(tiny.findings(), "fault", "camera drone", "have 400 × 300 px, the camera 4000 × 3000 px")
@@ -223,6 +238,7 @@ def test_an_orientation_tag_changes_nothing(tiny: Tiny) -> None:
 
 def test_one_control_point_a_kilometre_off(tiny: Tiny) -> None:
     tiny.points[1, 0] += 1000.0
+    assert all(f.where == "point G1" for f in tiny.findings())
     only(tiny.findings(), "warning", "point G1", "1000 m from the nearest photograph", "check its coordinates")
 
 
