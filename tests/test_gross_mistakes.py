@@ -6,7 +6,9 @@ coordinates, spoilt in one way, and checked as `photogram check` does. docs/mist
 
 from __future__ import annotations
 
+import re
 import shutil
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -158,6 +160,18 @@ def only(findings: Sequence[Finding], severity: str, *fragments: str) -> None:
 
 def test_a_sound_survey_has_no_findings(tiny: Tiny) -> None:
     assert tiny.findings() == []
+
+
+def test_every_row_of_the_page_is_held_by_a_test_and_every_test_is_in_it() -> None:
+    page = (Path(__file__).parents[1] / "docs/mistakes.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(test_\w+)`", page))
+    rows = [line for line in page.splitlines() if line.startswith("| ") and "`test_" in line]
+    assert len(rows) >= 30
+    tests = {name for name in globals() if name.startswith("test_")}
+    assert named <= tests
+    general = {"test_a_sound_survey_has_no_findings", "test_a_sound_survey_goes_on_after_the_check"}
+    general |= {"test_adjust_stops_at_errors_before_any_work", sys._getframe().f_code.co_name}
+    assert tests - named == general
 
 
 # ---- marks and cameras ---------------------------------------------------------------------------------------------
