@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from photogram.flight_plan import SurveyPlan, rtk_plan
+from photogram.flight_plan import SurveyPlan, rtk_plan, whole_survey_plan
 from photogram.height_datum import HeightEvidence, height_shift
 from photogram.image_scale import ScaleFit, fit_scales
 from photogram.preflight_heights import _evidence_of_block
@@ -105,3 +105,13 @@ def test_pictures_are_told_without_heights_too() -> None:
 def test_nothing_is_fitted_to_too_few_marks() -> None:
     given = evidence("five points", 1)
     assert fit_scales(replace(given, points=given.points.with_role("check")), SURE) == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_positions_of_a_consumer_drone_raise_no_alarm_and_show_half_size(seed: int) -> None:
+    plan = replace(whole_survey_plan(), gnss_offset_sigma_m=(3.0, 3.0, 30.0))
+    given = _evidence_of_block(simulate_block(plan, seed, tie_points=50).block, "control")
+    assert not any(fit.significant for fit in fit_scales(given, OPEN))
+    (fit,) = fit_scales(in_pictures(given, 0.5), OPEN)
+    assert fit.significant
+    assert fit.scale == pytest.approx(0.5, abs=0.03)
