@@ -255,7 +255,8 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     sigma_m = np.hypot(np.nan_to_num(survey.gnss_sigma_m[photograph, 2]), project.gnss_offset_sigma_m[2])
     looks_down = survey.rotation[photograph, 2, 2] < -0.5  # the optical axis, more than 30° below the horizon
     above = drop_m < 0
-    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M)
+    holds = points.controlled[point, 2]  # a check point spoils its own test and nothing else
+    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M) & holds
     if above.any():
         names = list(dict.fromkeys(points.name[i] for i in point[above]))
         worst = int(np.argmin(drop_m))

@@ -33,6 +33,7 @@ _NEAR_GEOID_M = 3.0
 _TIE_COST, _TIE_SHARE = 3.0, 0.02
 _OPEN_SHIFTS_M = np.arange(-60.0, 61.0, 10.0)
 _Who = Literal["control", "GNSS"]
+_ROLES: tuple[Role, ...] = ("control", "check")
 
 
 # ---- what there is to compare --------------------------------------------------------------------------------------
@@ -234,6 +235,17 @@ def _of_role(
     return shift, [finding]
 
 
+def _of_both_roles(
+    project: Project, evidence: Mapping[Role, HeightEvidence], frame: LocalFrame, tags: Sequence[bool | None]
+) -> tuple[HeightShift | None, list[Finding]]:
+    """Return the shift of the control points, None where it cannot be told, and what is wrong with the heights of
+    control and check points. Where control and GNSS agree, check points that do not spoil their own test alone."""
+    shift, findings = _of_role(project, evidence["control"], frame, "control", tags)
+    agree = shift is not None and not findings
+    of_checks = _of_role(project, evidence["check"], frame, "check", tags)[1]
+    return shift, findings + [replace(f, severity="warning") if agree else f for f in of_checks]
+
+
 def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mapping[str, Any]]) -> None:
     """Raise ProjectError where the heights of control points and GNSS contradict each other as two height systems do,
     and neither a focal length nor a picture size would explain it.
@@ -241,11 +253,10 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mappin
     ``tags`` are what the first stage has noted of the photographs, ``block`` what it has measured.
     """
     said = [t["height_is_ellipsoidal"] for t in tags]
-    for role in ("control", "check"):
-        evidence = _evidence_of_block(block, role)
-        for finding in _of_role(project, evidence, block.frame, role, said)[1]:
-            if finding.severity == "fault":
-                raise ProjectError(f"{project.path}: {finding}")
+    evidence = {role: _evidence_of_block(block, role) for role in _ROLES}
+    for finding in _of_both_roles(project, evidence, block.frame, said)[1]:
+        if finding.severity == "fault":
+            raise ProjectError(f"{project.path}: {finding}")
 
 
 # ---- declarations --------------------------------------------------------------------------------------------------
@@ -318,11 +329,8 @@ def height_system_findings(project: Project, tags: Sequence[PhotographTags | Non
     if survey is None:
         return []
     said = [None if t is None else t.height_is_ellipsoidal for t in tags]
-    findings, found = [], dict[Role, HeightShift | None]()
-    for role in ("control", "check"):
-        evidence = _evidence_of_survey(project, survey, role)
-        found[role], wrong = _of_role(project, evidence, survey.frame, role, said)
-        findings += wrong
+    evidence = {role: _evidence_of_survey(project, survey, role) for role in _ROLES}
+    shift, findings = _of_both_roles(project, evidence, survey.frame, said)
     if not findings:
-        findings += _declaration_findings(project, survey, said, found["control"])
+        findings += _declaration_findings(project, survey, said, shift)
     return [*findings, *_against_tags(project, said)]

@@ -328,6 +328,13 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
         moved("G2", [0, 0, 80]),
         [("fault", "point G2", "G2 is 32.0 m above ")],
     ),
+    "a check point above the camera": (
+        moved("G5", [0, 0, 80]),
+        [
+            ("warning", "point G5", "G5 is 31.0 m above "),
+            ("warning", "heights", "heights of the check points look orthometric although declared ellipsoidal"),
+        ],
+    ),
     "control above a camera that is not sure of its height": (
         on_all(moved("G2", [0, 0, 80]), lambda s: with_tags(s, gnss_sigma_m=(2.0, 2.0, 10.0))),
         [("warning", "point G2", "G2 is 32.0 m above ")],
