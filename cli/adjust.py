@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.findings_table import findings_table, has_errors, verdict
 from photogram.cli.terminal import Terminal, bars, console, show_report
+from photogram.input_validation import validate_project
 from photogram.page_files import print_report
 from photogram.pipeline import STAGES, load_project, run_pipeline
 from photogram.project import Project
@@ -26,6 +28,17 @@ Pdf = Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by an in
 def say_printed(survey: Project) -> None:
     """Print the report as PDF and say where it is."""
     console.print(f"Printed: {print_report(survey)}", soft_wrap=True)
+
+
+def _stop_at_errors(survey: Project) -> None:
+    """Validate the project and print errors and warnings; leave with exit code 1 where there are errors."""
+    findings = [finding for finding in validate_project(survey) if finding.severity != "note"]
+    if findings:
+        console.print(findings_table(findings, f"Check of {survey.path}"))
+    if has_errors(findings):
+        console.print(verdict(findings))
+        console.print("Nothing was processed; --no-check goes on in spite of errors.")
+        raise typer.Exit(1)
 
 
 def _stage(name: str | None) -> str | None:
@@ -48,9 +61,14 @@ def adjust(
         bool,
         typer.Option("--strict", help="Exit with 1 where a measurement was left out because others contradict it."),
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")
+    ] = True,
 ) -> None:
-    """Orient, match and adjust the photographs of a project jointly; make its clouds, surface and orthophoto."""
+    """Process a survey: match, orient and adjust its photographs, then make point clouds, surface and orthophoto."""
     survey = load_project(project, photographs)
+    if check:
+        _stop_at_errors(survey)
     with bars() as progress:
         report = run_pipeline(survey, watcher=Terminal(progress), start=start, until=until)
     if report:

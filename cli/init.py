@@ -19,6 +19,7 @@ from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.control_files import read_points
 from photogram.files.images import inspect_photograph
+from photogram.files.photograph_copies import find_copies
 from photogram.files.position_files import read_mrk
 from photogram.heights import HeightSystem
 from photogram.pipeline import load_project
@@ -78,6 +79,21 @@ def _inspect(folder: Path, names: list[str]) -> tuple[list[TaggedPhotograph], li
     return (
         [p for p in found if isinstance(p, TaggedPhotograph)],
         [p for p in found if isinstance(p, LeftOut)],
+    )
+
+
+def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    """Return the photographs once each, and those that are copies of another."""
+    paths, tags = [folder / p.name for p in photographs], [p.tags for p in photographs]
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        groups = find_copies(paths, tags, [None] * len(paths), executor)
+    original = {i: group[0] for group in groups for i in group[1:]}
+    return (
+        [p for i, p in enumerate(photographs) if i not in original],
+        [
+            LeftOut(photographs[i].name, f"the same photograph as {photographs[first].name}")
+            for i, first in original.items()
+        ],
     )
 
 
@@ -167,6 +183,8 @@ def _show(draft: ProjectDraft, project: Path) -> None:
         table.add_row("another site, left out", f"{count(len(site.names))} {where}: {escape(_short(site.names))}")
     for photograph in draft.left_out[:10]:
         table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
+    for warning in draft.warnings:
+        table.add_row("[yellow]warning[/yellow]", escape(warning))
     if len(draft.left_out) > 10:
         table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(project))}")
     console.print(table)
@@ -221,14 +239,17 @@ def init(
     roles: list[tuple[Path, Role]] = [*((p, "control") for p in control or ()), *((p, "check") for p in check or ())]
     files = tuple(_control_file(path, role, marks, project, size, control_sigma) for path, role in roles)
     tagged, unreadable = _inspect(photographs, names)
+    tagged, copies = _without_copies(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], recursive, project)
     wishes = Wishes(crs, focal_px, files, heights, _geoid(geoid, project), positions)
-    draft = draft_project(tagged, unreadable, wishes)
+    draft = draft_project(tagged, [*unreadable, *copies], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     _show(draft, project)
     try:
-        load_project(project)
+        written = load_project(project)
     except ProjectError as fault:
-        raise ProjectError(f"{project} is written, but these faults must be mended first:\n{fault}") from fault
+        raise ProjectError(f"{project} is written, but these errors must be fixed first:\n{fault}") from fault
+    for finding in written.warnings:
+        console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
     console.print(f"Next: photogram check {escape(str(project))}, then photogram adjust {escape(str(project))}")

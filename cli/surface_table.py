@@ -13,11 +13,14 @@ def surface_table(report: Mapping[str, Any]) -> Table | None:
     dense, orthophoto = report.get("dense"), report.get("orthophoto")
     if dense is None and orthophoto is None:
         return None
-    title = "Surface and orthophoto" if dense and orthophoto else "Surface" if dense else "Orthophoto"
+    left_out = None if orthophoto is None else orthophoto.get("left_out")
+    title = "Orthophoto" if not dense else "Surface and orthophoto" if orthophoto and not left_out else "Surface"
     table = Table("figure", "value", title=title, show_header=False)
     if dense is not None:
         _add_surface(table, dense)
-    if orthophoto is not None:
+    if left_out is not None:
+        table.add_row("orthophoto", f"left out: {left_out}")
+    elif orthophoto is not None:
         size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
         table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
     return table

@@ -144,10 +144,11 @@ def _left_out(report: Mapping[str, Any]) -> Table | None:
 
 def show_gnss(gnss: Mapping[str, Any]) -> None:
     """Print what GNSS says of itself: who took part, offsets that are significant, warnings."""
-    if not gnss["flights"]:
+    if not gnss["flights"] and not gnss.get("warnings"):
         return
-    kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
-    console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
+    if gnss["flights"]:
+        kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
+        console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
     said = [
         f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
     ]

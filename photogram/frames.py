@@ -16,6 +16,7 @@ module and `heights` are the only ones that use PROJ.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -40,6 +41,7 @@ from photogram.heights import (
 
 FloatArray = NDArray[np.float64]
 WorldKind = Literal["tangent", "grid"]
+_ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
 
 def _any_crs(name: str) -> CRS:
@@ -94,6 +96,24 @@ def plan_of(name: str) -> str:
     """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
     plan = projected_crs(name)
     return crs_name(plan) if CRS.from_user_input(name).is_compound else name
+
+
+def neighbouring_zones(name: str) -> tuple[str, ...]:
+    """Return the codes of up to three zones on each side of a map grid that is one of several zones, of one datum, the
+    nearest first; none of a map without zones, or without a code. Raises FrameError as projected_crs."""
+    plan = projected_crs(name)
+    code, zoned = plan.to_epsg(), _ZONE.fullmatch(plan.name)
+    if code is None or zoned is None:
+        return ()
+    zones = []
+    for step in (1, -1, 2, -2, 3, -3):
+        try:
+            other = _ZONE.fullmatch(projected_crs(f"EPSG:{code + step}").name)
+        except FrameError:
+            continue  # the codes beside the first and the last zone mean something else, or nothing
+        if other is not None and (other[1], other[3]) == (zoned[1], zoned[3]):
+            zones.append(f"EPSG:{code + step}")
+    return tuple(zones)
 
 
 def product_crs(crs: str, heights: DeclaredHeights) -> str:

@@ -59,6 +59,7 @@ class HeightShift:
 
     ``shift_m`` with ``sigma_m``, in which the camera's focal length and the scatter of the marks are counted, but no
     common error of the GNSS heights; ``flying_height_m`` above them; from so many ``marks`` of so many ``points``.
+    ``cost`` is the robust cost that the shift leaves.
     """
 
     shift_m: float
@@ -66,15 +67,16 @@ class HeightShift:
     flying_height_m: float
     marks: int
     points: int
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
-class _Rays:
+class Rays:
     """Rays (M, 3) in the camera frame to points (M, 3) from centres (M, 3), of photographs 0 … F−1 in order.
 
     A direction is off by ``angle_rad`` (M,), and by ``place_m`` (M,) over its length. ``prior`` (F, 3, 3) is the sum of
     w · (world) (camera)ᵀ over directions that the gimbal knows in both frames, ``prior_weight`` (F,) that of w.
-    ``ground`` (M,) are the points' indices.
+    ``ground`` (M,) are the points' indices, ``mark`` (M,) those of the marks.
     """
 
     photograph: NDArray[np.int64]
@@ -86,9 +88,12 @@ class _Rays:
     prior: FloatArray
     prior_weight: FloatArray
     ground: NDArray[np.int64]
+    mark: NDArray[np.int64]
 
 
-def _rays(evidence: HeightEvidence) -> _Rays | None:
+def rays_of(evidence: HeightEvidence) -> Rays | None:
+    """Return the rays of all marks that say something of heights, None where there are too few of them. Raises
+    ImageError as unproject does."""
     points = evidence.points
     known = np.asarray(np.isfinite(np.hstack([evidence.gnss_world_m, evidence.gnss_sigma_m])).all(axis=1))
     levelled = np.asarray(np.isfinite(evidence.rotation_world_from_camera).all(axis=(1, 2)))
@@ -116,7 +121,7 @@ def _rays(evidence: HeightEvidence) -> _Rays | None:
     axes, vertical = 0.5 / HEADING_SIGMA_RAD**2, 1.0 / tilt**2 - 1.0 / HEADING_SIGMA_RAD**2
     upright = up[None, :, None] * R[:, 2:, :]
     prior = np.where(levelled[:, None, None], axes * R + vertical[:, None, None] * upright, 0.0)
-    return _Rays(
+    return Rays(
         np.searchsorted(used, photograph),
         ray,
         evidence.gnss_world_m[photograph],
@@ -126,10 +131,11 @@ def _rays(evidence: HeightEvidence) -> _Rays | None:
         prior,
         np.where(levelled, 3.0 * axes + vertical, 0.0),
         ground,
+        marks,
     )
 
 
-def _squares(rays: _Rays, shifts_m: FloatArray) -> FloatArray:
+def ray_squares(rays: Rays, shifts_m: FloatArray) -> FloatArray:
     """Return the squared residuals over their variances (S, M) of every ray at each shift (S,), and those of attitudes
     (S, F) after them, each with the photograph's best rotation."""
     count = len(rays.prior)
@@ -151,7 +157,7 @@ def _squares(rays: _Rays, shifts_m: FloatArray) -> FloatArray:
     return squares
 
 
-def _cost(squares: FloatArray) -> FloatArray:
+def robust_cost(squares: FloatArray) -> FloatArray:
     """Return the robust cost (S,), half the sum of Cauchy's loss."""
     return np.asarray(0.5 * _LOSS**2 * np.sum(np.log1p(np.maximum(squares, 0.0) / _LOSS**2), axis=1))
 
@@ -162,11 +168,11 @@ def height_shift(evidence: HeightEvidence) -> HeightShift | None:
 
     Raises ImageError as unproject does.
     """
-    rays = _rays(evidence)
+    rays = rays_of(evidence)
     if rays is None:
         return None
     coarse = np.arange(-FARTHEST_M, FARTHEST_M + _COARSE_M, _COARSE_M)
-    cost = _cost(_squares(rays, coarse))
+    cost = robust_cost(ray_squares(rays, coarse))
     if not rays.prior_weight.any():
         # rays alone cannot tell a camera above the ground from its mirror image below
         cost[float(np.median(rays.centre[:, 2] - rays.point[:, 2])) - coarse <= _COARSE_M] = np.inf
@@ -174,11 +180,11 @@ def height_shift(evidence: HeightEvidence) -> HeightShift | None:
     if best in (0, len(coarse) - 1):
         return None
     fine = coarse[best] + np.arange(-_COARSE_M, _COARSE_M + _FINE_M, _FINE_M)
-    squares = _squares(rays, fine)
-    cost = _cost(squares)
+    squares = ray_squares(rays, fine)
+    cost = robust_cost(squares)
     best = int(np.argmin(cost))
     step = 1.0
-    low, middle, high = _cost(_squares(rays, fine[best] + np.array([-step, 0.0, step])))
+    low, middle, high = robust_cost(ray_squares(rays, fine[best] + np.array([-step, 0.0, step])))
     curvature = (low - 2.0 * middle + high) / step**2
     if curvature <= 0.0:
         return None
@@ -193,4 +199,5 @@ def height_shift(evidence: HeightEvidence) -> HeightShift | None:
         flying_m,
         len(rays.ray),
         len(np.unique(rays.ground)),
+        float(cost[best]),
     )

@@ -20,8 +20,8 @@ from photogram.dense_stages import CELL_GSD, MINIMUM_RAYS, round_cell_m
 from photogram.errors import FrameError
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, Severity
+from photogram.measured_survey import MeasuredSurvey, usable_survey
 from photogram.orthophoto_stage import LEAST_HELD
-from photogram.preflight_geometry import MeasuredSurvey, usable_survey
 from photogram.project import Project
 from photogram.project_schema import Quality
 from photogram.seams import LARGEST_LATTICE, SMALLEST_BLOCK

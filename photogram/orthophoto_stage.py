@@ -11,6 +11,7 @@ from threading import Lock
 
 import numpy as np
 
+from photogram.camera import Pose
 from photogram.exposure import ByteArray
 from photogram.files.cogs import write_cog_rgba
 from photogram.files.images import read_pixels
@@ -22,8 +23,30 @@ from photogram.stages import Progress
 from photogram.views import Views
 from photogram.workspace import write_json
 
+LEFT_OUT = "left_out.json"
+
 LEAST_HELD = 4
 """Decoded photographs that are kept, however little memory there is."""
+
+
+LEAST_DEPRESSION_DEG = 40.0
+"""Of the median optical axis, below the horizon: what is flatter shows facades, which a plan does not; oblique flights
+for models of towns look down by 45°."""
+
+
+def left_out_reason(poses: Sequence[Pose | None]) -> str:
+    """Return why photographs of these poses make no orthophoto in plan, empty where they do."""
+    down = np.array([-pose.rotation_world_from_camera[2, 2] for pose in poses if pose is not None])
+    if not len(down):
+        return ""
+    depression_deg = float(np.rad2deg(np.arcsin(np.clip(np.median(down), -1.0, 1.0))))
+    if depression_deg >= LEAST_DEPRESSION_DEG:
+        return ""
+    side = f"{depression_deg:.0f}° below" if depression_deg >= 0 else f"{-depression_deg:.0f}° above"
+    return (
+        f"the photographs look sideways (median optical axis {side} the horizon): an orthophoto in plan would show "
+        "nothing of what they show"
+    )
 
 
 class HeldPhotographs:
@@ -59,10 +82,15 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
 
 
 def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile."""
+    """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile; of photographs that look
+    sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
         return {}
     block = run.adjustment().block
+    reason = left_out_reason(block.poses)
+    if reason:
+        write_json(folder / LEFT_OUT, {"left_out": reason})
+        return {"left_out": reason}
     views = Views.of(block)
     paths = [run.project.photographs[i].path for i in views.photograph]
     sizes = [(int(width), int(height)) for width, height in views.size_px]

@@ -15,7 +15,7 @@ import numpy as np
 
 from photogram.errors import ProjectError
 from photogram.files.photograph_headers import PhotographHeader
-from photogram.files.tags import PhotographTags
+from photogram.files.tags import PhotographTags, damage_by_kind
 from photogram.findings import Finding, some, things
 from photogram.machine_needs import MachineNeeds, gigabytes, machine_findings, machine_needs
 from photogram.preflight_geometry import geometry_findings
@@ -46,17 +46,19 @@ def header_findings(
 ) -> list[Finding]:
     """Return what is wrong with photographs by themselves: not to be read, twice the same, of a kind not ordinary.
 
-    ``twins`` are groups of indices of files with the same content; ``fisheye`` says which photographs the project gives
+    ``twins`` are groups of indices of the same photograph; ``fisheye`` says which photographs the project gives
     a fisheye as camera, empty where there is no project.
     """
-    damaged = [h for h in headers if h.tags is None]
-    findings = [Finding("fault", h.name, h.fault) for h in damaged[:_MOST_LINES]]
-    if len(damaged) > _MOST_LINES:
-        rest = [h.name for h in damaged[_MOST_LINES:]]
+    unreadable = [h for h in headers if h.tags is None]
+    findings = [Finding("fault", h.name, h.fault) for h in unreadable[:_MOST_LINES]]
+    if len(unreadable) > _MOST_LINES:
+        rest = [h.name for h in unreadable[_MOST_LINES:]]
         findings.append(Finding("fault", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
     for group in twins:
         names = some([headers[i].name for i in group])
-        findings.append(Finding("fault", names, "the same photograph twice", "leave out all but one"))
+        text = f"the same photograph {'twice' if len(group) == 2 else f'{len(group)} times'}: the first is used"
+        findings.append(Finding("warning", names, text, "remove the copies"))
+    findings += _damage_findings(headers)
     kinds: defaultdict[str, list[str]] = defaultdict(list)
     for number, header in enumerate(headers):
         if header.tags is not None and header.tags.kind != "frame":
@@ -69,6 +71,13 @@ def header_findings(
             Finding("warning", some(names_of_kind), text, "leave out what the camera model cannot describe")
         )
     return findings
+
+
+def _damage_findings(headers: Sequence[PhotographHeader]) -> list[Finding]:
+    """Return which photographs have tags that cannot be read, one finding for each kind of damage."""
+    damaged = damage_by_kind([(h.name, h.tags.damage) for h in headers if h.tags is not None])
+    remedy = "take the photographs as they left the camera, if RTK standard deviations or gimbal angles are missed"
+    return [Finding("warning", some(names), text, remedy) for text, names in damaged]
 
 
 def _of_camera(
@@ -97,7 +106,9 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         models = Counter(" ".join(filter(None, (t.make, t.model))) for _, t in own if t.model)
         focal = Counter(f"{t.focal_mm:g} mm" for _, t in own if t.focal_mm)
         bodies = Counter(f"serial number {t.serial}" for _, t in own if t.serial)
-        for what, values in (("cameras", models), ("focal lengths", focal), ("bodies", bodies)):
+        lenses = Counter(" no. ".join(filter(None, (t.lens, t.lens_serial))) for _, t in own if t.lens or t.lens_serial)
+        kinds = (("cameras", models), ("lenses", lenses), ("focal lengths", focal), ("bodies", bodies))
+        for what, values in kinds:
             if len(values) > 1:
                 counts = ", ".join(f"{value} ({n})" for value, n in values.most_common(4))
                 text = f"its photographs were taken with different {what}: {counts}"
@@ -105,10 +116,14 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
     return findings
 
 
-def _same_moment(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+def _same_moment(
+    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]]
+) -> list[Finding]:
+    """Return the photographs of one camera, time and position that are not the same picture."""
+    known = {i for group in copies for i in group[1:]}
     moments: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
-    for photograph, tag in zip(project.photographs, tags, strict=True):
-        if tag is not None and tag.time is not None and tag.longitude_deg is not None:
+    for i, (photograph, tag) in enumerate(zip(project.photographs, tags, strict=True)):
+        if i not in known and tag is not None and tag.time is not None and tag.longitude_deg is not None:
             # The bands of a multispectral camera are taken at once, by cameras of their own.
             place = (photograph.camera, tag.time, tag.longitude_deg, tag.latitude_deg, tag.height_m)
             moments[place].append(photograph.name)
@@ -145,17 +160,19 @@ def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: Ma
     return Finding("note", "survey", ", ".join(facts))
 
 
-def survey_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+def survey_findings(
+    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]] = ()
+) -> list[Finding]:
     """Return everything that project and tags show together; ``tags`` are those of ``project.photographs``, None where
-    a photograph cannot be read."""
+    a photograph cannot be read, ``copies`` groups of photographs that are the same."""
     findings = []
-    if len(project.photographs) < 2:
+    if len(project.photographs) - sum(len(group) - 1 for group in copies) < 2:
         text = "a survey needs two photographs at least"
         findings.append(Finding("fault", "photographs", text, "give all photographs of the flight"))
     return [
         *findings,
         *camera_findings(project, tags),
-        *_same_moment(project, tags),
+        *_same_moment(project, tags, copies),
         *gnss_findings(project, tags),
         *geometry_findings(project, tags),
         *height_system_findings(project, tags),
@@ -172,15 +189,16 @@ def check_survey(
 ) -> list[Finding]:
     """Return everything that can be known before the work starts: faults, then warnings, then notes.
 
-    ``headers`` are those of ``project.photographs``, ``twins`` groups of them with the same content;
+    ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph;
     ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
     many threads will work at once.
     """
     tags = [header.tags for header in headers]
     needs = machine_needs(project, tags, workers)
     findings = [
+        *project.warnings,
         *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
-        *survey_findings(project, tags),
+        *survey_findings(project, tags, twins),
         *machine_findings(project, needs, free_disk_bytes, memory),
         _overview(project, tags, needs),
     ]

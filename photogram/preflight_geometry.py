@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from photogram.camera import Camera, rotation_from_gimbal, unproject
+from photogram.camera import Camera, unproject
 from photogram.errors import FrameError, ImageError
 from photogram.files.tags import PhotographTags
 from photogram.findings import Finding, some, things
-from photogram.frames import LocalFrame, map_from_geodetic, map_heights
-from photogram.measured_positions import FROM_TAGS, sigmas_of, source_of
-from photogram.project import Project, ProjectPhotograph
+from photogram.measured_survey import (
+    MeasuredSurvey,
+    control_positions,
+    foreign_positions,
+    frozen_photographs,
+    gnss_positions,
+    stated_positions,
+    usable_survey,
+)
+from photogram.misplaced import other_reading
+from photogram.project import Project
 from photogram.project_checks import AreaOfUse
 from photogram.similarity import straight
 from photogram.sites import gap_between_sites_m, group_sites
-from photogram.survey import ControlPoints
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,6 +39,9 @@ NEAR_M = 100.0
 FOREIGN_M = 1000.0
 """If no control point is nearer to a photograph, they belong to different surveys or different CRS."""
 
+NO_BASE, NO_BASE_M = 0.02, 0.5
+"""Photographs that lie within this share of the flying height, or this distance, have no base."""
+
 SMALL_ANGLE_DEG = 20.0
 """Gimbals and compasses err by so much, before their stated sigma is added."""
 
@@ -40,120 +49,7 @@ HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION = 20.0, 0.3
 _SURE_HEIGHT_M = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredSurvey:
-    """What project and tags say of the photographs; NaN where they say nothing.
-
-    ``gnss_map_m`` and ``gnss_world_m`` (F, 3) are positions, ``gnss_sigma_m`` (F, 3) their sigmas; ``rotation``
-    (F, 3, 3) the attitude, world from camera; ``flying_height_m`` (F,) above ground, or above the place of take-off;
-    ``footprint_m`` (F,) the diagonal of the ground that a photograph shows.
-    """
-
-    frame: LocalFrame
-    gnss_map_m: FloatArray
-    gnss_world_m: FloatArray
-    gnss_sigma_m: FloatArray
-    rotation: FloatArray
-    flying_height_m: FloatArray
-    footprint_m: FloatArray
-    control: ControlPoints
-
-    @property
-    def positioned(self) -> BoolArray:
-        """Return which photographs (F,) have a GNSS position."""
-        return np.asarray(np.isfinite(self.gnss_map_m).all(axis=1))
-
-
-def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
-    """Return the GNSS position (F, 3) of each photograph in the map, the project's before those of files before its
-    tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
-    nothing = (np.nan,) * 3
-    geodetic = np.array(
-        [
-            nothing if t is None or source_of(p, t) != FROM_TAGS else (t.longitude_deg, t.latitude_deg, t.height_m)
-            for p, t in zip(project.photographs, tags, strict=True)
-        ],
-        dtype=np.float64,
-    ).reshape(-1, 3)
-    position = np.full(geodetic.shape, np.nan)
-    tagged = np.isfinite(geodetic).all(axis=1)
-    systems = [None if t is None else project.heights.of_tags(t.height_is_ellipsoidal) for t in tags]
-    for system in dict.fromkeys(systems):
-        own = tagged & np.array([s == system for s in systems], dtype=bool)
-        if own.any():
-            plan = map_from_geodetic(project.crs, geodetic[own])
-            position[own] = map_heights(project.crs, project.heights, system, plan)
-    for i, photograph in enumerate(project.photographs):
-        if photograph.gnss_map_m is not None:
-            position[i] = photograph.gnss_map_m
-        elif photograph.file_position is not None:
-            position[i] = photograph.file_position.position_map_m
-    return position
-
-
-def _sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sequence[float]:
-    return sigmas_of(photograph, tags)[0] or (np.nan,) * 3
-
-
-def _height(photograph: ProjectPhotograph, tags: PhotographTags | None) -> float:
-    height = photograph.height_above_ground_m or (None if tags is None else tags.height_above_take_off_m)
-    return height if height is not None and height > 0 else np.nan
-
-
-def _angles(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[float, float, float] | None:
-    if photograph.attitude_deg is not None or tags is None:
-        return photograph.attitude_deg
-    yaw, pitch, roll = tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg
-    return None if yaw is None or pitch is None or roll is None else (yaw, pitch, roll)
-
-
-def measured_survey(
-    project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray
-) -> MeasuredSurvey | None:
-    """Return what is known of the survey's geometry, None where nothing says where it is. Raises FrameError as
-    LocalFrame does."""
-    known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
-    control_map_m = np.array([p.position_map_m for p in project.control_points]).reshape(-1, 3)
-    places = np.vstack([gnss_map_m[known], control_map_m])
-    if not len(places):
-        return None
-    frame = LocalFrame.near(project.crs, places, project.world_kind, project.heights.map_geoid)
-    world = np.full(gnss_map_m.shape, np.nan)
-    world[known] = frame.world_from_map(gnss_map_m[known])
-    pairs = list(zip(project.photographs, tags, strict=True))
-    rotation = np.full((len(pairs), 3, 3), np.nan)
-    for i, angles in enumerate(_angles(*pair) for pair in pairs):
-        if angles is not None:
-            place = world[i] if known[i] else np.zeros(3)
-            rotation[i] = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*angles)
-    height = np.array([_height(*pair) for pair in pairs])
-    if len(control_map_m):
-        over_control = gnss_map_m[:, 2] - np.median(control_map_m[:, 2])
-        height = np.where(np.isnan(height) & (over_control > 0), over_control, height)
-    cameras = [project.cameras[p.camera] for p in project.photographs]
-    spread = np.array([np.hypot(c.width_px, c.height_px) / c.focal_px for c in cameras])
-    sigma = np.array([_sigma(*pair) for pair in pairs], dtype=np.float64).reshape(-1, 3)
-    return MeasuredSurvey(
-        frame, gnss_map_m, world, sigma, rotation, height, height * spread, project.control_points_in(frame)
-    )
-
-
-def usable_survey(project: Project, tags: Sequence[PhotographTags | None]) -> MeasuredSurvey | None:
-    """Return ``measured_survey`` without the positions far outside the area where the project's CRS is used, None where
-    nothing says where the survey is. Raises FrameError as ``gnss_positions`` and LocalFrame do."""
-    gnss_map_m = gnss_positions(project, tags)
-    gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
-    return measured_survey(project, tags, gnss_map_m)
-
-
 # ---- positions -----------------------------------------------------------------------------------------------------
-
-
-def foreign_positions(project: Project, gnss_map_m: FloatArray) -> BoolArray:
-    """Return which GNSS positions (F,) lie far outside the area where the project's CRS is used."""
-    area = AreaOfUse.of(project.crs)
-    known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
-    return known & ~area.contains(gnss_map_m[:, :2]) if area is not None else np.zeros(len(known), dtype=bool)
 
 
 def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
@@ -166,9 +62,27 @@ def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
     easting, northing, _ = gnss_map_m[foreign[0]]
     text = f"{len(foreign)} of {len(known)} GNSS positions are outside {area}: found {easting:.0f}, {northing:.0f}"
     if len(foreign) == len(known):
-        return [Finding("fault", "crs", text, "give the CRS of the site")]
+        reading = other_reading(project.crs, gnss_map_m[known], control_positions(project))
+        if reading is None:
+            return [Finding("fault", "crs", text, "give the CRS of the site")]
+        text += f"; {reading[0]} they would lie among the control points"
+        return [Finding("fault", "GNSS positions", text, reading[1])]
     names = some([project.photographs[i].name for i in foreign])
     return [Finding("fault", names, text, "leave these photographs out, or correct their positions")]
+
+
+def base_findings(survey: MeasuredSurvey) -> list[Finding]:
+    """Return whether all photographs were taken from one place: rays from there intersect nowhere."""
+    place, height_m = survey.gnss_world_m[survey.positioned], survey.flying_height_m[survey.positioned]
+    if len(place) < 2:
+        return []
+    reach_m = 2.0 * float(np.linalg.norm(place - np.median(place, axis=0), axis=1).max())
+    known_m = height_m[np.isfinite(height_m)]
+    if reach_m == 0.0 or reach_m > max(NO_BASE * float(np.median(known_m)) if len(known_m) else 0.0, NO_BASE_M):
+        return []
+    text = f"all {len(place)} GNSS positions lie within {reach_m:.1f} m: rays from one place intersect nowhere"
+    remedy = "a panorama gives no heights: move between photographs, by a tenth of the distance to what they show"
+    return [Finding("warning", "photographs", text, remedy)]
 
 
 def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
@@ -207,18 +121,23 @@ def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     return findings
 
 
-def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
-    """Return the ground points that lie far from every photograph, in plan."""
+def _distance_to_photographs(survey: MeasuredSurvey) -> tuple[FloatArray, FloatArray]:
+    """Return of each ground point (P,) how far it is from the nearest photograph in plan, and that one's footprint,
+    zero where it is not known. Some photograph must have a position."""
+    known = survey.positioned
+    distance_m, nearest = cKDTree(survey.gnss_world_m[known, :2]).query(survey.control.position_world_m[:, :2])
+    return np.asarray(distance_m), np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
+
+
+def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
+    """Return the ground points that lie far from every photograph, in plan, and what would put them among them."""
     known, points = survey.positioned, survey.control
     if not known.any() or not len(points):
         return []
-    distance_m, nearest = map(np.asarray, cKDTree(survey.gnss_world_m[known, :2]).query(points.position_world_m[:, :2]))
-    footprint_m = np.nan_to_num(survey.footprint_m[known], nan=0.0)[nearest]
+    distance_m, footprint_m = _distance_to_photographs(survey)
     limit_m = np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
     if distance_m.min() > max(FOREIGN_M, float(limit_m.min())):
-        where = "control_points"
-        text = f"the nearest of them is {distance_m.min() / 1000:.1f} km from the nearest GNSS position of a photograph"
-        return [Finding("fault", where, text, "check crs, the points' own CRS, and that both are of one site")]
+        return [_foreign_control(project, survey.gnss_map_m[known])]
     return [
         Finding(
             "warning",
@@ -230,14 +149,53 @@ def control_distance_findings(survey: MeasuredSurvey) -> list[Finding]:
     ]
 
 
+def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
+    """Return the finding for ground points that all lie far from all GNSS positions (F, 3)."""
+    control_map_m = control_positions(project)
+    distance_m = float(np.min(cKDTree(gnss_map_m[:, :2]).query(control_map_m[:, :2])[0]))
+    text = f"they lie {distance_m / 1000:.3g} km or more from the GNSS positions of the photographs"
+    for points, others, who in ((control_map_m, gnss_map_m, ""), (gnss_map_m, control_map_m, "the GNSS positions: ")):
+        reading = other_reading(project.crs, points, others)
+        if reading is not None:
+            lie = "the control points" if who else "them"
+            text += f"; {who or ''}{reading[0]} they would lie among {lie}"
+            return Finding("fault", "control_points", text, reading[1])
+    return Finding("fault", "control_points", text, "check crs, the points' own CRS, and that both are of one site")
+
+
+def frozen_findings(
+    project: Project, tags: Sequence[PhotographTags | None], survey: MeasuredSurvey | None
+) -> list[Finding]:
+    """Return the photographs whose positions repeat each other; a fault where too little else places the block."""
+    frozen = np.flatnonzero(frozen_photographs(tags, stated_positions(project, tags)))
+    if not len(frozen):
+        return []
+    placed = survey is not None and max(survey.positioned.sum(), _placing(survey).sum()) >= 3
+    text = f"{len(frozen)} photographs taken at different times have the same GNSS position: it is not used"
+    remedy = "the receiver had stopped: give positions of the flight under photographs.positions, or control points"
+    names = some([project.photographs[i].name for i in frozen])
+    return [Finding("warning" if placed else "fault", names, text, remedy)]
+
+
 # ---- number and arrangement of control -----------------------------------------------------------------------------
+
+
+def _placing(survey: MeasuredSurvey) -> BoolArray:
+    """Return which points (P,) place the block: control in all axes, with a mark, and not far from all photographs."""
+    points = survey.control
+    marks = np.bincount(points.mark_point, minlength=len(points))
+    placing = points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
+    if not len(points) or not survey.positioned.any():
+        return placing
+    distance_m, footprint_m = _distance_to_photographs(survey)
+    near = distance_m <= np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
+    return placing & near if near.any() else placing
 
 
 def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
     """Return whether control points and GNSS positions together can hold the block."""
     points, positions = survey.control, int(survey.positioned.sum())
-    marks = np.bincount(survey.control.mark_point, minlength=len(points))
-    control = points.controlled.all(axis=1) & (marks > 0)  # one axis alone gives no starting values
+    control = _placing(survey)
     count = int(control.sum())
     remedy = "mark at least three control points, not in one line, or give photographs with GNSS tags"
     if positions < 3 and count < 3:
@@ -297,7 +255,8 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     sigma_m = np.hypot(np.nan_to_num(survey.gnss_sigma_m[photograph, 2]), project.gnss_offset_sigma_m[2])
     looks_down = survey.rotation[photograph, 2, 2] < -0.5  # the optical axis, more than 30° below the horizon
     above = drop_m < 0
-    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M)
+    holds = points.controlled[point, 2]  # a check point spoils its own test and nothing else
+    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M) & holds
     if above.any():
         names = list(dict.fromkeys(points.name[i] for i in point[above]))
         worst = int(np.argmin(drop_m))
@@ -370,7 +329,8 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     judged = np.isfinite(angle)
     wrong = np.zeros(len(angle), dtype=bool)
     wrong[judged] = angle[judged] > limit[judged]
-    if wrong.sum() >= 4 and wrong.sum() * 2 > judged.sum():
+    several = min(len(np.unique(points.mark_point[wrong])), len(np.unique(points.mark_photograph[wrong]))) >= 3
+    if wrong.sum() >= 4 and wrong.sum() * (3 if several else 2) > judged.sum():
         text = (
             f"{int(wrong.sum())} of {int(judged.sum())} point elsewhere than GNSS positions and attitudes say, by "
             f"{np.median(angle[wrong]):.0f}° in the middle"
@@ -415,13 +375,17 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         if findings:
             return findings
         text = "neither control points nor GNSS positions: nothing says where the survey is"
-        return [Finding("fault", "the block", text, "give control_points, or photographs with GNSS tags")]
-    return [
-        *findings,
+        remedy = "give control_points, or photographs with GNSS tags"
+        return [*frozen_findings(project, tags, None), Finding("fault", "the block", text, remedy)]
+    distance = control_distance_findings(project, survey)
+    findings += [
+        *frozen_findings(project, tags, survey),
+        *base_findings(survey),
         *site_findings(project, survey),
-        *control_distance_findings(survey),
+        *distance,
         *arrangement_findings(survey),
-        *height_findings(project, survey),
-        *view_findings(project, survey),
         *mark_findings(survey),
     ]
+    if any(finding.severity == "fault" for finding in distance):
+        return findings  # heights and directions to points of another place mean nothing
+    return [*findings, *height_findings(project, survey), *view_findings(project, survey)]

@@ -18,7 +18,8 @@ from photogram.findings import Finding, Severity, some
 from photogram.frames import LocalFrame
 from photogram.height_datum import HeightEvidence, HeightShift, height_shift
 from photogram.heights import Geoid, HeightSystem
-from photogram.preflight_geometry import MeasuredSurvey, usable_survey
+from photogram.image_scale import ScaleFit, fit_scales
+from photogram.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project import Project
 from photogram.survey import Block, FloatArray, Role
 
@@ -29,7 +30,10 @@ LEAST_M, SIGMAS = 5.0, 4.0
 """A contradiction below these is no matter of height systems."""
 
 _NEAR_GEOID_M = 3.0
+_TIE_COST, _TIE_SHARE = 3.0, 0.02
+_OPEN_SHIFTS_M = np.arange(-60.0, 61.0, 10.0)
 _Who = Literal["control", "GNSS"]
+_ROLES: tuple[Role, ...] = ("control", "check")
 
 
 # ---- what there is to compare --------------------------------------------------------------------------------------
@@ -122,8 +126,8 @@ def _suspects(
 
 def _contradiction(
     project: Project, shift: HeightShift, role: Role, gnss: HeightSystem | None, proved: bool, geoid_m: float | None
-) -> Finding:
-    """Return the finding for a shift that heights of one system cannot have."""
+) -> tuple[Finding, bool]:
+    """Return the finding for a shift that heights of one system cannot have, and whether it is the geoid's height."""
     own = [p.heights for p in project.control_points if p.role == role]
     control = own[0] if len(set(own)) == 1 else None
     side = "below" if shift.shift_m > 0 else "above"
@@ -140,7 +144,7 @@ def _contradiction(
         why = "tens of metres, as between ellipsoidal and orthometric heights"
     if not likely:
         text = f"{noun} lie {fact}, which is no matter of height systems: {why}"
-        return Finding("fault", "heights", text, "check the heights of the control points and of the GNSS base")
+        return Finding("fault", "heights", text, "check the heights of the control points and of the GNSS base"), False
     who, declared, looks, _ = likely[0]
     named = project.heights.geoid.name if project.heights.geoid is not None else "of the survey under heights.geoid"
     key = "heights.control_points" if who == "control" else "heights.gnss"
@@ -153,35 +157,105 @@ def _contradiction(
     if len(likely) > 1:
         other, _, looks, _ = likely[1]
         remedy += f", or {'heights.gnss' if other == 'GNSS' else 'heights.control_points'}: {looks} if those are"
-    return Finding("fault", "heights", text, remedy)
+    return Finding("fault", "heights", text, remedy), geoid_m is not None
+
+
+# ---- scales that look like a shift ---------------------------------------------------------------------------------
+
+
+def _scale_fits(project: Project, evidence: HeightEvidence) -> list[ScaleFit]:
+    """Return the common scales of the marks' coordinates that make them agree best with the GNSS positions.
+
+    Where GNSS heights prove nothing, every shift of the heights is left open to them.
+    """
+    sure = _sure(evidence)
+    marked = sure.gnss_world_m[np.unique(evidence.points.mark_photograph)]
+    is_sure = bool(np.isfinite(marked).all(axis=1).any()) and project.gnss_offset_sigma_m[2] < SURE_SIGMA_M
+    try:
+        return fit_scales(sure if is_sure else evidence, np.zeros(1) if is_sure else _OPEN_SHIFTS_M)
+    except ImageError:
+        return []  # a lens that cannot be undone at a mark: the marks' own check says so
+
+
+def _tie(shift: HeightShift, fit: ScaleFit) -> float:
+    """Return by how much two robust costs may differ and still explain the marks equally well."""
+    return max(_TIE_COST, _TIE_SHARE * (fit.cost_without - shift.cost))
+
+
+def _in_words(evidence: HeightEvidence, fit: ScaleFit) -> str:
+    """Return what a scale means for the cameras whose photographs are marked."""
+    cameras = [evidence.cameras[int(c)] for c in np.unique(evidence.camera_of[evidence.points.mark_photograph])]
+    if fit.kind == "focal length":
+        if len(cameras) > 1:
+            return f"focal lengths of {fit.scale:.2f} times the stated ones"
+        return (
+            f"a focal length of about {fit.scale * cameras[0].focal_px:.0f} px, stated are {cameras[0].focal_px:.0f} px"
+        )
+    if len({(c.width_px, c.height_px) for c in cameras}) > 1:
+        return f"marks measured in pictures of {fit.scale:.2f} times the size of the photographs"
+    width, height = cameras[0].width_px, cameras[0].height_px
+    size = f"{fit.scale * width:.0f} × {fit.scale * height:.0f} px"
+    return f"marks measured in pictures of about {size}, the photographs have {width} × {height} px"
+
+
+def _scale_finding(
+    evidence: HeightEvidence, role: Role, fits: Sequence[ScaleFit], shift: HeightShift | None
+) -> Finding:
+    """Return the finding for marks that a common scale explains, and a shift of heights as well where it is given."""
+    readings = [_in_words(evidence, fit) for fit in fits]
+    if shift is not None:
+        side = "higher" if shift.shift_m > 0 else "lower"
+        readings.append(f"heights that are {abs(shift.shift_m):.1f} m {side}")
+    text = f"the marks of the {role} points agree with the GNSS positions only with {'; or '.join(readings)}"
+    remedy = "check picture_size_px of the marks, and focal_px of the camera"
+    return Finding("warning", "marks", text, remedy + (", and what heights are counted from" if shift else ""))
 
 
 def _of_role(
     project: Project, evidence: HeightEvidence, frame: LocalFrame, role: Role, tags: Sequence[bool | None]
 ) -> tuple[HeightShift | None, list[Finding]]:
     """Return the shift of the points of one role, None where it cannot be told, and what is wrong with it."""
-    shift = _shift(project, evidence)
+    shift, fits = _shift(project, evidence), _scale_fits(project, evidence)
     if shift is None or abs(shift.shift_m) <= _limit_m(shift):
-        return shift, []
+        better = [
+            fit for fit in fits if fit.significant and (shift is None or fit.cost < shift.cost + _tie(shift, fit))
+        ]
+        return shift, [_scale_finding(evidence, role, better, None)] if better else []
     systems = set(project.gnss_systems(tags))
     gnss = next(iter(systems)) if len(systems) == 1 else None
     # what the tags themselves call ellipsoidal is not suspected, as long as it is taken as that
     proved = gnss == "ellipsoidal" and set(tags) == {True} and all(p.gnss_map_m is None for p in project.photographs)
     known = np.isfinite(evidence.gnss_world_m).all(axis=1)
     middle = frame.map_from_world(np.median(evidence.gnss_world_m[known], axis=0)[None])[0]
-    geoid_m = site_geoid_height_m(project, middle)
-    return shift, [_contradiction(project, shift, role, gnss, proved, geoid_m)]
+    finding, of_geoid = _contradiction(project, shift, role, gnss, proved, site_geoid_height_m(project, middle))
+    as_good = [fit for fit in fits if fit.cost <= shift.cost + _tie(shift, fit)]
+    better = [fit for fit in as_good if fit.cost < shift.cost - _tie(shift, fit)]
+    if better or (as_good and not of_geoid):
+        return shift, [_scale_finding(evidence, role, better or as_good, None if better else shift)]
+    return shift, [finding]
+
+
+def _of_both_roles(
+    project: Project, evidence: Mapping[Role, HeightEvidence], frame: LocalFrame, tags: Sequence[bool | None]
+) -> tuple[HeightShift | None, list[Finding]]:
+    """Return the shift of the control points, None where it cannot be told, and what is wrong with the heights of
+    control and check points. Where control and GNSS agree, check points that do not spoil their own test alone."""
+    shift, findings = _of_role(project, evidence["control"], frame, "control", tags)
+    agree = shift is not None and not findings
+    of_checks = _of_role(project, evidence["check"], frame, "check", tags)[1]
+    return shift, findings + [replace(f, severity="warning") if agree else f for f in of_checks]
 
 
 def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mapping[str, Any]]) -> None:
-    """Raise ProjectError where the heights of control points and GNSS contradict each other as two height systems do.
+    """Raise ProjectError where the heights of control points and GNSS contradict each other as two height systems do,
+    and neither a focal length nor a picture size would explain it.
 
     ``tags`` are what the first stage has noted of the photographs, ``block`` what it has measured.
     """
     said = [t["height_is_ellipsoidal"] for t in tags]
-    for role in ("control", "check"):
-        evidence = _evidence_of_block(block, role)
-        for finding in _of_role(project, evidence, block.frame, role, said)[1]:
+    evidence = {role: _evidence_of_block(block, role) for role in _ROLES}
+    for finding in _of_both_roles(project, evidence, block.frame, said)[1]:
+        if finding.severity == "fault":
             raise ProjectError(f"{project.path}: {finding}")
 
 
@@ -255,11 +329,8 @@ def height_system_findings(project: Project, tags: Sequence[PhotographTags | Non
     if survey is None:
         return []
     said = [None if t is None else t.height_is_ellipsoidal for t in tags]
-    findings, found = [], dict[Role, HeightShift | None]()
-    for role in ("control", "check"):
-        evidence = _evidence_of_survey(project, survey, role)
-        found[role], wrong = _of_role(project, evidence, survey.frame, role, said)
-        findings += wrong
+    evidence = {role: _evidence_of_survey(project, survey, role) for role in _ROLES}
+    shift, findings = _of_both_roles(project, evidence, survey.frame, said)
     if not findings:
-        findings += _declaration_findings(project, survey, said, found["control"])
+        findings += _declaration_findings(project, survey, said, shift)
     return [*findings, *_against_tags(project, said)]

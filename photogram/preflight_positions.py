@@ -12,7 +12,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from photogram.files.tags import PhotographTags
-from photogram.findings import Finding, some, things
+from photogram.findings import Finding, Severity, some, things
 from photogram.gnss_solutions import Solution
 from photogram.measured_positions import (
     FROM_TAGS,
@@ -27,6 +27,9 @@ from photogram.survey import FloatArray
 
 CLOCK_S = 3.0
 """Camera clocks count whole seconds and drift; the difference common to a file is taken off before."""
+
+LONG_ARM_M, LONGEST_ARM_M = 3.0, 20.0
+"""Drones are smaller than the first, and aircraft that carry cameras than the second."""
 
 Pair = tuple[ProjectPhotograph, PhotographTags]
 
@@ -101,6 +104,24 @@ def flight_findings(known: Sequence[Pair]) -> list[Finding]:
                 "give each day's photographs their own flight: flights have an offset each, and sites may have changed"
             )
             findings.append(Finding("warning", f"flight {flight}", text, remedy))
+    return findings
+
+
+def long_arm_findings(known: Sequence[Pair]) -> list[Finding]:
+    """Return lever arms that are longer than an aircraft; a fault where only millimetres can have been meant."""
+    arms: defaultdict[tuple[float, ...], list[Pair]] = defaultdict(list)
+    for pair in known:
+        if pair[0].lever_arm_m is not None and np.linalg.norm(pair[0].lever_arm_m) > LONG_ARM_M:
+            arms[tuple(float(x) for x in pair[0].lever_arm_m)].append(pair)
+    findings = []
+    for arm_m, pairs in arms.items():
+        length_m = float(np.linalg.norm(arm_m))
+        figures = ", ".join(f"{x:g}" for x in arm_m)
+        text = f"a lever arm of [{figures}] m is {length_m:.0f} m from antenna to camera: typed in millimetres?"
+        metres = ", ".join(f"{x / 1000:g}" for x in arm_m)
+        remedy = f"give it in metres, [{metres}] if these are millimetres"
+        severity: Severity = "fault" if length_m > LONGEST_ARM_M else "warning"
+        findings.append(Finding(severity, f"gnss.lever_arm_m of {_names(pairs)}", text, remedy))
     return findings
 
 
@@ -184,6 +205,7 @@ def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> li
         *solution_findings(known),
         *flight_findings(known),
         *lever_arm_findings(known),
+        *long_arm_findings(known),
         *file_findings(known),
         *time_findings([(photograph, tags.time) for photograph, tags in known]),
     ]

@@ -23,6 +23,7 @@ from photogram.contours import ContourSettings
 from photogram.dense_matching import DenseSettings
 from photogram.errors import PhotogramError
 from photogram.features import FeatureSettings
+from photogram.findings import Finding
 from photogram.frames import LocalFrame, WorldKind, product_crs
 from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.matching import MatchingSettings
@@ -142,6 +143,7 @@ class Project:
     or as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
     that this source may mean. ``control_points`` holds those of the list, then those of the files.
     ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
+    ``warnings`` is what is doubtful in the file or in the files that it names.
     """
 
     path: Path
@@ -171,6 +173,7 @@ class Project:
     work: Path
     heights: DeclaredHeights = UNDECLARED
     report: ReportSettings = field(default_factory=ReportSettings)
+    warnings: tuple[Finding, ...] = ()
 
     @property
     def product_crs(self) -> str:
@@ -268,6 +271,7 @@ def read_project(
         results=base / file.results,
         work=base / file.work,
         heights=heights,
+        warnings=document.warnings,
         **{name: _given(section) for name, section in settings.items()},
     )
 

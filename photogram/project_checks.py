@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from photogram.errors import FrameError
 from photogram.frames import map_from_geodetic, projected_crs
+from photogram.misplaced import other_reading
 from photogram.project_file import Document, Key, suggestion
 from photogram.project_schema import PIXEL_ORIGIN_PX, CameraEntry, ControlPointEntry, PhotographEntry, ProjectFile
 
@@ -35,13 +36,15 @@ _LIST: Key = ("photographs", "list")
 class Located:
     """A position (3,) of the project in its CRS, and where its figures would lie the other way round.
 
-    ``key`` is where the project file names it; ``label`` is empty, or the line of the file that it comes from.
+    ``key`` is where the project file names it; ``label`` is empty, or the line of the file that it comes from, and
+    ``columns`` what its first two figures are.
     """
 
     key: Key
     label: str
     map_m: FloatArray
     turned_map_m: FloatArray
+    columns: tuple[str, str] = ("easting", "northing")
 
 
 @dataclass(frozen=True)
@@ -246,10 +249,11 @@ def _check_marks(
 def _check_positions(
     document: Document, file: ProjectFile, files: Sequence[Sequence[Located]], positions: Sequence[Located]
 ) -> None:
-    area = None
+    crs, area = None, None
     if file.crs is not None:
         try:
             area = AreaOfUse.of(file.crs)
+            crs = file.crs
         except FrameError as fault:
             document.fault(("crs",), str(fault).removeprefix("crs: "))
     control = _listed(
@@ -257,7 +261,7 @@ def _check_positions(
     )
     gnss = _listed([((*_LIST, i, "gnss_m"), p.gnss_m) for i, p in enumerate(file.photographs.list or ())])
     gnss += positions
-    _check_plan(document, area, [control, *files, gnss])
+    _check_plan(document, crs, area, [control, *files, gnss])
     for group in ([*control, *chain.from_iterable(files)], gnss):
         _check_heights(document, group)
 
@@ -266,7 +270,9 @@ def _listed(positions: Sequence[tuple[Key, tuple[float, float, float] | None]]) 
     return [Located(key, "", np.array(p), np.array([p[1], p[0], p[2]])) for key, p in positions if p is not None]
 
 
-def _check_plan(document: Document, area: AreaOfUse | None, groups: Sequence[Sequence[Located]]) -> None:
+def _check_plan(
+    document: Document, crs: str | None, area: AreaOfUse | None, groups: Sequence[Sequence[Located]]
+) -> None:
     """Note swapped, distant and foreign positions; one fault for a whole list or file that has the same."""
     every = list(chain.from_iterable(groups))
     if not every:
@@ -282,10 +288,11 @@ def _check_plan(document: Document, area: AreaOfUse | None, groups: Sequence[Seq
     foreign &= ~swapped
     distant = ~foreign & ~swapped & (distance_km > FARTHEST_KM)
     texts = (
-        (swapped, "easting and northing look swapped", "write [easting, northing, height]"),
+        (swapped, "{} and {} look swapped", "write [easting, northing, height]"),
         (foreign, f"outside {area}", "check crs and the position"),
         (distant, f"more than {FARTHEST_KM:g} km from the middle of all positions", "check its digits"),
     )
+    right = ~(swapped | foreign | distant)
     start = 0
     for group in groups:
         part = slice(start, start + len(group))
@@ -297,10 +304,18 @@ def _check_plan(document: Document, area: AreaOfUse | None, groups: Sequence[Seq
                 place = group[i]
                 where = f" in all {len(group)}, the first" if whole else ""
                 figures = f"easting {place.map_m[0]:.2f}, northing {place.map_m[1]:.2f}"
-                order = "give easting before northing" if place.label and mask is swapped else remedy
+                order = remedy
+                if mask is swapped and place.label:
+                    order = "give {} before {}".format(*place.columns)
+                elif mask is not swapped and whole and crs is not None:
+                    others = plan[right & ~np.isin(np.arange(len(plan)), np.arange(part.start, part.stop))]
+                    reading = other_reading(crs, np.array([p.map_m for p in group]), others)
+                    if reading is not None:
+                        figures += f"; {reading[0]} they would lie among the others"
+                        order = reading[1]
                 document.fault(
                     place.key if place.label or not whole else place.key[:2],
-                    f"{place.label}{text}{where}: found {figures}: {order}",
+                    f"{place.label}{text.format(*place.columns)}{where}: found {figures}: {order}",
                 )
 
 

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from photogram.errors import FrameError, ProjectError
 from photogram.files.position_files import PositionRow
-from photogram.files.tags import PhotographTags
+from photogram.files.tags import PhotographTags, damage_by_kind
+from photogram.findings import some
 from photogram.frames import height_system_of, map_from_geodetic, projected_crs, vertical_of
+from photogram.frozen_positions import frozen_positions
 from photogram.gnss_solutions import Sigma3
 from photogram.heights import HeightSystem, is_gnss_ellipsoid
 from photogram.sites import (
@@ -135,7 +137,8 @@ class DraftHeights:
 
 @dataclass(frozen=True)
 class ProjectDraft:
-    """A project to be written; ``heights`` says in words from what the heights of the positions are counted."""
+    """A project to be written; ``heights`` says in words from what the heights of the positions are counted,
+    ``warnings`` what is doubtful about the photographs that are used."""
 
     crs: str
     crs_name: str
@@ -151,6 +154,7 @@ class ProjectDraft:
     left_out: tuple[LeftOut, ...] = ()
     gnss_kinds: Mapping[GnssKind, int] = field(default_factory=dict)
     positions: tuple[DraftPositions, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def flights(self) -> int:
@@ -332,6 +336,30 @@ def _cameras(
     return {key: camera for key, camera in zip(keys, cameras, strict=True) if camera is not None}, left_out
 
 
+def _frozen(photographs: Sequence[TaggedPhotograph]) -> set[str]:
+    """Return the names of the photographs whose tags repeat a position, because the receiver had stopped."""
+    place = _degrees(photographs)
+    known = _located(place)
+    position_m = np.full((len(photographs), 3), np.nan)
+    if known.any():
+        position_m[known, :2] = local_metres(*place[known].T)
+        position_m[known, 2] = [p.tags.height_m or 0.0 for p, there in zip(photographs, known, strict=True) if there]
+    frozen = frozen_positions(position_m, [p.tags.time for p in photographs])
+    return {p.name for p, stopped in zip(photographs, frozen, strict=True) if stopped}
+
+
+def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) -> tuple[str, ...]:
+    """Return in words what is doubtful about photographs that are used."""
+    damaged = damage_by_kind([(p.name, p.tags.damage) for p in photographs])
+    words = [f"{some(names)}: {text}" for text, names in damaged]
+    if frozen:
+        words.append(
+            f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, which is "
+            "not used: the receiver had stopped"
+        )
+    return tuple(words)
+
+
 def _flights(photographs: Sequence[TaggedPhotograph], gap_m: float) -> list[str]:
     place = _degrees(photographs)
     known = _located(place)
@@ -386,8 +414,14 @@ def draft_project(
     kept = [p for p in here if camera_key(p.tags) in cameras]
     positions = _used(wishes.positions, {p.name for p in kept})
     rows = {name: row for file in positions for name, row in file.rows.items()}
+    frozen = _frozen([p for p in kept if p.name not in rows])
     gnss = [
-        gnss_of(p.tags) if p.name not in rows else gnss_with(rows[p.name].solution, rows[p.name].sigma_m) for p in kept
+        gnss_with(rows[p.name].solution, rows[p.name].sigma_m)
+        if p.name in rows
+        else None
+        if p.name in frozen
+        else gnss_of(p.tags)
+        for p in kept
     ]
     place = _degrees(kept)
     known = _located(place)
@@ -420,4 +454,5 @@ def draft_project(
         (*left_out, *rare),
         dict(Counter(g.kind for g in gnss if g is not None).most_common()),
         positions,
+        _warnings(kept, [p.name for p in kept if p.name in frozen]),
     )

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
 from photogram.errors import PhotogramError, ProjectError
+from photogram.findings import Finding
 
 Key = tuple[str | int, ...]
 """Where a value stands in the file: keys of blocks, and numbers of list items from 0."""
@@ -62,6 +63,7 @@ class Document:
         self.path = path
         self._lines: dict[Key, int] = {(): 1}
         self._faults: dict[tuple[int, Key, str], None] = {}
+        self._warnings: dict[tuple[int, Key, str, str], None] = {}
         self._seen: set[int] = set()
         self._unread: set[Key] = set()
         node = _compose(path)
@@ -145,6 +147,19 @@ class Document:
     def fault(self, key: Key, text: str, line: int | None = None) -> None:
         """Note what is wrong with the value at a key."""
         self._faults[(self.line(key) if line is None else line, key, text)] = None
+
+    def warn(self, key: Key, text: str, remedy: str) -> None:
+        """Note what is doubtful about the value at a key, and what to do; the file can be used in spite of it."""
+        self._warnings[(self.line(key), key, text, remedy)] = None
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What has been noted as doubtful, in the order of the lines."""
+        noted = sorted(self._warnings, key=lambda warning: warning[0])
+        return tuple(
+            Finding("warning", f"{self.path.name}:{line}", f"{self.where(key)}: {text}", remedy)
+            for line, key, text, remedy in noted
+        )
 
     @property
     def faults(self) -> int:

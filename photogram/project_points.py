@@ -6,6 +6,7 @@ Faults are noted in the document under the entry that names the file, and carry 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,7 +56,7 @@ class GroundPoint:
 @dataclass(frozen=True, eq=False)
 class _Source:
     """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown,
-    ``heights`` the system that its heights were given in."""
+    ``heights`` the system that its heights were given in, ``columns`` what the first two figures of a point are."""
 
     key: Key
     entry: ControlFileEntry
@@ -64,6 +65,7 @@ class _Source:
     position_map_m: FloatArray | None
     turned_map_m: FloatArray | None
     heights: HeightSystem | None
+    columns: tuple[str, str]
 
     @property
     def marks_path(self) -> str:
@@ -89,9 +91,12 @@ def read_point_files(
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
     points: list[GroundPoint] = []
-    for source in sources:
+    marks = [_own_marks(document, source, sources, whole) for source in sources]
+    if photographs is not None:
+        listed = any(point.marks for point in file.control_points.list)
+        marks = _marks_in_photographs(document, sources, marks, photographs, listed)
+    for source, own in zip(sources, marks, strict=True):
         sigma_m, sigma_px = _sigmas_m(document, file, source), _mark_sigmas_px(document, file, source)
-        own = _own_marks(document, source, sources, whole)
         pixel = None if photographs is None else _pixels(document, file, source, own, photographs)
         if source.position_map_m is not None and sigma_m is not None and sigma_px is not None and pixel is not None:
             points += _complete(source, source.position_map_m, sigma_m, own, pixel, sigma_px)
@@ -129,7 +134,8 @@ def _source(
     position, turned, given = None, None, None
     if crs is not None:
         position, turned, given = _positions(document, file, key, entry, points, crs, heights)
-    return _Source(key, entry, points, marks or (), position, turned, given)
+    columns = ("easting", "northing") if crs is None or _is_grid(crs) else ("longitude", "latitude")
+    return _Source(key, entry, points, marks or (), position, turned, given, columns)
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -192,7 +198,7 @@ def _located(source: _Source) -> list[Located]:
     if source.position_map_m is None or source.turned_map_m is None:
         return []
     return [
-        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned)
+        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned, source.columns)
         for point, position, turned in zip(
             source.points.points, source.position_map_m, source.turned_map_m, strict=True
         )
@@ -286,11 +292,10 @@ def _pixels(
     """Return the pixels (M, 2) of marks in photogram's frame and the photographs' own size, None where one is wrong."""
     before = document.faults
     by_name = {p.name: p for p in photographs if p.name is not None}
-    _check_photographs(document, source, marks, by_name)
     pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
     pixel -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
     size_px = np.full(pixel.shape, np.nan)
-    cameras = [camera_of(file, by_name[mark.photograph]) if mark.photograph in by_name else None for mark in marks]
+    cameras = [camera_of(file, by_name[mark.photograph]) for mark in marks]
     for name in dict.fromkeys(cameras):
         camera = file.cameras.get(name or "")
         if camera is None or camera.width_px is None or camera.height_px is None:
@@ -310,21 +315,38 @@ def _pixels(
     return pixel if document.faults == before else None
 
 
-def _check_photographs(
-    document: Document, source: _Source, marks: Sequence[FileMark], by_name: Mapping[str, PhotographEntry]
-) -> None:
-    missing = [mark for mark in marks if mark.photograph not in by_name]
-    if not missing:
-        return
-    names = list(dict.fromkeys(mark.photograph for mark in missing))
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    near = suggestion(names[0], by_name.keys())
-    hint = near if near.startswith("did you mean") else "add them to the project, or remove their marks"
-    text = (
-        f"{len(missing)} of {len(marks)} marks are in photographs that the project does not have: "
-        f"{', '.join(names[:_MOST_NAMES])}{more}: {hint}"
-    )
-    _note(document, source.key, source.marks_path, missing[0].line, text)
+def _marks_in_photographs(
+    document: Document,
+    sources: Sequence[_Source],
+    marks: Sequence[list[FileMark]],
+    photographs: Sequence[PhotographEntry],
+    marks_listed: bool,
+) -> list[list[FileMark]]:
+    """Return the marks of each source in photographs that take part in the project.
+
+    The others are noted as a warning, with the photographs' names; as a fault where no mark of any source is left and
+    the project file lists none itself (``marks_listed``).
+    """
+    names = [p.name for p in photographs if p.name is not None]
+    taking_part = set(names)
+    kept = [[mark for mark in own if mark.photograph in taking_part] for own in marks]
+    nothing_left = not any(kept) and not marks_listed
+    for source, own in zip(sources, marks, strict=True):
+        missing = [mark for mark in own if mark.photograph not in taking_part]
+        if not missing:
+            continue
+        counts = Counter(mark.photograph for mark in missing)
+        listed = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:_MOST_NAMES])
+        more = f" and {len(counts) - _MOST_NAMES} more" if len(counts) > _MOST_NAMES else ""
+        near = suggestion(missing[0].photograph, names)
+        hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
+        text = f"{len(missing)} of {len(own)} marks are in photographs that take no part in the project"
+        where = f"{source.marks_path}:{missing[0].line}: "
+        if nothing_left:
+            document.fault(source.key, f"{where}{text}: {listed}{more}: {hint}")
+        else:
+            document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
+    return kept
 
 
 def _scale(

@@ -106,7 +106,7 @@ def count(number: int, what: str = "photograph") -> str:
 def _gnss_comment(draft: ProjectDraft) -> list[str]:
     without = sum(p.gnss is None for p in draft.photographs)
     if without == len(draft.photographs):
-        return _comment("The tags give no position: the photographs are joined by what they show.", 2)
+        return _comment("The tags give no position that can be used: the photographs are joined by what they show.", 2)
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
     where = "the photographs' own tags"
     if any(file.rows for file in draft.positions):
@@ -160,6 +160,8 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     if draft.flights > 1:
         text = f"{draft.flights} flights, told by pauses of more than ten minutes; each has its own GNSS offset."
         lines += _comment(text, 2)
+    for warning in draft.warnings:
+        lines += _comment(f"Warning: {warning}.", 2)
     lines.append("  list:")
     lines += [_item(p, common, not one_camera, draft.flights > 1) for p in draft.photographs]
     for site in draft.other_sites:

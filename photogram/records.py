@@ -223,17 +223,39 @@ def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[s
     )
 
 
+def _on_originals(points: ControlPoints, project: Project, tags: Sequence[Mapping[str, Any]]) -> ControlPoints:
+    """Return ground points whose marks in copies of a photograph are moved to the photograph itself, unless the point
+    is marked there already."""
+    names = {photograph.name: i for i, photograph in enumerate(project.photographs)}
+    original = np.array([names[t.get("copy_of") or t["name"]] for t in tags], dtype=np.int64)
+    own = original[points.mark_photograph] == points.mark_photograph
+    order = np.argsort(~own, kind="stable")  # marks in the photograph itself come before those in its copies
+    place = np.column_stack([original[points.mark_photograph], points.mark_point])[order]
+    kept = np.sort(order[np.unique(place, axis=0, return_index=True)[1]])
+    return replace(
+        points,
+        mark_photograph=original[points.mark_photograph[kept]],
+        mark_point=points.mark_point[kept],
+        mark_pixel=points.mark_pixel[kept],
+        mark_sigma_px=points.mark_sigma_px[kept],
+    )
+
+
 def measured_block(project: Project, tags: Sequence[Mapping[str, Any]]) -> Block:
-    """Return the block as the project and the photographs' tags give it: no poses, no tie points."""
+    """Return the block as the project and the photographs' tags give it: no poses, no tie points. A photograph that is
+    there twice has its marks once."""
     frame = _frame(project, tags)
     photographs = tuple(_photograph(project, frame, i, t) for i, t in enumerate(tags))
+    points = project.control_points_in(frame)
+    if any(t.get("copy_of") for t in tags):
+        points = _on_originals(points, project, tags)
     return Block(
         frame,
         project.cameras,
         photographs,
         (None,) * len(photographs),
         NO_TIE_POINTS,
-        project.control_points_in(frame),
+        points,
         project.gnss_offset_sigma_m,
     )
 

@@ -16,16 +16,23 @@ def registered_block(block: Block) -> tuple[Block, IntArray]:
 
     Tie points keep only the observations in them, and need two; marks in other photographs are left out.
     """
-    registered = np.array([pose is not None for pose in block.poses], dtype=bool)
-    kept = np.flatnonzero(registered)
+    return part_of_block(block, np.array([pose is not None for pose in block.poses], dtype=bool))
+
+
+def part_of_block(block: Block, chosen: NDArray[np.bool_]) -> tuple[Block, IntArray]:
+    """Return the block of the photographs ``chosen`` (N,), and their indices (K,) in ``block``.
+
+    Tie points keep only the observations in them, and need two; marks in other photographs are left out.
+    """
+    kept = np.flatnonzero(chosen)
     if len(kept) == len(block.poses):
         return block, kept
     number = np.full(len(block.photographs), -1, dtype=np.int64)
     number[kept] = np.arange(len(kept))
     tie, control = block.tie_points, block.control_points
-    seen = registered[tie.photograph]
+    seen = chosen[tie.photograph]
     ties = tie.select(np.bincount(tie.point[seen], minlength=len(tie)) >= 2, seen)
-    marks = registered[control.mark_photograph]
+    marks = chosen[control.mark_photograph]
     return (
         replace(
             block,

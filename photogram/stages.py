@@ -5,7 +5,7 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -20,9 +20,12 @@ from photogram.comparison import compare
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
+from photogram.files.photograph_copies import find_copies
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
+from photogram.files.tags import PhotographTags
 from photogram.frames import LocalFrame, map_heights, plan_of
+from photogram.frozen_positions import frozen_positions
 from photogram.ground_check import adjust_and_judge
 from photogram.matching import match_pair
 from photogram.measured_positions import measured_position, position_note
@@ -31,6 +34,7 @@ from photogram.pair_selection import SelectedPairs, select_pairs
 from photogram.preflight_positions import time_findings
 from photogram.project import Project, ProjectPhotograph
 from photogram.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.registration import part_of_block
 from photogram.remedies import block_deformation
 from photogram.retrieval import most_similar
 from photogram.self_calibration import held_parameters, with_priors
@@ -67,8 +71,9 @@ class Progress(Protocol):
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, object]:
-    """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose."""
+def _described(project: Project, photograph: ProjectPhotograph) -> tuple[dict[str, object], PhotographTags]:
+    """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose, and
+    its tags."""
     camera = project.cameras[photograph.camera]
     check_photograph(photograph.path, (camera.width_px, camera.height_px))
     tags = read_tags(photograph.path)
@@ -76,7 +81,7 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
     gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
     if angles is None and None not in gimbal:
         angles = gimbal  # type: ignore[assignment]
-    return {
+    note = {
         "name": photograph.name,
         **position_note(measured_position(project, photograph, tags)),
         "height_is_ellipsoidal": tags.height_is_ellipsoidal,
@@ -84,16 +89,44 @@ def _described(project: Project, photograph: ProjectPhotograph) -> dict[str, obj
         "time": tags.time.isoformat() if tags.time else None,
         "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
     }
+    return note, tags
+
+
+def _leave_out_copies(run: Run, notes: Sequence[dict[str, object]], tags: Sequence[PhotographTags]) -> int:
+    """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
+    there are."""
+    photographs = run.project.photographs
+    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], run.executor)
+    for original, *copies in groups:
+        for i in copies:
+            notes[i].update(position_note(None), attitude_deg=None, copy_of=photographs[original].name)
+    return sum(len(group) - 1 for group in groups)
+
+
+def _leave_out_frozen(notes: Sequence[dict[str, object]], times: Sequence[datetime | None]) -> int:
+    """Note which positions a receiver gave that had stopped; they are not used. Returns how many there are."""
+    nowhere = (np.nan,) * 3
+    stated = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
+    frozen = frozen_positions(stated, times)
+    for note, stopped in zip(notes, frozen, strict=True):
+        if stopped:
+            note.update(position_note(None), gnss_frozen=True)
+    return int(frozen.sum())
 
 
 def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Decode every photograph and note its GNSS position and attitude; every damaged one is named at once."""
+    """Decode every photograph and note its GNSS position and attitude; every damaged one is named at once.
+
+    A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
+    """
     photographs = run.project.photographs
     futures = [run.executor.submit(_described, run.project, p) for p in photographs]
-    notes, faults = [], []
+    notes, tags, faults = list[dict[str, object]](), list[PhotographTags](), list[str]()
     for done, future in enumerate(futures, 1):
         try:
-            notes.append(future.result())
+            note, own = future.result()
+            notes.append(note)
+            tags.append(own)
         except PhotogramError as fault:
             faults.append(str(fault))
         progress(done, len(futures), photographs[done - 1].name)
@@ -103,8 +136,10 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "fault"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
+    copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
     write_json(folder / "tags.json", notes)
-    return {"photographs": len(notes)}
+    summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
+    return {name: count for name, count in summary.items() if count or name == "photographs"}
 
 
 # ---- features, matches, tie points ---------------------------------------------------------------------------------
@@ -149,10 +184,13 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
 def select_photograph_pairs(run: Run) -> SelectedPairs:
     """Select the pairs of photographs to match; where positions are missing, by what the photographs show."""
     block, settings = run.block(), run.project.pairs
+    used = [i for i, note in enumerate(run.notes()) if note.get("copy_of") is None]
+    photographs = [block.photographs[i] for i in used]
     similar = None
-    if any(photograph.gnss_world_m is None for photograph in block.photographs):
-        similar = most_similar(run.features, len(run.names), 3 * settings.retrieved)
-    return select_pairs(block.photographs, block.cameras, settings, similar=similar)
+    if any(photograph.gnss_world_m is None for photograph in photographs):
+        similar = most_similar(lambda i: run.features(used[i]), len(used), 3 * settings.retrieved)
+    selected = select_pairs(photographs, block.cameras, settings, similar=similar)
+    return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
 
 
 def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -210,10 +248,28 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
 # ---- orientation ---------------------------------------------------------------------------------------------------
 
 
+def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
+    """Return the orientation of the photographs ``kept`` as one of all; the others are ``copies`` of those named."""
+    place = {i: k for k, i in enumerate(kept)}
+    rows = [place.get(i) for i in range(len(copies))]
+    return replace(
+        found,
+        poses=tuple(None if k is None else found.poses[k] for k in rows),
+        resections=tuple(None if k is None else found.resections[k] for k in rows),
+        component=np.array([-1 if k is None else found.component[k] for k in rows], dtype=np.int64),
+        reason=tuple(
+            f"the same photograph as {copy}" if k is None else found.reason[k]
+            for k, copy in zip(rows, copies, strict=True)
+        ),
+    )
+
+
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Find a starting pose for every photograph that can be joined to the block."""
     block = replace(run.block(), tie_points=run.tie_points())
-    orientation = orient(block, run.project.orientation, progress)
+    copies = [note.get("copy_of") for note in run.notes()]
+    part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
+    orientation = _with_copies(orient(part, run.project.orientation, progress), kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")

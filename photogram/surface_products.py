@@ -16,12 +16,14 @@ from photogram.files.atomic import replacing
 from photogram.files.dense_points import CHUNK_CELLS, DensePoints, points_of_cells, write_dense_laz
 from photogram.files.rasters import picture_on_grid
 from photogram.map_grid import MapGrid
+from photogram.orthophoto_stage import LEFT_OUT
 from photogram.records import Run
 from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
     SURFACE_PICTURES,
+    DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
     surface_figures,
@@ -120,14 +122,18 @@ def report_surface(
     run: Run, numbers: dict[str, Any], results: Path
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
     """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
-    names of their pictures, which are written; nothing of what was not made."""
+    names of their pictures, which are written; nothing of what the project asks for none of."""
     for name in SURFACE_PICTURES:
         (results / "pictures" / name).unlink(missing_ok=True)
-    value, drawn, ground = {}, [], ground_marks(numbers["control_points"])
+    value = dict[str, Any]()
+    drawn, ground = list[DrawnFigure](), ground_marks(numbers["control_points"])
     orthophoto, dense = orthophoto_picture(run), dense_surface(run)
     if orthophoto is not None:
         value["orthophoto"] = orthophoto_numbers(orthophoto)
         drawn.append(drawn_orthophoto(orthophoto, ground))
+    left_out = run.workspace.stage("orthophoto") / LEFT_OUT
+    if left_out.is_file():
+        value["orthophoto"] = dict(read_json(left_out))
     if dense is not None:
         value["dense"] = dense_numbers(dense, ground)
         drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import io
 import json
+import zlib
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -23,6 +25,7 @@ from photogram.files.images import (
     read_grey,
     read_pixels,
     read_tags,
+    thumbnail,
     write_photograph,
 )
 from photogram.files.tags import Kind, gimbal_from_camera_angles
@@ -223,7 +226,6 @@ def test_deep_pixels_are_refused(tmp_path: Path, read: object) -> None:
     ("old", "new", "message"),
     [
         (b"-162.900", b"somewhat", "GimbalYawDegree is 'somewhat'"),
-        (b"</rdf:RDF>", b"</rdf:RDX>", "no valid XML"),
         (b"-11.2246986034", b"-91.2246986034", "no globe"),
         (b"2019-02-04;1943", b"2019-02-04,1943", "DewarpData"),
     ],
@@ -233,6 +235,52 @@ def test_nonsense_in_tags_is_named(photograph: Path, old: bytes, new: bytes, mes
     assert content.count(old) == 1
     with pytest.raises(ImageError, match=message):
         read_tags(damaged(photograph, content.replace(old, new)))
+
+
+def test_xmp_that_is_not_xml_leaves_exif_and_is_named(photograph: Path) -> None:
+    content = photograph.read_bytes()
+    broken = damaged(photograph, content.replace(b"</rdf:RDF>", b"</rdf:RDX>"))
+    tags = read_tags(broken)
+    (said,) = tags.damage
+    assert said.startswith("the XMP tags are not valid XML (")
+    assert said.endswith("only EXIF is used")
+    assert (tags.model, tags.focal_mm, tags.time) == (TAGS.model, TAGS.focal_mm, TAGS.time)
+    assert tags.latitude_deg == pytest.approx(TAGS.latitude_deg, abs=1e-8)
+    assert (tags.gimbal_pitch_deg, tags.rtk_flag, tags.dewarp) == (None, None, None)
+    assert inspect_photograph(broken) == tags
+
+
+@pytest.mark.filterwarnings("error")
+def test_damaged_exif_is_said_in_words_and_not_printed(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Model], exif[ExifTags.Base.Make] = "a camera with a long name", "a maker with a long name"
+    path = tmp_path / "cut.jpg"
+    Image.new("L", (32, 24)).save(path, exif=exif.tobytes()[:-70])
+    (said,) = read_tags(path).damage
+    assert said.startswith("the EXIF tags are damaged (")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [(11_000, 9_000), (20_000, 9_500)])
+def test_frames_of_aerial_cameras_are_read_without_a_warning(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = tmp_path / "frame.jpg"
+    Image.new("L", size, 90).save(path, quality=50)
+    assert check_photograph(path, size) == size
+    assert inspect_photograph(path).width_px == size[0]
+    assert read_grey(path).shape == size[::-1]
+    assert thumbnail(path) == pytest.approx(90.0, abs=2.0)
+
+
+def test_more_than_a_gigapixel_is_refused_in_words(tmp_path: Path) -> None:
+    content = io.BytesIO()
+    Image.new("L", (16, 16)).save(content, "PNG")
+    head = bytearray(content.getvalue())
+    head[16:24] = (40_000).to_bytes(4, "big") + (30_000).to_bytes(4, "big")
+    head[29:33] = zlib.crc32(bytes(head[12:29])).to_bytes(4, "big")
+    (tmp_path / "mosaic.png").write_bytes(head)
+    for read in (*READERS, inspect_photograph, read_tags):
+        with pytest.raises(ImageError, match=r"40000 × 30000 px are 1200 megapixels, photogram reads up to 1000"):
+            read(tmp_path / "mosaic.png")
 
 
 def test_photograph_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:

@@ -160,9 +160,9 @@ ODD_NAMES = ("1e5.jpg", "007.jpg", "a, b.jpg", "no: x.jpg", "#1.jpg", "ü [1] {2
 
 
 def test_odd_names_of_photographs_are_read_back(folder: Path, photogram: Run) -> None:
-    photographed(folder, flown(1))
-    for name in ODD_NAMES:
-        shutil.copy(folder / "DJI_0001.JPG", folder / name)
+    photographed(folder, flown(len(ODD_NAMES) + 1))
+    for number, name in enumerate(ODD_NAMES, 2):
+        (folder / f"DJI_{number:04d}.JPG").rename(folder / name)
     shutil.copy(folder / "DJI_0001.JPG", folder / "line\nbreak.jpg")
     outcome = photogram("init", folder)
     assert outcome.code == 0
@@ -238,6 +238,72 @@ def test_photographs_that_cannot_be_used_are_named_with_the_reason(folder: Path,
         assert re.search(rf"Left out: [^{{]*{re.escape(reason)}[^{{]*- {{name: {name}}}", text)
         assert name in outcome.out
     assert str(folder) not in text
+
+
+def test_the_same_photograph_twice_is_taken_once(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(6))
+    shutil.copy(folder / "DJI_0002.JPG", folder / "DJI_0002 (1).JPG")
+    with Image.open(folder / "DJI_0004.JPG") as picture:  # saved anew, with its tags
+        picture.save(folder / "saved again.JPG", quality=70, exif=picture.info["exif"], xmp=picture.info["xmp"])
+    burst = Image.fromarray(np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8))
+    write_photograph(folder / "burst.JPG", np.asarray(burst), flown(6)[5])  # the next one, within the clock's second
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    names = [p.name for p in load_project(Path("project.yaml")).photographs]
+    assert names == [*(f"DJI_{i:04d}.JPG" for i in range(1, 7)), "burst.JPG"]
+    text = squeezed(Path("project.yaml").read_text())
+    assert "Left out: the same photograph as DJI_0002.JPG - {name: DJI_0002 (1).JPG}" in text
+    assert "Left out: the same photograph as DJI_0004.JPG - {name: saved again.JPG}" in text
+    assert "the same photograph as DJI_0004.JPG" in squeezed(outcome.out)
+
+
+def test_two_lenses_of_one_body_are_two_cameras(folder: Path, photogram: Run) -> None:
+    tags = flown(12)
+    lenses = [{"lens": "DL 24mm"}, {"lens": "DL 35mm"}, {"lens_serial": "a1"}, {"lens_serial": "a2"}]
+    for first, second in (lenses[:2], lenses[2:], [{"focal_mm": 24.0}, {"focal_mm": 35.0}]):
+        shutil.rmtree(folder, ignore_errors=True)
+        photographed(folder, [replace(t, **(first if i % 2 else second)) for i, t in enumerate(tags)])
+        assert photogram("init", folder, "--focal-px", "60", "--force").code in (0, 1)
+        outcome = photogram("init", folder, "--force")
+        assert outcome.code == 0, outcome.err
+        project = load_project(Path("project.yaml"))
+        assert len(project.cameras) == 2
+        assert [p.camera for p in project.photographs] == [0, 1] * 6
+
+
+def test_xmp_that_is_not_xml_costs_neither_the_photograph_nor_its_marks(
+    folder: Path, photogram: Run, tmp_path: Path
+) -> None:
+    photographed(folder, flown(12))
+    path = folder / "DJI_0002.JPG"
+    path.write_bytes(path.read_bytes().replace(b"</rdf:RDF>", b"</rdf:RDX>"))
+    broken = (folder / "DJI_0005.JPG").read_bytes()
+    (folder / "DJI_0005.JPG").write_bytes(broken[: len(broken) // 2])
+    gcp_list(tmp_path / "gcp.txt", "EPSG:32632", "EPSG:32632", 0.5)
+    with (tmp_path / "gcp.txt").open("a") as file:
+        file.write("462300.0 5249000.0 440.0 10 12 DJI_0005.JPG G9\n462300.0 5249000.0 440.0 10 12 DJI_0006.JPG G9\n")
+    outcome = photogram("init", folder, "--control", "gcp.txt")
+    assert outcome.code == 0, outcome.err
+    said = squeezed(outcome.out)
+    assert "DJI_0002.JPG: the XMP tags are not valid XML" in said
+    assert "1 of " in said
+    assert "marks are in photographs that take no part in the project and are left out: DJI_0005.JPG (1)" in said
+    text = squeezed(Path("project.yaml").read_text())
+    assert "Warning: DJI_0002.JPG: the XMP tags are not valid XML" in text
+    project = load_project(Path("project.yaml"))
+    assert {p.name for p in project.photographs} >= {"DJI_0002.JPG"}
+    assert len(project.control_points[-1].mark_photograph) == 1
+
+
+def test_positions_of_a_frozen_receiver_are_not_used(folder: Path, photogram: Run) -> None:
+    tags = flown(8)
+    photographed(folder, [*tags[:4], *(replace(t, latitude_deg=tags[3].latitude_deg) for t in tags[4:])])
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    assert "5 photographs taken at different times have the same GNSS position" in squeezed(outcome.out)
+    text = squeezed(Path("project.yaml").read_text())
+    assert "Warning: DJI_0004.JPG, DJI_0005.JPG, DJI_0006.JPG, DJI_0007.JPG, DJI_0008.JPG: 5 photographs" in text
+    assert "3 without stated accuracy, 5 without a position" in text
 
 
 def test_cameras_are_listed_and_photographs_say_which(folder: Path, photogram: Run) -> None:

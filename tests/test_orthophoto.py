@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,11 +15,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project
+from photogram import orthophoto_stage
+from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid
 from photogram.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
+from photogram.orthophoto_stage import left_out_reason
+from photogram.pipeline import load_project, run_pipeline
 from photogram.rendering import intersect, render, visible
 from photogram.scene import Scene, make_scene, paint_targets, surface_raster
 from photogram.seams import find_seams
@@ -326,3 +331,30 @@ def test_a_surface_without_heights_is_refused(flat: Flat) -> None:
     empty = Raster(np.full((50, 50), np.nan, np.float32), EAST - 5.0, NORTH + 5.0, 0.2)
     with pytest.raises(PhotogramError, match=r"no height anywhere: set orthophoto\.enabled to false"):
         planned(flat.views, empty, flat.pictures, None, OrthophotoSettings())
+
+
+# ---- photographs that look sideways --------------------------------------------------------------------------------
+
+
+def turned_by(pitch_deg: float, yaw_deg: float = 30.0) -> Pose:
+    return Pose(rotation_from_gimbal(yaw_deg, pitch_deg, 0.0), np.zeros(3))
+
+
+@pytest.mark.parametrize(("pitch_deg", "words"), [(-90.0, ""), (-45.0, ""), (-20.0, "20° below"), (15.0, "15° above")])
+def test_photographs_that_look_sideways_make_none(pitch_deg: float, words: str) -> None:
+    poses = [turned_by(pitch_deg, 40.0 * i) for i in range(5)] + [turned_by(-90.0), None, turned_by(pitch_deg)]
+    reason = left_out_reason(poses)
+    assert words in reason
+    assert bool(reason) == bool(words)
+    assert left_out_reason([None]) == ""
+
+
+def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(orthophoto_stage, "LEAST_DEPRESSION_DEG", 91.0)
+    assert (adjusted_survey / "results/orthophoto.tif").is_file()
+    report = run_pipeline(load_project(adjusted_survey / "project.yaml"), start="orthophoto")
+    reason = report["orthophoto"]["left_out"]
+    assert reason.startswith("the photographs look sideways (median optical axis 8")
+    assert not (adjusted_survey / "results/orthophoto.tif").exists()
+    assert f"Orthophoto left out: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    assert json.loads((adjusted_survey / "work/orthophoto/stage.json").read_text())["left_out"] == reason

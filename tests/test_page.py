@@ -179,6 +179,9 @@ def test_a_dense_surface_that_nothing_tests_says_so(full_report: Json) -> None:
     assert "no check point lies on it." in text
     assert not {"table-dense-accuracy", "table-dense-check"} & set(Page(text).ids)
     assert "Orthophoto left out: the project makes none." in text
+    text = report_page(report | {"orthophoto": {"left_out": "the photographs look sideways"}}, [])
+    assert "Orthophoto left out: the photographs look sideways." in text
+    assert "Surface and orthophoto" not in text
 
 
 def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dict[str, str]]) -> None:

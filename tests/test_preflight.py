@@ -205,6 +205,12 @@ def on_all(*changes: Callable[[Survey], Survey]) -> Callable[[Survey], Survey]:
     return change
 
 
+def frozen(survey: Survey) -> Survey:
+    tag = survey[1][0]
+    assert tag is not None
+    return with_tags(survey, longitude_deg=tag.longitude_deg, latitude_deg=tag.latitude_deg, height_m=tag.height_m)
+
+
 def with_crs(crs: str) -> Callable[[Survey], Survey]:
     return lambda survey: (replace(survey[0], crs=crs, control_points=()), survey[1])
 
@@ -239,6 +245,36 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
         lambda s: with_tags(s, gnss_sigma_m=None),
         [("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 GNSS positions without a standard dev")],
     ),
+    "two lenses": (
+        on_all(
+            *(tag_changed(i, lens="DL 35mm", lens_serial="2") for i in range(4)),
+            *(tag_changed(i, lens="DL 24mm", lens_serial="1") for i in range(4, 12)),
+        ),
+        [
+            (
+                "warning",
+                "camera p4",
+                "its photographs were taken with different lenses: DL 24mm no. 1 (8), DL 35mm no. 2 (4)",
+            )
+        ],
+    ),
+    "XMP that is not XML": (
+        on_all(*(tag_changed(i, damage=("the XMP tags are not valid XML (x), only EXIF is used",)) for i in (3, 5))),
+        [("warning", "03.JPG, 05.JPG", "the XMP tags are not valid XML (x), only EXIF is used")],
+    ),
+    "a frozen receiver": (
+        frozen,
+        [
+            ("warning", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+        ],
+    ),
+    "a frozen receiver and no control": (
+        on_all(keep_points([]), frozen),
+        [
+            ("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+            ("fault", "the block", "neither control points nor GNSS positions: nothing says where the survey is"),
+        ],
+    ),
     "some without GNSS": (
         tag_changed(3, longitude_deg=None, latitude_deg=None),
         [("warning", "03.JPG", "1 of 12 photographs have no GNSS position")],
@@ -270,8 +306,7 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "control of another place": (
         lambda s: with_points(s, lambda p: replace(p, position_map_m=p.position_map_m + np.array([3e4, 0, 0]))),
         [
-            ("fault", "control_points", "the nearest of them is 30.0 km from the nearest GNSS position"),
-            ("warning", "marks", "37 of 37 point elsewhere than GNSS positions and attitudes say, by "),
+            ("fault", "control_points", "they lie 29.9 km or more from the GNSS positions of the photographs"),
         ],
     ),
     "one control point far away": (
@@ -292,6 +327,13 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "control above the camera": (
         moved("G2", [0, 0, 80]),
         [("fault", "point G2", "G2 is 32.0 m above ")],
+    ),
+    "a check point above the camera": (
+        moved("G5", [0, 0, 80]),
+        [
+            ("warning", "point G5", "G5 is 31.0 m above "),
+            ("warning", "heights", "heights of the check points look orthometric although declared ellipsoidal"),
+        ],
     ),
     "control above a camera that is not sure of its height": (
         on_all(moved("G2", [0, 0, 80]), lambda s: with_tags(s, gnss_sigma_m=(2.0, 2.0, 10.0))),
@@ -314,6 +356,38 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
                 "fault",
                 "heights",
                 "heights of the check points look orthometric although declared ellipsoidal: they lie",
+            ),
+        ],
+    ),
+    "marks of half-size pictures": (
+        lambda s: with_points(s, lambda p: replace(p, mark_pixel=(p.mark_pixel + 0.5) / 2 - 0.5)),
+        [
+            (
+                "warning",
+                "marks",
+                "the marks of the control points agree with the GNSS positions only with marks measured in pictures of "
+                "about 2000 × 1500 px, the photographs have 4000 × 3000 px",
+            ),
+            (
+                "warning",
+                "marks",
+                "the marks of the check points agree with the GNSS positions only with marks measured",
+            ),
+            ("warning", "marks", "17 of 37 point elsewhere than GNSS positions and attitudes say, by 3"),
+        ],
+    ),
+    "a focal length 13 % too long": (
+        lambda s: (replace(s[0], cameras=(replace(CAMERA, focal_px=1.13 * CAMERA.focal_px),)), s[1]),
+        [
+            (
+                "warning",
+                "marks",
+                "the marks of the control points agree with the GNSS positions only with a focal length",
+            ),
+            (
+                "warning",
+                "marks",
+                "the marks of the check points agree with the GNSS positions only with a focal length",
             ),
         ],
     ),
@@ -414,8 +488,8 @@ def test_twins_disk_and_memory() -> None:
     survey = a_survey()
     findings = found(survey, twins=[(0, 3)], free_disk_bytes=10**6, memory=10**8)
     assert [(f.severity, f.where) for f in findings[:-1]] == [
-        ("fault", "00.JPG, 03.JPG"),
         ("fault", "disk"),
+        ("warning", "00.JPG, 03.JPG"),
         ("warning", "memory"),
     ]
     assert found(survey, free_disk_bytes=10**12, memory=10**12)[0].severity == "note"
@@ -476,7 +550,7 @@ def test_command_says_ready(survey: Path, photogram: Run, monkeypatch: pytest.Mo
     outcome = photogram("check", survey / "project.yaml")
     assert outcome.code == 0, outcome.out
     assert outcome.err == ""
-    assert flat(outcome.out.strip().splitlines()[-1]).startswith("Ready: 0 faults")
+    assert flat(outcome.out.strip().splitlines()[-1]).startswith("Ready: 0 errors")
     assert "4 photographs, 1 camera, 4 with GNSS" in flat(outcome.out)
     assert not (survey / "work").exists()
 
@@ -499,7 +573,7 @@ def test_command_says_everything_at_once(
     assert "project.yaml:" in outcome.out
     assert "'EPSG:99999' is no coordinate reference system" in flat(outcome.out)
     assert "the same photograph twice" in outcome.out
-    assert outcome.out.strip().splitlines()[-1].startswith("Not ready: 3 faults")
+    assert outcome.out.strip().splitlines()[-1].startswith("Not ready: 2 errors, 1 warning")
 
 
 def test_command_without_a_project_file(tmp_path: Path, photogram: Run) -> None:

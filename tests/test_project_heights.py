@@ -192,7 +192,11 @@ def test_orthometric_control_declared_ellipsoidal_stops_check_and_adjust(
     assert "m below where their marks and the GNSS heights put them" in finding.text
     assert finding.remedy.startswith("write heights.control_points: orthometric with the geoid")
     assert "Not ready" in table
-    adjusted = photogram("adjust", path)
+    stopped = photogram("adjust", path)
+    assert stopped.code == 1
+    assert "Nothing was processed" in stopped.out
+    assert not (survey / "work").exists()
+    adjusted = photogram("adjust", path, "--no-check")
     assert adjusted.code == 1
     assert finding.text in " ".join(adjusted.err.split())
     assert not (survey / "work" / "features").exists()

@@ -205,6 +205,23 @@ def test_sheffield(tmp_path: Path) -> None:
     assert sum(len(p.mark_photograph) for p in project.control_points) == 25
 
 
+def test_marks_of_photographs_that_take_no_part_are_left_out_with_a_warning(folder: Path) -> None:
+    change(folder, "gcp_list.txt", ("a.jpg", "a.JPG"))
+    change(folder, "marks.csv", ("K1,b.jpg", "K1,IMG_9.png"))
+    project = read(folder)
+    assert [len(p.mark_photograph) for p in project.control_points] == [1, 1, 1, 1, 1, 1]
+    first, second = project.warnings
+    assert (first.severity, first.where) == ("warning", "project.yaml:19")
+    assert first.text == (
+        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that take no part in the project and are left out: "
+        "a.JPG (1)"
+    )
+    assert first.remedy == "did you mean 'a.jpg'?"
+    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that take no part")
+    assert second.text.endswith("IMG_9.png (1)")
+    assert second.remedy == "add the photographs to the project, or remove their marks"
+
+
 def test_photograph_paths_in_spite_of_faults(folder: Path) -> None:
     change(folder, "project.yaml", ("quality: medium", "quality: best"), ("crs: EPSG:25832", "crs: none"))
     assert [p.name for p in photograph_paths(folder / "project.yaml")] == ["a.jpg", "b.jpg", "c.jpg"]
@@ -277,11 +294,14 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
         [("marks.csv", "399,299", "399,300")],
         [f"21: {C}: marks.csv:5: the mark of C2 in c.jpg at pixel (399, 300) is outside the photograph, which is 400 "],
     ),
-    "photograph that is not there": (
-        [("gcp_list.txt", "a.jpg", "a.JPG"), ("marks.csv", "K1,b.jpg", "K1,IMG_9.png")],
+    "no photograph of any mark": (
+        [("project.yaml", ", marks: {a.jpg: [1, 2]}", "")]
+        + [("gcp_list.txt", f" {name}", f" x_{name}") for name in ("a.jpg", "b.jpg", "c.jpg")]
+        + [("marks.csv", f",{name}", f",x_{name}") for name in ("a.jpg", "a.jpg", "b.jpg", "c.jpg")],
         [
-            f"19: {G}: gcp_list.txt:2: 1 of 3 marks are in photographs that the project does not have: a.JPG: did you",
-            f"25: {K}: marks.csv:4: 1 of 2 marks are in photographs that the project does not have: IMG_9.png: add",
+            f"19: {G}: gcp_list.txt:2: 3 of 3 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+            f"21: {C}: marks.csv:2: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+            f"25: {K}: marks.csv:3: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
         ],
     ),
     "name of list and file": (
@@ -338,7 +358,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "latitude before longitude": (
         [("check.csv", "12.5116;55.8231", "55.8231;12.5116")],
-        [f"25: {K}: check.csv:2: K1: easting and northing look swapped: found easting "],
+        [f"25: {K}: check.csv:2: K1: longitude and latitude look swapped: found easting "],
     ),
     "swapped in a whole file": (
         [("gcp_list.txt", "720000 6192010", "6192010 720000")] * 2

@@ -177,3 +177,10 @@ def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) 
     assert "Surface" not in text
     terminal.show_report(report() | {"orthophoto": made, "dense": dense()})
     assert "Surface and orthophoto" in shown.export_text()
+
+
+def test_an_orthophoto_that_is_left_out_says_why(shown: Console) -> None:
+    terminal.show_report(report() | {"orthophoto": {"left_out": "the photographs look sideways"}, "dense": dense()})
+    text = shown.export_text()
+    assert "left out: the photographs look sideways" in text
+    assert "Surface and orthophoto" not in text

@@ -18,7 +18,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.files.tags import DJI_NUMBERS, Dewarp, PhotographTags, tags_of
+from photogram.files.tags import DJI_NUMBERS, Dewarp, PhotographTags, recorded_warnings, tags_of
 
 __all__ = [
     "Dewarp",
@@ -28,11 +28,18 @@ __all__ = [
     "read_grey",
     "read_pixels",
     "read_tags",
+    "thumbnail",
     "write_photograph",
 ]
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
+
+LARGEST_PIXELS = 1_000_000_000
+"""Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""
+
+# Pillow warns of pictures above 89 megapixels, as web sites need it; _identify has the limit that photographs need.
+Image.MAX_IMAGE_PIXELS = None
 
 _MODES = ("RGB", "L", "RGBA")
 _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
@@ -86,13 +93,19 @@ def _read(path: Path) -> bytes:
 
 def _identify(path: Path, data: bytes) -> Image.Image:
     try:
-        return Image.open(io.BytesIO(data))
+        with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
+            picture = Image.open(io.BytesIO(data))
     except UnidentifiedImageError as fault:
         raise _damaged(path, f"{len(data)} bytes in no known picture format") from fault
-    except Image.DecompressionBombError as fault:
-        raise ImageError(f"photograph {path}: {fault}: make the photograph smaller, and its calibration") from fault
     except (OSError, SyntaxError, ValueError) as fault:
         raise _damaged(path, fault) from fault
+    if picture.width * picture.height > LARGEST_PIXELS:
+        raise ImageError(
+            f"photograph {path}: {picture.width} × {picture.height} px are {picture.width * picture.height / 1e6:.0f} "
+            f"megapixels, photogram reads up to {LARGEST_PIXELS / 1e6:.0f}: give single photographs as taken, not a "
+            "mosaic, or make them smaller and their calibration with them"
+        )
+    return picture
 
 
 def _open(path: Path, size_px: tuple[int, int] | None) -> Image.Image:
@@ -158,8 +171,8 @@ def check_photograph(path: Path, size_px: tuple[int, int] | None = None) -> tupl
 def read_tags(path: Path) -> PhotographTags:
     """Return what the photograph's EXIF and XMP say; XMP comes first where both give the position, it has more digits.
 
-    A sigma of zero counts as not given. Damaged pixels go unnoticed. Raises ImageError where the file is missing or
-    is no picture, or a tag holds nonsense.
+    A sigma of zero counts as not given. XMP that is not valid XML is left out, which ``damage`` of the tags says.
+    Damaged pixels go unnoticed. Raises ImageError where the file is missing or is no picture, or a tag holds nonsense.
     """
     return tags_of(_identify(path, _read(path)), path)
 
@@ -170,6 +183,17 @@ def inspect_photograph(path: Path) -> PhotographTags:
     Raises ImageError as read_tags does, and where the pixels are of another kind or the file has no end.
     """
     return tags_of(_open(path, None), path)
+
+
+def thumbnail(path: Path) -> FloatArray:
+    """Return the photograph's luminance (48, 64) as grey values from 0 to 255, JPEG decoded at an eighth of its size.
+
+    Enough to tell one photograph from the next one of a flight. Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, None)
+    picture.draft("L", (64, 48))
+    _decode(path, picture)
+    return np.asarray(picture.convert("L").resize((64, 48), Image.Resampling.BOX), dtype=np.float64)
 
 
 def _rational(value: float, denominator: int) -> IFDRational:

@@ -10,11 +10,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from math import atan2, degrees, hypot, isfinite
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 from xml.etree.ElementTree import Element, ParseError
 
@@ -27,10 +30,14 @@ from PIL.TiffImagePlugin import IFDRational
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
 from photogram.errors import ImageError
 
+_Tags = dict[int, object]
 Kind = Literal["frame", "thermal", "panorama", "fisheye"]
 
 MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """EXIF FocalPlaneResolutionUnit: inch, centimetre, millimetre, micrometre."""
+
+HIGHEST_M = 50_000.0
+"""No camera's height is farther from the ellipsoid or the sea."""
 
 DJI_NUMBERS = {
     "height_above_take_off_m": "RelativeAltitude",
@@ -47,6 +54,7 @@ _GIMBAL = ("gimbal_yaw_deg", "gimbal_pitch_deg", "gimbal_roll_deg")
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
 _ZONE = re.compile(r"[+-][01]\d:[0-5]\d")
+_RECORDING = Lock()
 _FRACTION = re.compile(r"\s*([-+]?[\d.]+)\s*/\s*(\d+)\s*")
 
 
@@ -77,7 +85,8 @@ class PhotographTags:
     camera's clock, with a zone only where the tags give one. ``height_is_ellipsoidal``: above the ellipsoid, or else
     near sea level, often from a barometer. ``gnss_sigma_m`` is east, north, up, ``gnss_horizontal_error_m`` EXIF's
     positioning error. ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in
-    camera.rotation_from_gimbal, whatever the maker's own convention is.
+    camera.rotation_from_gimbal, whatever the maker's own convention is. ``damage`` says in words which tags could not
+    be read, empty where all could.
     """
 
     make: str | None = None
@@ -110,6 +119,17 @@ class PhotographTags:
     flight_pitch_deg: float | None = None
     flight_roll_deg: float | None = None
     dewarp: Dewarp | None = None
+    damage: tuple[str, ...] = ()
+
+
+def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str, list[str]]]:
+    """Return each kind of damage, in the words of the first photograph that has it, and the names of all that have it;
+    ``damaged`` are the names of photographs and the ``damage`` of their tags."""
+    kinds: dict[str, tuple[str, list[str]]] = {}
+    for name, texts in damaged:
+        for text in texts:
+            kinds.setdefault(text.split(" (")[0], (text, []))[1].append(name)
+    return list(kinds.values())
 
 
 # ---- EXIF ----------------------------------------------------------------------------------------------------------
@@ -189,26 +209,47 @@ def _properties(root: Element) -> Iterator[tuple[str, str]]:
         yield element.tag, (element.text or "") if not items else ",".join(items)
 
 
-def _xmp(picture: Image.Image, path: Path) -> dict[str, str]:
-    """Return the XMP properties by their names; those of the name space Camera as ``Camera:Yaw``, because other name
-    spaces have a Yaw that is not the camera's. Lists are joined by commas."""
+def _xmp(picture: Image.Image) -> tuple[dict[str, str], str]:
+    """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
+
+    Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
+    camera's. Lists are joined by commas.
+    """
     packet = picture.info.get("xmp")
     if not isinstance(packet, bytes) or b"<" not in packet:
-        return {}
+        return {}, ""
     try:
         root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
-    except (ParseError, DefusedXmlException) as fault:
-        raise ImageError(
-            f"photograph {path}: its XMP tags are no valid XML ({fault}): take the photograph as it left the camera, "
-            "or remove the XMP (exiftool -xmp:all= FILE)"
-        ) from fault
+    except (ParseError, DefusedXmlException, ValueError) as fault:
+        return {}, f"the XMP tags are not valid XML ({fault}), only EXIF is used"
     values: dict[str, str] = {}
     for qualified, text in _properties(root):
         found = _NAME.fullmatch(qualified)
         space, name = (found[1] or "", found[2]) if found else ("", qualified)
         if space != _RDF and text.strip():
             values.setdefault(f"Camera:{name}" if "/camera/" in space.lower() else name, text.strip())
-    return values
+    return values, ""
+
+
+@contextmanager
+def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
+    """Collect the warnings of the libraries that read a file, one thread at a time, instead of printing them."""
+    with _RECORDING, warnings.catch_warnings(record=True) as recorded:
+        warnings.simplefilter("always")
+        yield recorded
+
+
+def _exif(picture: Image.Image) -> tuple[_Tags, _Tags, _Tags, tuple[str, ...]]:
+    """Return the main, EXIF and GPS tags, and in words what Pillow found damaged in them."""
+    with recorded_warnings() as recorded:
+        whole, packet = picture.getexif(), picture.info.get("exif")
+        if isinstance(packet, bytes):  # once more: opening the picture may have read it, and said what is damaged
+            whole = Image.Exif()
+            whole.load(packet)
+        main = dict(whole)  # tags are decoded when asked for
+        exif, gps = dict(whole.get_ifd(ExifTags.IFD.Exif)), dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
+    texts = dict.fromkeys(" ".join(str(warning.message).split()).rstrip(". ") for warning in recorded)
+    return main, exif, gps, tuple(f"the EXIF tags are damaged ({text})" for text in texts)
 
 
 def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
@@ -311,8 +352,12 @@ def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
 # ---- position ------------------------------------------------------------------------------------------------------
 
 
-def _position(xmp: Mapping[str, str], gps: Mapping[int, object], path: Path) -> dict[str, float | None]:
-    """Return longitude, latitude and height, XMP before EXIF; longitude and latitude of exactly zero mean no fix."""
+def _position(
+    xmp: Mapping[str, str], gps: Mapping[int, object], path: Path
+) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    """Return longitude, latitude and height, XMP before EXIF, and in words why they are not used where the height is
+    none; longitude and latitude of exactly zero mean no fix."""
+    damage: tuple[str, ...] = ()
     longitude = _xmp_number(xmp, "GpsLongitude", path)
     if longitude is None:
         # The older firmware of DJI and Autel spells it so.
@@ -330,7 +375,10 @@ def _position(xmp: Mapping[str, str], gps: Mapping[int, object], path: Path) -> 
             f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which lie on no globe: "
             "correct or remove the tags"
         )
-    return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}
+    elif height is not None and abs(height) > HIGHEST_M:
+        damage = (f"the tags give a height of {height:.6g} m (no aircraft flies there), the position is not used",)
+        longitude = latitude = height = None
+    return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}, damage
 
 
 def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[float, float, float] | None:
@@ -356,16 +404,17 @@ def _is_ellipsoidal(xmp: Mapping[str, str], gps: Mapping[int, object], rtk_flag:
 def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     """Return what the EXIF and XMP of an opened photograph say; XMP comes first where both give the position.
 
-    A sigma of zero counts as not given. Raises ImageError where a tag holds nonsense; ``path`` is for its message.
+    A sigma of zero counts as not given. XMP that is not valid XML is left out, and ``damage`` of the tags says so.
+    Raises ImageError where a tag holds nonsense; ``path`` is for its message.
     """
-    main = picture.getexif()
-    exif, gps = main.get_ifd(ExifTags.IFD.Exif), main.get_ifd(ExifTags.IFD.GPSInfo)
-    xmp = _xmp(picture, path)
+    main, exif, gps, damage = _exif(picture)
+    xmp, xmp_damage = _xmp(picture)
+    position, position_damage = _position(xmp, gps, path)
     number = _xmp_number(xmp, "RtkFlag", path)
     flag = None if number is None else int(number)
     values: dict[str, object] = {
         **{field: _xmp_number(xmp, name, path) for field, name in DJI_NUMBERS.items() if field not in _GIMBAL},
-        **_position(xmp, gps, path),
+        **position,
         **_attitude(xmp, path),
         **_camera_calibration(xmp, path),
     }
@@ -391,5 +440,6 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         gnss_horizontal_error_m=_positive(gps.get(ExifTags.GPS.GPSHPositioningError)),
         rtk_flag=flag,
         dewarp=_dewarp(xmp, path),
+        damage=(*damage, *filter(None, (xmp_damage,)), *position_damage),
         **values,  # type: ignore[arg-type]
     )

@@ -140,7 +140,11 @@ def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes)
     for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
         if takes_part:
             continue
-        if photograph.gnss_world_m is None:
+        if note.get("copy_of"):
+            reason = f"the same photograph as {note['copy_of']}"
+        elif note.get("gnss_frozen"):
+            reason = "the receiver had stopped: photographs taken at different times have the same position"
+        elif photograph.gnss_world_m is None:
             reason = "no position in the project, in a file of positions or in its tags"
         else:
             reason = f"not oriented, so its position ({note.get('gnss_source', 'project')}) has nothing to hold"
@@ -212,6 +216,12 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
         warnings.append(
             f"{things(len(without), 'position')} ({some(without)}) of the antenna, and no lever arm to the camera: "
             "give lever_arms: FILE.MRK with the file, or gnss.lever_arm_m."
+        )
+    frozen = [n["name"] for n in notes if n.get("gnss_frozen")]
+    if frozen:
+        warnings.append(
+            f"{things(len(frozen), 'photograph')} ({some(frozen)}) taken at different times with the same GNSS "
+            "position: the receiver had stopped, these positions were not used."
         )
     sources = Counter(n.get("gnss_source") for n in taken)
     if len(sources) > 1 and "tags" in sources:

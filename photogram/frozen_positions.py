@@ -1,0 +1,43 @@
+"""Positions of a receiver that has stopped: the same figures for photograph after photograph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+SAME_M = 0.01
+"""No receiver in the air repeats itself this closely; a frozen one repeats every digit."""
+
+FEWEST = 3
+"""Photographs at different times that must have one position before it is not accepted as measured."""
+
+
+def frozen_positions(position_m: NDArray[np.float64], times: Sequence[datetime | None]) -> NDArray[np.bool_]:
+    """Return which positions (F, 3), in m along any axes, were not measured when their photographs were taken.
+
+    Those are the positions that FEWEST photographs or more have in common to SAME_M, taken at as many different
+    ``times``. Photographs taken at once, as by several cameras on one aircraft, may share a position; without any times
+    only a block in which every photograph has the same position is frozen. NaN marks photographs without a position,
+    which are never frozen.
+    """
+    frozen = np.zeros(len(position_m), dtype=bool)
+    known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
+    if len(known) < FEWEST:
+        return frozen
+    # whole tenths first: a frozen block is then one place, whose pairs need not be counted
+    places, place_of = np.unique(np.round(position_m[known] / (0.1 * SAME_M)), axis=0, return_inverse=True)
+    pairs = cKDTree(places).query_pairs(10.0, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
+    label = connected_components(links, directed=False)[1][place_of.ravel()]
+    for group in np.flatnonzero(np.bincount(label) >= FEWEST):
+        own = known[label == group]
+        moments = {time.replace(tzinfo=None) for time in (times[int(i)] for i in own) if time is not None}
+        untimed = not moments and len(own) == len(known)
+        frozen[own] = len(moments) >= FEWEST or untimed
+    return frozen

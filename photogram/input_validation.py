@@ -1,0 +1,69 @@
+"""Validation of a survey's inputs before processing: reads the project, the tags of the photographs and the free space
+of the machine, and gathers all that is found wrong with them.
+
+`photogram check` shows it, and `photogram adjust` stops at its errors before any work.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+
+from photogram.errors import ProjectError
+from photogram.files.photograph_copies import find_copies
+from photogram.files.photograph_headers import PhotographHeader, read_headers
+from photogram.findings import Finding
+from photogram.pipeline import load_project
+from photogram.preflight import by_severity, check_survey, header_findings, project_faults
+from photogram.project import Project, photograph_paths
+
+
+def _free_disk_bytes(folder: Path) -> int:
+    """Return the free space of the disk on which ``folder`` is, or will be made."""
+    return shutil.disk_usage(next(p for p in (folder, *folder.parents) if p.exists())).free
+
+
+def _memory_bytes() -> int:
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def _copies(
+    paths: Sequence[Path], headers: Sequence[PhotographHeader], cameras: Sequence[object], executor: Executor
+) -> list[tuple[int, ...]]:
+    return find_copies(paths, [header.tags for header in headers], cameras, executor)
+
+
+def validate_project(project: Project) -> list[Finding]:
+    """Return everything that can be known to be wrong with a project that has been read: errors, then warnings, then
+    notes.
+
+    Reads the headers of the photographs and asks the machine for its memory and free disk; nothing is decoded but
+    photographs suspected to be there twice. Raises OSError where the disk cannot be asked.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        paths = [p.path for p in project.photographs]
+        headers = read_headers(paths, executor)
+        copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
+    free_disk_bytes = _free_disk_bytes(project.work.absolute())
+    return check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
+
+
+def validate_project_file(path: Path, photographs: Path | None = None) -> list[Finding]:
+    """Return what ``validate_project`` returns of the project file at ``path``; where the file itself has errors, those
+    and what is wrong with its photographs.
+
+    ``photographs`` is their folder in place of the file's own. Raises ProjectError where the file is not YAML.
+    """
+    try:
+        project = load_project(path, photographs)
+    except ProjectError as fault:
+        with ThreadPoolExecutor(os.cpu_count()) as executor:
+            # Photographs that are missing are among these faults already.
+            there = [p for p in photograph_paths(path, photographs) if p.is_file()]
+            headers = read_headers(there, executor)
+            copies = _copies(there, headers, [None] * len(there), executor)
+        return by_severity([*project_faults(path, fault), *header_findings(headers, copies)])
+    return validate_project(project)
