@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -192,7 +192,7 @@ class Spoiling:
 def spoil(block: Block, plan: SurveyPlan, fault: str, rng: np.random.Generator) -> Spoiling:
     """Return the survey with a fault, or several joined by +."""
     spoiling = Spoiling(block, plan, rng, set())
-    ways = {
+    ways: dict[str, Callable[[], None]] = {
         "one mark": partial(spoiling.far_marks, 1), "two marks": partial(spoiling.far_marks, 2),
         "three marks": partial(spoiling.far_marks, 3), "copied mark": spoiling.copied_mark,
         "exchanged marks": spoiling.exchanged_marks, "exchanged points": spoiling.exchanged_points,

@@ -26,6 +26,9 @@ from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
 BENT = 12.0
 """Sigmas by which the rest contradicts a measurement, from which a blunder in it may be laid to others too."""
 
+BORNE = 40.0
+"""The same, up to which it may yet be named right from an adjustment that holds it."""
+
 OUTVOTED = 0.5
 """Of the tie points of a photograph with marks: a wrong mark may have outvoted them."""
 
@@ -99,6 +102,11 @@ def _explained(
                 found.append(search(block, adjuster(without(block, accused)), adjuster, accused))
         except PhotogramError as error:
             fault = fault or error
+    if gross:
+        # what is gross to the robust adjustment may be small enough for the plain one, whose tests are sharper
+        whole = _with_everything(block, settings, start)
+        if whole is not None and _worst(whole) <= BORNE:
+            found += _searched(block, whole, adjuster)
     if not found:
         raise fault or AdjustmentError("nothing that was measured determines the block")
     return min(found, key=Search.cost), whole
@@ -116,6 +124,14 @@ def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence
         return adjust(block, quick, start=start)
     except PhotogramError:
         return None
+
+
+def _searched(block: Block, whole: Adjustment, adjuster: Adjuster) -> list[Search]:
+    """Return what a search finds from the adjustment with everything in it, nothing where the rest has no solution."""
+    try:
+        return [search(block, whole, adjuster)]
+    except PhotogramError:
+        return []
 
 
 def _looked_for(look: Callable[[], list[Accusation]]) -> list[Accusation]:
@@ -150,8 +166,6 @@ def adjust_and_judge(
         others = [a for a in found.accused if a.kind != "focal length" or a.name in sure]
         found = search(settled, adjuster(without(settled, others)), adjuster, others)
     points = block.control_points
-    if whole is None:
-        whole = _with_everything(block, settings, start)
     before = _checks(whole, points) if whole is not None else _no_checks(points)
     return Verdict(
         found.result,

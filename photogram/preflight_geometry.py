@@ -45,6 +45,13 @@ NO_BASE, NO_BASE_M = 0.02, 0.5
 SMALL_ANGLE_DEG = 20.0
 """Gimbals and compasses err by so much, before their stated sigma is added."""
 
+LEAST_ANGLE_DEG, TIMES_TYPICAL, FEWEST_JUDGED = 5.0, 4.0, 12
+"""They err by less where most marks show it: by so many times the median of so many marks, but never by less than
+this."""
+
+MOST_MARKS = 0.7
+"""Of the marks in a photograph, from which its position or attitude is wrong and not they."""
+
 HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION = 20.0, 0.3
 _SURE_HEIGHT_M = 1.0
 
@@ -306,12 +313,10 @@ def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArra
         angle[own] = np.rad2deg(np.arccos(np.clip(np.sum(ray * way, axis=1), -1.0, 1.0)))
         outside[own] = np.rad2deg(np.arccos(np.clip(way @ R[:, 2], -1.0, 1.0))) - _half_view_deg(camera)
         sigma_m = float(np.nan_to_num(np.hypot(*survey.gnss_sigma_m[i, :2])))
-        limit[own] = (
-            SMALL_ANGLE_DEG
-            + 3.0 * project.photographs[i].attitude_sigma_deg
-            + np.rad2deg(np.arctan2(3.0 * sigma_m, distance))
-        )
-    return angle, outside, limit
+        limit[own] = 3.0 * project.photographs[i].attitude_sigma_deg + np.rad2deg(np.arctan2(3.0 * sigma_m, distance))
+    judged = angle[np.isfinite(angle)]
+    typical = float(np.median(judged)) if len(judged) >= FEWEST_JUDGED else SMALL_ANGLE_DEG
+    return angle, outside, limit + float(np.clip(TIMES_TYPICAL * typical, LEAST_ANGLE_DEG, SMALL_ANGLE_DEG))
 
 
 def _half_view_deg(camera: Camera) -> float:
@@ -320,7 +325,7 @@ def _half_view_deg(camera: Camera) -> float:
 
 
 def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
-    """Return the marks that point elsewhere than positions and attitudes say, by tens of degrees."""
+    """Return the marks that point elsewhere than positions and attitudes say, by far more than others do."""
     points = survey.control
     try:
         angle, outside, limit = _deviations_deg(project, survey)
@@ -349,10 +354,10 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     for i in np.unique(points.mark_photograph[wrong]):
         own = judged & (points.mark_photograph == i)
         name = project.photographs[i].name
-        if own.sum() >= 2 and wrong[own].all():
-            text = (
-                f"all its {int(own.sum())} marks point elsewhere than to their points, by {np.median(angle[own]):.0f}°"
-            )
+        bad = own & wrong
+        if bad.sum() >= 2 and bad.sum() >= MOST_MARKS * own.sum():
+            count = f"all its {own.sum()}" if bad.sum() == own.sum() else f"{bad.sum()} of its {own.sum()}"
+            text = f"{count} marks point elsewhere than to their points, by {np.median(angle[bad]):.0f}°"
             findings.append(Finding("warning", name, text, "check its position, its attitude and its marks"))
             continue
         for m in np.flatnonzero(own & wrong):

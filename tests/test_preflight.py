@@ -82,7 +82,7 @@ def a_survey() -> Survey:
     roles = ["control"] * 5 + ["check"] * 2
     points = tuple(ground_point(f"G{i}", role, p) for i, (role, p) in enumerate(zip(roles, places, strict=True)))
     survey = Project(
-        Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), photographs, points, np.zeros(3),
+        Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), ((),), photographs, points, np.zeros(3),
         FeatureSettings(), PairSettings(), MatchingSettings(), OrientationSettings(), TransferSettings(),
         AdjustmentSettings(), DenseSettings(), SurfaceSettings(), TerrainSettings(), ContourSettings(),
         OrthophotoSettings(),
@@ -282,7 +282,10 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "no GNSS": (without_gnss, [("note", "photographs", "none has a GNSS position: control points alone say")]),
     "same moment": (
         lambda s: (s[0], [s[1][1], *s[1][1:]]),
-        [("warning", "00.JPG, 01.JPG", "same camera, time and position")],
+        [
+            ("warning", "00.JPG, 01.JPG", "same camera, time and position"),
+            ("warning", "00.JPG", "all its 2 marks point elsewhere than to their points, by 22°"),
+        ],
     ),
     "another site": (
         photograph_moved(11, 0.05),
