@@ -82,7 +82,8 @@ def a_survey() -> Survey:
     roles = ["control"] * 5 + ["check"] * 2
     points = tuple(ground_point(f"G{i}", role, p) for i, (role, p) in enumerate(zip(roles, places, strict=True)))
     survey = Project(
-        Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), ((),), photographs, points, np.zeros(3),
+        Path("project.yaml"), CRS, "tangent", "high", (CAMERA,), ("given",), ("",), ((),), photographs, points,
+        np.zeros(3),
         FeatureSettings(), PairSettings(), MatchingSettings(), OrientationSettings(), TransferSettings(),
         AdjustmentSettings(), DenseSettings(), SurfaceSettings(), TerrainSettings(), ContourSettings(),
         OrthophotoSettings(),
