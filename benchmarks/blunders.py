@@ -21,7 +21,7 @@ from photogram.accuracy import suspects
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import Blunder
 from photogram.errors import PhotogramError
-from photogram.ground_check import GrossBlunderError, adjust_and_judge
+from photogram.ground_check import adjust_and_judge
 from photogram.reliability import NONCENTRALITY, minimal_detectable_blunder
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
@@ -90,11 +90,9 @@ def with_blunder(block: Block, clean: Adjustment, kind: str, rng: np.random.Gene
 
 
 def blamed(block: Block) -> tuple[Blunder, ...]:
-    """Return what the verdict on a survey blames, whether the adjustment bears it or not."""
+    """Return what the verdict on a survey blames."""
     try:
-        return adjust_and_judge(block, lambda given: adjust(given, AdjustmentSettings())).blunders
-    except GrossBlunderError as fault:
-        return fault.blunders
+        return adjust_and_judge(block, AdjustmentSettings()).blunders
     except PhotogramError as fault:
         return (Blunder("not adjusted", (), None, str(fault)),)
 

@@ -173,7 +173,7 @@ def camera_numbers(
     numbers: Json = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
-        free = (camera.sigmas > 0) & (sigma > 0)  # one that runs away is held by the adjustment itself
+        free = (camera.sigmas > 0) & (sigma > 0)
         numbers[camera.name] = {
             "model": camera.model,
             "focal_px": camera.focal_px,
