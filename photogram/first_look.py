@@ -11,17 +11,14 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.blunders import Accusation, Adjuster, unmeasured
-from photogram.camera import image_plane_or_nan, models_of
 from photogram.errors import OrientationError
+from photogram.marked_points import intersected_marks
 from photogram.similarity import fit_similarity, robust_similarity
 from photogram.survey import Block, FloatArray
-from photogram.triangulation import consensus_intersections
 
 BENDS = (0.0003, 0.001, 0.005)  # of the extent: what a block without control may be bent by, the stiffest first
-AGREE_PX = 5.0  # of marks, beside their own sigma
 GAUGE = 0.05  # of the flying height: sigma of the positions that hold a block without GNSS in place
 AGREEING = 4  # points: three fit nearly always
 FEW = 8  # points, among which two exchanged ones may leave no majority
@@ -42,32 +39,6 @@ def _held_in_place(block: Block) -> Block:
             for p, pose in zip(photographs, block.poses, strict=True)
         )
     return replace(block, control_points=points, photographs=photographs)
-
-
-def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the ground points (G, 3) of an oriented block from the marks that agree, in the world, NaN with fewer than
-    two, and which marks do."""
-    points = block.control_points
-    order = np.lexsort((points.mark_photograph, points.mark_point))
-    oriented = np.array([pose is not None for pose in block.poses])
-    order = order[oriented[points.mark_photograph[order]] & np.isfinite(points.mark_sigma_px[order])]
-    photograph, pixel = points.mark_photograph[order], points.mark_pixel[order]
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
-    ideal = np.empty_like(pixel)
-    for c, camera in enumerate(block.cameras):
-        own = camera_of[photograph] == c
-        ideal[own] = image_plane_or_nan(camera, pixel[own])
-    nowhere = np.full((3, 3), np.nan)
-    position, agreed = consensus_intersections(
-        np.searchsorted(points.mark_point[order], np.arange(len(points) + 1)).astype(np.int64),
-        photograph, camera_of, pixel, ideal, AGREE_PX + _LIMIT * points.mark_sigma_px[order], models_of(block.cameras),
-        np.array([c.parameters for c in block.cameras]),
-        np.array([nowhere if p is None else p.rotation_world_from_camera for p in block.poses]),
-        np.array([nowhere[0] if p is None else p.position_world_m for p in block.poses]),
-    )  # fmt: skip
-    inlier = np.zeros(len(points.mark_point), dtype=bool)
-    inlier[order] = agreed
-    return position, inlier
 
 
 def _exchange(position: FloatArray, target: FloatArray, sigma: FloatArray) -> tuple[int, int] | None:

@@ -16,10 +16,11 @@ import numpy as np
 from photogram.accuracy import CheckAccuracy, check_accuracy
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import Blunder, name_blunders
-from photogram.blunders import Accusation, Adjuster, Search, accusations, search, simplified, without
+from photogram.blunders import Accusation, Adjuster, Search, accusations, search, simplified, unmeasured, without
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.first_look import gross_blunders
 from photogram.focal_evidence import FocalDecision, settle_focal_lengths
+from photogram.mark_scale import other_size, picture_factor
 from photogram.robust_start import grossly_off
 from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
 
@@ -142,6 +143,19 @@ def _looked_for(look: Callable[[], list[Accusation]]) -> list[Accusation]:
         return []
 
 
+def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Accusation], list[Blunder]]:
+    """Return all marks, and what is wrong with them, where they were measured in pictures of another size."""
+    cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, start, strict=True)) if start else block.cameras
+    factor = picture_factor(replace(block, cameras=cameras))
+    if factor is None:
+        return [], []
+    points, names = block.control_points, [p.name for p in block.photographs]
+    marks = zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)
+    sentence = f"{len(points.mark_point)} marks: {other_size(factor)}"
+    blunder = Blunder("picture size", points.name, None, sentence)
+    return [unmeasured("mark", points.name[g], names[i]) for g, i in marks], [blunder]
+
+
 def adjust_and_judge(
     block: Block,
     settings: AdjustmentSettings,
@@ -159,7 +173,12 @@ def adjust_and_judge(
     def adjuster(given: Block) -> Adjustment:
         return adjust(given, settings, progress, start=start)
 
-    found, whole = _explained(block, settings, start, adjuster)
+    of_another_size, size = _of_another_size(block, start)
+    block = without(block, of_another_size)
+    try:
+        found, whole = _explained(block, settings, start, adjuster)
+    except PhotogramError as fault:
+        raise AdjustmentError(f"{size[0].sentence}; without them {fault}") if size else fault from fault
     settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
     if settled is not None:
         sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
@@ -169,8 +188,8 @@ def adjust_and_judge(
     before = _checks(whole, points) if whole is not None else _no_checks(points)
     return Verdict(
         found.result,
-        found.accused,
-        tuple(name_blunders(block, found)),
+        (*of_another_size, *found.accused),
+        (*size, *name_blunders(block, found)),
         before,
         _checks(found.result, points),
         decisions,

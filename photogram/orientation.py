@@ -17,6 +17,7 @@ from photogram.camera import PARAMETER_NAMES, Camera, Pose, models_of
 from photogram.direct_orientation import direct_structure, measured
 from photogram.errors import OrientationError, PhotogramError
 from photogram.growth import extend, grow, settle
+from photogram.mark_scale import other_size, picture_factor
 from photogram.resection import Resection, collinear, resect
 from photogram.similarity import Similarity, open_turn_rad, robust_similarity, similarity_from_attitudes, straight
 from photogram.structure import BoolArray, Structure, StructureSettings
@@ -176,7 +177,9 @@ def georeference(structure: Structure, block: Block) -> Similarity:
             return robust_similarity(source[known], target, sigma)[0]
         except OrientationError as fault:
             if sum(p.gnss_world_m is not None for p in block.photographs) < 2:
-                raise OrientationError(f"the control points do not fit the block: {fault}") from fault
+                factor = picture_factor(replace(block, poses=structure.poses(), cameras=structure.calibrated()))
+                why = str(fault) if factor is None else other_size(factor)
+                raise OrientationError(f"the control points do not fit the block: {why}") from fault
     index = [i for i in np.flatnonzero(structure.registered) if block.photographs[i].gnss_world_m is not None]
     target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
     sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)

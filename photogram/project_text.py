@@ -47,10 +47,11 @@ def _comment(text: str, indent: int = 0) -> list[str]:
 
 def _flow(key: str, entries: Sequence[str]) -> list[str]:
     """Return a mapping in YAML's flow style after its indented ``key``, on as many lines as it needs."""
+    together = (entry.replace(" ", "\0") for entry in entries)  # an entry is not broken over lines
     lines = textwrap.wrap(
-        ", ".join(entries), _WIDTH, initial_indent=f"{key}: {{", subsequent_indent=" " * (len(key) + 3)
+        ", ".join(together), _WIDTH, initial_indent=f"{key}: {{", subsequent_indent=" " * (len(key) + 3)
     )
-    return [*lines[:-1], f"{lines[-1]}}}"]
+    return [line.replace("\0", " ") for line in (*lines[:-1], f"{lines[-1]}}}")]
 
 
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:

@@ -22,7 +22,7 @@ from photogram.errors import AdjustmentError
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reprojection import residuals
 from photogram.factors.state import State
-from photogram.first_look import intersected_marks
+from photogram.marked_points import intersected_marks
 from photogram.outliers import first_agreement
 from photogram.registration import registered_block
 from photogram.survey import Block, FloatArray

@@ -120,6 +120,9 @@ def _stated(found: Accuracy, settings: ReportSettings) -> Json:
 # ---- what was discarded --------------------------------------------------------------------------------------------
 
 
+CONTRADICTED = "everything else contradicts it"
+
+
 def discarded(report: Mapping[str, Any]) -> list[Json]:
     """Return what took no part in the result, and why: `{what, count, reason}`."""
     adjustment, found = report["adjustment"], list[Json]()
@@ -140,6 +143,10 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     for point in report["control_points"]:
         if point.get("adjusted_map_m") is None:
             add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs that meet")
+        axes = [axis for axis, role in zip(AXES, axis_roles(point), strict=True) if role == "left out"]
+        add(f"{', '.join(axes)} of control point {point['name']}", len(axes), CONTRADICTED)
+        for mark in point.get("marks") or []:
+            add(f"mark of {point['name']} in {mark['photograph']}", int(bool(mark.get("left_out"))), CONTRADICTED)
     for entry in (report.get("gnss") or {}).get("not_used") or []:
         add(f"GNSS position of {entry.get('photograph')}", 1, str(entry.get("reason")))
     for key, what, reason in (

@@ -144,6 +144,8 @@ def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes)
             reason = f"the same photograph as {note['copy_of']}"
         elif note.get("gnss_frozen"):
             reason = "the receiver had stopped: photographs taken at different times have the same position"
+        elif photograph.gnss_world_m is None and note.get("gnss_map_m") is not None:
+            reason = "left out: everything else contradicts it"
         elif photograph.gnss_world_m is None:
             reason = "no position in the project, in a file of positions or in its tags"
         else:

@@ -78,7 +78,7 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
     )
     environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
     template = environment.get_template("report.html.jinja")
-    control = _ground_rows(report, "control")
+    control = _ground_rows(report, "control", "left out")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(
         report=report,
@@ -216,9 +216,9 @@ def _axis_row(point: Mapping[str, Any], axis: int) -> Json:
     }
 
 
-def _ground_rows(report: Mapping[str, Any], role: str) -> list[Json]:
-    """Return the points that have a role along any axis, each with a row for each axis."""
-    points = [p for p in report["control_points"] if role in axis_roles(p)]
+def _ground_rows(report: Mapping[str, Any], *roles: str) -> list[Json]:
+    """Return the points that have one of the roles along any axis, each with a row for each axis."""
+    points = [p for p in report["control_points"] if set(roles) & set(axis_roles(p))]
     return [
         {
             "name": p["name"],

@@ -132,8 +132,9 @@ def _prediction(report: Report) -> Light:
 
 def _blunders(report: Report) -> Light:
     rule = (
-        "good: no measurement contradicts all others; attention: GNSS positions alone do; bad: a ground point or a "
-        "mark does (of five hundred surveys without a blunder, one is suspected)"
+        "good: no measurement contradicts all others; attention: GNSS positions or attitudes alone do; bad: a ground "
+        "point, a mark or a focal length does (of five hundred surveys without a blunder, one is suspected). What is "
+        "named was left out of the result"
     )
     named, suspects = report.get("blunders") or [], report.get("suspects") or []
     if not named and not suspects:
@@ -141,7 +142,7 @@ def _blunders(report: Report) -> Light:
     first = (named or suspects)[0].get("sentence", "")
     more = len(suspects) - 1 if not named else len(named) - 1
     other = f"; and {more} more" if more > 0 else ""
-    gnss_only = not named and all(s.get("kind") == "GNSS position" for s in suspects)
+    gnss_only = all(s.get("kind") in ("GNSS position", "attitude") for s in (*named, *suspects))
     return Light("Blunders", "attention" if gnss_only else "bad", f"{first}{other}", rule)
 
 
