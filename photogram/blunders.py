@@ -23,6 +23,7 @@ from photogram.accuracy import FALSE_ALARMS
 from photogram.errors import PhotogramError
 from photogram.focal_length import WRONG_BY
 from photogram.gnss_offsets import implied_offset_test
+from photogram.marked_points import intersected_marks
 from photogram.survey import Adjustment, Block, ControlPoints, FloatArray, Photograph, Role
 
 Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset"]
@@ -219,6 +220,21 @@ def _ground_without(block: Block, accused: Sequence[Accusation]) -> ControlPoint
     mark_sigma_px[open_points[points.mark_point]] = np.inf
     role: tuple[Role, ...] = tuple("control" if row.any() else "check" for row in controlled)
     return replace(points, role=role, controlled=controlled, sigma_m=sigma_m, mark_sigma_px=mark_sigma_px)
+
+
+def marks_off_checks(result: Adjustment) -> list[Accusation]:
+    """Return the marks of check points that are grossly off where most marks of their point meet: no coordinate
+    is asked, so that the point still tests the result."""
+    block, points = result.block, result.block.control_points
+    agreed, usable = intersected_marks(block)[1], np.isfinite(points.mark_sigma_px)
+    oriented = np.array([pose is not None for pose in block.poses], dtype=bool)
+    usable &= oriented[points.mark_photograph]
+    right, marks = (np.bincount(points.mark_point[m], minlength=len(points)) for m in (agreed, usable))
+    sure = (np.array(points.role) == "check") & (right > marks - right)
+    return [
+        unmeasured("mark", points.name[points.mark_point[m]], block.photographs[points.mark_photograph[m]].name)
+        for m in np.flatnonzero(usable & ~agreed & sure[points.mark_point]).tolist()
+    ]
 
 
 @dataclass(frozen=True, eq=False)

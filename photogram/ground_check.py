@@ -16,7 +16,17 @@ import numpy as np
 from photogram.accuracy import CheckAccuracy, check_accuracy
 from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import Blunder, name_blunders
-from photogram.blunders import Accusation, Adjuster, Search, accusations, search, simplified, unmeasured, without
+from photogram.blunders import (
+    Accusation,
+    Adjuster,
+    Search,
+    accusations,
+    marks_off_checks,
+    search,
+    simplified,
+    unmeasured,
+    without,
+)
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.first_look import gross_blunders
 from photogram.focal_evidence import FocalDecision, settle_focal_lengths
@@ -184,6 +194,10 @@ def adjust_and_judge(
         sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
         others = [a for a in found.accused if a.kind != "focal length" or a.name in sure]
         found = search(settled, adjuster(without(settled, others)), adjuster, others)
+    off = marks_off_checks(found.result)
+    if off:
+        cleared = block if settled is None else settled
+        found = Search((*found.accused, *off), adjuster(without(cleared, [*found.accused, *off])))
     points = block.control_points
     before = _checks(whole, points) if whole is not None else _no_checks(points)
     return Verdict(

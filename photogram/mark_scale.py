@@ -14,7 +14,7 @@ import numpy as np
 from photogram.marked_points import intersected_marks
 from photogram.survey import Block
 
-MEETING = 0.6
+MEETING = 0.8
 """Of the marks, from which they are taken as they are."""
 
 SURE = 0.7

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.blunders import Accusation, unmeasured
-from photogram.camera import Pose
 from photogram.errors import AdjustmentError
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reprojection import residuals
@@ -159,21 +158,7 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
         if not left:
             break
         scale = max(1.0, scale / STEP)
-    cameras = tuple(c.with_parameters(q) for c, q in zip(part.cameras, state.parameters, strict=True))
-    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
-    return [*_accused(part, misfits), *_of_checks(replace(part, cameras=cameras, poses=poses))]
-
-
-def _of_checks(block: Block) -> Iterator[Accusation]:
-    """Yield the marks of check points that are far from where most marks of their point meet."""
-    points, (_, agreed) = block.control_points, intersected_marks(block)
-    count = len(points)
-    right = np.bincount(points.mark_point[agreed], minlength=count)
-    usable = np.isfinite(points.mark_sigma_px)
-    all_marks = np.bincount(points.mark_point[usable], minlength=count)
-    sure = (np.array(points.role) == "check") & (right > all_marks - right)
-    for m in np.flatnonzero(usable & ~agreed & sure[points.mark_point]).tolist():
-        yield unmeasured("mark", points.name[points.mark_point[m]], block.photographs[points.mark_photograph[m]].name)
+    return list(_accused(part, misfits))
 
 
 def _accused(block: Block, misfits: _Misfits) -> Iterator[Accusation]:
