@@ -97,7 +97,7 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
     effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
     terminal.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
     text = shown.export_text()
-    assert f"Blunder: {blunders[0]['sentence']}" in text
+    assert f"Left out: {blunders[0]['sentence']}" in text
     assert "Without that, the RMSE of 5 check points" in text
     assert "Suspect: GNSS position X is off" in text
     assert "control point X" not in text
