@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -173,7 +174,7 @@ def test_page_prints_on_a4_and_nothing_is_cut(browser: Chrome, pages: dict[str, 
 
 def compact(text: str) -> str:
     """Return a text without spaces, ligatures and capitals, which are the matter of font and style."""
-    return "".join(text.split()).replace("ﬁ", "fi").replace("ﬂ", "fl").casefold()
+    return "".join(unicodedata.normalize("NFKC", text).split()).casefold()
 
 
 def check_pages(document: bytes, browser: Chrome) -> None:
@@ -182,7 +183,7 @@ def check_pages(document: bytes, browser: Chrome) -> None:
     for page in reader.pages:
         assert (float(page.mediabox.width), float(page.mediabox.height)) == pytest.approx(A4_PT, abs=2)
     assert 5 <= len(reader.pages) <= 20
-    texts = [page.extract_text() for page in reader.pages]
+    texts = [unicodedata.normalize("NFKC", page.extract_text()) for page in reader.pages]
     whole = compact("".join(texts))
     cells = browser.execute_script(
         "return [...document.querySelectorAll('td, th, figcaption')].map(c => c.textContent)"
