@@ -49,8 +49,9 @@ LOST_PHOTOGRAPH = 1000.0
 MARK_PREDICTED = 2.0
 """Standard deviation of a mark against where others put it, over its own."""
 
-FEWEST_ALIKE = 6
-"""Measurements of one kind from which their own scatter shows whether their stated sigma is too small."""
+FEWEST_ALIKE, FEWEST_POINTS_ALIKE = 6, 10
+"""Measurements of one kind from which their own scatter shows whether their stated sigma is too small; more of control
+points, which a blunder in one of few moves all."""
 
 SOURCE_REJECTED = 3.0
 """Standard deviations from which the source of a focal length is rejected: tags are wrong more often than chance."""
@@ -254,14 +255,19 @@ class Search:
 
 
 def scatter(result: Adjustment) -> dict[str, float]:
-    """Return by how much marks, GNSS positions and attitudes scatter more than stated, 1 where they do not or are too
-    few to say: the median of their tests (a single blunder does not change it)."""
+    """Return by how much control points, marks, GNSS positions and attitudes scatter more than stated, 1 where they do
+    not or are too few to say: the median of their tests (a single blunder does not change it)."""
     r = result.reliability
     attitude = r.attitude_left_out_rad / np.sqrt(np.einsum("nii->ni", r.attitude_left_out_covariance_rad2))
     more = {}
-    for kind, w in (("mark", r.mark_w), ("GNSS position", r.gnss_w), ("attitude", attitude)):
+    for kind, w, fewest in (
+        ("control point", r.ground_w, FEWEST_POINTS_ALIKE),
+        ("mark", r.mark_w, FEWEST_ALIKE),
+        ("GNSS position", r.gnss_w, FEWEST_ALIKE),
+        ("attitude", attitude, FEWEST_ALIKE),
+    ):
         own = np.abs(w[np.isfinite(w).all(axis=1)])
-        more[kind] = max(1.0, float(np.median(own) / norm.ppf(0.75))) if len(own) >= FEWEST_ALIKE else 1.0
+        more[kind] = max(1.0, float(np.median(own) / norm.ppf(0.75))) if len(own) >= fewest else 1.0
     return more
 
 
@@ -290,8 +296,9 @@ def _with_rivals(found: Sequence[Accusation]) -> Accusation:
     return replace(first, rivals=tuple(dict.fromkeys(rivals)))
 
 
-def _chance_of_coordinates(a: Accusation, surveyed: ControlPoints, result: Adjustment) -> float:
-    """Return the logarithm of the probability that coordinates which took no part lie so far from their prediction."""
+def _chance_of_coordinates(a: Accusation, surveyed: ControlPoints, result: Adjustment, scale: float) -> float:
+    """Return the logarithm of the probability that coordinates which took no part lie so far from their prediction,
+    where control points scatter ``scale`` times as much as stated."""
     points, frame = surveyed, result.block.frame
     g, axes = points.name.index(a.name), frame.rotation_world_from_map(np.zeros(3))
     own = axes[:, list(a.axes)]
@@ -299,7 +306,7 @@ def _chance_of_coordinates(a: Accusation, surveyed: ControlPoints, result: Adjus
     off = own.T @ (result.ground_world_m[g] - points.position_world_m[g])
     if not np.isfinite(off).all():
         return -np.inf
-    return float(chi2.logsf(off @ np.linalg.solve(covariance, off), len(off)))
+    return float(chi2.logsf(off @ np.linalg.solve(covariance, off) / scale**2, len(off)))
 
 
 def _chance_of_mark(a: Accusation, result: Adjustment) -> float:
@@ -330,7 +337,8 @@ def _innocent(accused: Sequence[Accusation], block: Block, result: Adjustment, a
     innocent, price = [], Search(tuple(accused), result).cost()
     for a in accused:
         if a.kind == "control point":
-            chance = _chance_of_coordinates(a, block.control_points, result)
+            own = scatter(result)["control point"]
+            chance = _chance_of_coordinates(a, block.control_points, result, own)
         else:
             rest = tuple(b for b in accused if b is not a)
             try:
