@@ -28,6 +28,7 @@ from photogram.blunders import (
     without,
 )
 from photogram.errors import AdjustmentError, PhotogramError
+from photogram.findings import some
 from photogram.first_look import gross_blunders
 from photogram.focal_evidence import FocalDecision, settle_focal_lengths
 from photogram.mark_scale import other_size, picture_factor
@@ -45,6 +46,9 @@ OUTVOTED = 0.5
 
 ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
 """Of an adjustment with blunders in it, which is made to say what they do."""
+
+MOST_NAMED = 10
+"""Culprits that are named where too little is left without them."""
 
 MANY = 4
 """Gross blunders from which a second look, without any control point, is worth its time."""
@@ -119,7 +123,9 @@ def _explained(
         if whole is not None and _worst(whole) <= BORNE:
             found += _searched(block, whole, adjuster)
     if not found:
-        raise fault or AdjustmentError("nothing that was measured determines the block")
+        culprits = some(list(dict.fromkeys(a.words for way in ways for a in way)), MOST_NAMED)
+        said = f"; most of the rest contradicts {culprits}, and without that too little is left" if culprits else ""
+        raise AdjustmentError(f"{fault or 'nothing that was measured determines the block'}{said}") from fault
     return min(found, key=Search.cost), whole
 
 

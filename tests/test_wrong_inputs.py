@@ -14,6 +14,7 @@ from photogram.adjustment import AdjustmentSettings, adjust
 from photogram.blunder_names import withdrawn_attitudes
 from photogram.blunders import contradictions, scatter, simplified, unmeasured, without
 from photogram.camera import Camera
+from photogram.errors import AdjustmentError
 from photogram.ground_check import Verdict, adjust_and_judge
 from photogram.mark_scale import picture_factor
 from photogram.robust_start import grossly_off
@@ -237,3 +238,17 @@ def test_attitudes_that_were_withdrawn_beforehand_are_named_unless_a_whole_fligh
     for i in range(len(everyone.photographs)):
         everyone = with_photograph(everyone, i, heading_known=False)
     assert withdrawn_attitudes(survey(), everyone, clean().result) == []
+
+
+def test_where_too_little_is_left_every_culprit_is_named() -> None:
+    """Three control points hold a block without GNSS; the marks of two of them lie elsewhere in all photographs."""
+    plan = replace(NO_GNSS, control_points=3)
+    points, rng = survey(plan).control_points, np.random.default_rng(1)
+    wrong = np.isin(points.mark_point, [0, 1])
+    pixel = points.mark_pixel.copy()
+    pixel[wrong] = rng.uniform([0.0, 0.0], [plan.width_px - 1.0, plan.height_px - 1.0], (int(wrong.sum()), 2))
+    with pytest.raises(AdjustmentError) as fault:
+        adjust_and_judge(with_pixels(survey(plan), pixel), SETTINGS)
+    assert "without that too little is left" in str(fault.value)
+    for name in points.name[:2]:
+        assert f"mark of {name} in sim_" in str(fault.value)
