@@ -194,7 +194,9 @@ def adjust_and_judge(
     try:
         found, whole = _explained(block, settings, start, adjuster)
     except PhotogramError as fault:
-        raise AdjustmentError(f"{size[0].sentence}; without them {fault}") if size else fault from fault
+        if not size:
+            raise
+        raise AdjustmentError(f"{size[0].sentence}; without them {fault}") from fault
     settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
     if settled is not None:
         sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
