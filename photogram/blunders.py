@@ -169,6 +169,16 @@ def simplified(accused: Sequence[Accusation]) -> list[Accusation]:
     return [*rest, *(unmeasured("control point", name) for name in sorted(points))]
 
 
+def whole_points(accused: Sequence[Accusation]) -> list[Accusation]:
+    """Return the accusations with two and more control points accused as a whole, not along some axes: of two that were
+    exchanged the heights may differ by too little to be accused, and are wrong all the same."""
+    points = {a.name for a in accused if a.kind == "control point"}
+    if len(points) < 2:
+        return list(accused)
+    rest = [a for a in accused if a.kind != "control point"]
+    return [*(unmeasured("control point", name) for name in sorted(points)), *rest]
+
+
 def _without_position(photograph: Photograph) -> Photograph:
     return replace(photograph, gnss_world_m=None, gnss_sigma_m=None, lever_arm_camera_m=None)
 

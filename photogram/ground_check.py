@@ -25,6 +25,7 @@ from photogram.blunders import (
     search,
     simplified,
     unmeasured,
+    whole_points,
     without,
 )
 from photogram.errors import AdjustmentError, PhotogramError
@@ -126,6 +127,10 @@ def _explained(
         culprits = some(list(dict.fromkeys(a.words for way in ways for a in way)), MOST_NAMED)
         said = f"; most of the rest contradicts {culprits}, and without that too little is left" if culprits else ""
         raise AdjustmentError(f"{fault or 'nothing that was measured determines the block'}{said}") from fault
+    best = min(found, key=Search.cost)
+    wider = whole_points(best.accused)
+    if {(a.what, a.axes) for a in wider} != {(a.what, a.axes) for a in best.accused}:
+        found += _searched(block, _looked_at(block, wider, adjuster), adjuster, wider)
     return min(found, key=Search.cost), whole
 
 
@@ -143,10 +148,21 @@ def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence
         return None
 
 
-def _searched(block: Block, whole: Adjustment, adjuster: Adjuster) -> list[Search]:
-    """Return what a search finds from the adjustment with everything in it, nothing where the rest has no solution."""
+def _looked_at(block: Block, accused: Sequence[Accusation], adjuster: Adjuster) -> Adjustment | None:
+    """Return the adjustment without what is accused, None where that does not determine the block."""
     try:
-        return [search(block, whole, adjuster)]
+        return adjuster(without(block, accused))
+    except PhotogramError:
+        return None
+
+
+def _searched(
+    block: Block, result: Adjustment | None, adjuster: Adjuster, accused: Sequence[Accusation] = ()
+) -> list[Search]:
+    """Return what a search finds from the adjustment without what is accused, nothing where there is none, or the rest
+    has no solution."""
+    try:
+        return [] if result is None else [search(block, result, adjuster, accused)]
     except PhotogramError:
         return []
 
