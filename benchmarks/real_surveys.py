@@ -1,4 +1,4 @@
-"""Real photographs from folder to report by `photogram init` and `photogram adjust`, without an edit by hand.
+"""Real photographs from folder to report by `photogram init` and `photogram adjust`, the dense surface left out.
 
     python benchmarks/real_surveys.py [DATA]
 
