@@ -71,6 +71,14 @@ def _exchanged(ground: _Ground, suspected: Sequence[int]) -> Iterator[tuple[str,
             yield ground.names[a], ground.names[b]
 
 
+def exchanged_points(block: Block, found: Search) -> list[tuple[str, str]]:
+    """Return the names of pairs of control points of ``block`` that are accused and each lie where the other was
+    surveyed."""
+    ground = _ground(found.result, block.control_points)
+    suspected = {ground.names.index(a.name): None for a in found.accused if a.kind == "control point"}
+    return list(_exchanged(ground, tuple(suspected)))
+
+
 def _mistyped(surveyed: float, predicted: float, sigma: float) -> str | None:
     """Return the figure that was meant, if one wrong digit or two neighbouring ones exchanged explain a coordinate.
 
@@ -250,7 +258,7 @@ def name_blunders(block: Block, found: Search) -> list[Blunder]:
         if a.kind == "control point":
             of_points.setdefault(ground.names.index(a.name), []).append(a)
     names: list[Blunder] = []
-    for first, second in _exchanged(ground, tuple(of_points)):
+    for first, second in exchanged_points(block, found):
         text = f"control points {first} and {second} are exchanged: each is seen where the other was surveyed"
         names.append(Blunder("exchanged points", (first, second), None, text))
     told = {name for blunder in names for name in blunder.points}

@@ -15,8 +15,9 @@ import numpy as np
 
 from photogram.accuracy import CheckAccuracy, check_accuracy
 from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.blunder_names import Blunder, name_blunders
+from photogram.blunder_names import Blunder, exchanged_points, name_blunders
 from photogram.blunders import (
+    PRICE,
     Accusation,
     Adjuster,
     Search,
@@ -131,7 +132,12 @@ def _explained(
     wider = whole_points(best.accused)
     if {(a.what, a.axes) for a in wider} != {(a.what, a.axes) for a in best.accused}:
         found += _searched(block, _looked_at(block, wider, adjuster), adjuster, wider)
-    return min(found, key=Search.cost), whole
+
+    def cost(explanation: Search) -> float:
+        # two points that were exchanged are one mistake, not two
+        return explanation.cost() - PRICE * len(exchanged_points(block, explanation))
+
+    return min(found, key=cost), whole
 
 
 def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
