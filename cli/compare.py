@@ -11,13 +11,14 @@ from rich.table import Table
 
 from photogram.cli.app import app
 from photogram.cli.terminal import console
-from photogram.comparison import Comparison
+from photogram.comparison import Comparison, triangulate
 from photogram.comparison import compare as compare_cloud
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.points import read_cloud
 from photogram.report.pictures import comparison_picture
 from photogram.stages import read_reference
+from photogram.survey import PointCloud
 from photogram.workspace import write_json
 
 FIGURES: dict[str, Callable[[Comparison], str]] = {
@@ -49,7 +50,8 @@ def compare(
         raise ProjectError(
             f"two clouds are called {max(titles, key=titles.count)!r}: rename one, the table goes by name"
         )
-    surface = read_reference(reference)
+    given = read_reference(reference)
+    surface = triangulate(given) if isinstance(given, PointCloud) else given
     results = {path.stem: compare_cloud(read_cloud(path), surface, sor) for path in clouds}
     table = Table(title=f"Differences from {reference.name}")
     table.add_column("figure")
