@@ -27,7 +27,8 @@ class TimeLeftColumn(ProgressColumn):
 
 @contextmanager
 def bars(to: Console | None = None) -> Iterator[Progress]:
-    """Show progress bars while the block runs, on standard output unless another console is given."""
+    """Show progress bars while the block runs, on standard output unless another console is given; on no terminal,
+    none."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description:<20}"),
@@ -35,7 +36,8 @@ def bars(to: Console | None = None) -> Iterator[Progress]:
         TextColumn("{task.fields[text]}"),
         TimeLeftColumn(),
     )
-    with Progress(*columns, console=to or console, transient=True) as progress:
+    target = to or console
+    with Progress(*columns, console=target, transient=True, disable=not target.is_terminal) as progress:
         yield progress
 
 

@@ -1,9 +1,9 @@
 """How long a run of several stages will still take, from the work that was measured so far.
 
 Within a stage that says how far it is, the rest of it takes as long as its pieces took so far. Later stages are known
-by their weights alone, the seconds that each takes in a survey of reference; how much longer this survey takes than
-that one, the work done so far tells. The announced end moves slowly towards each new estimate, so that the time left
-runs down and does not jump.
+by their weights alone, the seconds that each is expected to take; how much slower this run is than that, the stages so
+far tell, each by its own ratio (their weighted geometric mean, so that one stage unlike its weight does not rule). The
+announced end moves slowly towards each new estimate, so that the time left runs down and does not jump.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RISE = 1.4
 class TimeLeft:
     """Estimates the time left of a run.
 
-    ``weights`` are the seconds of each stage in a survey of reference, in the order of the stages; ``clock`` returns
+    ``weights`` are the seconds that each stage is expected to take, in the order of the stages; ``clock`` returns
     seconds.
     """
 
@@ -35,7 +35,7 @@ class TimeLeft:
         self._began = self._phase_began = 0.0
         self._done = self._of = 0
         self._first = 0
-        self._finished_seconds = self._finished_weight = 0.0
+        self._finished: list[tuple[float, float]] = []  # weight and seconds of each
         self._end: float | None = None  # announced, on the clock
         self._looked = 0.0
         self._said_s = math.inf
@@ -54,9 +54,8 @@ class TimeLeft:
     def end(self, stage: str, seconds: float | None) -> None:
         """End a stage that took so many seconds, None where nothing had to be done."""
         weight = self._weights.pop(stage, 0.0)
-        if seconds is not None:
-            self._finished_seconds += seconds
-            self._finished_weight += weight
+        if seconds is not None and weight:
+            self._finished.append((weight, seconds))
         self._stage = None
 
     def _estimate_s(self) -> float | None:
@@ -65,12 +64,14 @@ class TimeLeft:
         weight = self._weights.get(self._stage or "", 0.0)
         share = self._done / self._of if self._of else 0.0
         elapsed = now - self._began if self._stage else 0.0
-        seconds, done_weight = self._finished_seconds + elapsed * bool(share), self._finished_weight + weight * share
-        total = self._finished_weight + sum(self._weights.values())
-        if seconds < LEAST_SECONDS or not done_weight or done_weight < LEAST_SHARE * total:
+        done = [*self._finished, *([(weight * share, elapsed)] if weight * share else [])]
+        done_weight = sum(part for part, _ in done)
+        total = sum(part for part, _ in self._finished) + sum(self._weights.values())
+        if sum(seconds for _, seconds in done) < LEAST_SECONDS or done_weight < LEAST_SHARE * total:
             return None
-        pace = seconds / done_weight
-        later = sum(w for stage, w in self._weights.items() if stage != self._stage)
+        ratios = sum(part * math.log(max(seconds, 1e-3) / part) for part, seconds in done)
+        pace = math.exp(ratios / done_weight)
+        later = sum(part for stage, part in self._weights.items() if stage != self._stage)
         made = self._done - self._first
         if made and self._of:
             present = (now - self._phase_began) * (self._of - self._done) / made

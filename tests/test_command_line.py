@@ -20,7 +20,6 @@ import pytest
 
 from photogram.cli import adjust, init, outcomes, plan, run_check
 from photogram.cli.stage_lines import SENTENCES
-from photogram.cli.watching import WEIGHTS
 from photogram.errors import ProjectError
 from photogram.heights import HeightSystem
 from photogram.pipeline import STAGES
@@ -75,7 +74,7 @@ def test_the_names_that_help_shows_are_those_of_the_library() -> None:
     assert list(get_args(adjust.StageName)) == names
     assert str(adjust.adjust.__doc__).replace("\n", " ").replace("  ", " ").count(", ") >= len(names) - 2
     assert all(name in str(adjust.adjust.__doc__) for name in names)
-    assert list(WEIGHTS) == list(SENTENCES) == names
+    assert list(SENTENCES) == names
     assert get_args(init.HeightSystemName) == get_args(HeightSystem)
     assert set(get_args(init.RoleName)) <= set(get_args(Role))
     assert get_args(plan.GnssName) == get_args(Gnss)
