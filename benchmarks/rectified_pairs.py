@@ -18,11 +18,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from photogram.camera import AFFINITY, Camera, Pose, image_plane
+from photogram.compilation import njit
 from photogram.files.images import read_grey
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid

@@ -1,51 +1,31 @@
-"""photogram adjust: the whole survey."""
+"""photogram adjust: the whole survey. Arguments only; run_adjust.py does it."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from photogram.cli.app import app
-from photogram.cli.findings_table import findings_table, has_errors, verdict
-from photogram.cli.terminal import Terminal, bars, console, show_report
-from photogram.input_validation import validate_project
-from photogram.page_files import print_report
-from photogram.pipeline import STAGES, load_project, run_pipeline
-from photogram.project import Project
+from photogram.cli.arguments import Pdf, Photographs, ProjectFile
 
-ProjectFile = Annotated[Path, typer.Argument(help="The project file, project.yaml.", show_default=False)]
-Photographs = Annotated[
-    Path | None,
-    typer.Option("--photographs", help="Folder of the photographs, in place of the one in the project file."),
+StageName = Literal[
+    "photographs",
+    "features",
+    "matches",
+    "tie_points",
+    "orientation",
+    "transfer",
+    "intersection",
+    "adjustment",
+    "dense",
+    "surface",
+    "relief",
+    "orthophoto",
+    "comparison",
+    "results",
 ]
-
-
-Pdf = Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by an installed Chromium, Chrome or Edge.")]
-
-
-def say_printed(survey: Project) -> None:
-    """Print the report as PDF and say where it is."""
-    console.print(f"Printed: {print_report(survey)}", soft_wrap=True)
-
-
-def _stop_at_errors(survey: Project) -> None:
-    """Validate the project and print errors and warnings; leave with exit code 1 where there are errors."""
-    findings = [finding for finding in validate_project(survey) if finding.severity != "note"]
-    if findings:
-        console.print(findings_table(findings, f"Check of {survey.path}"))
-    if has_errors(findings):
-        console.print(verdict(findings))
-        console.print("Nothing was processed; --no-check goes on in spite of errors.")
-        raise typer.Exit(1)
-
-
-def _stage(name: str | None) -> str | None:
-    names = [stage.name for stage in STAGES]
-    if name is not None and name not in names:
-        raise typer.BadParameter(f"there is no stage {name!r}; the stages are {', '.join(names)}")
-    return name
+"""The stages in their order; the pipeline's own list takes seconds to import (a test holds the two together)."""
 
 
 @app.command()
@@ -53,28 +33,25 @@ def adjust(
     project: ProjectFile,
     photographs: Photographs = None,
     start: Annotated[
-        str | None, typer.Option("--from", callback=_stage, help="Repeat this stage and all after it.")
+        StageName | None,
+        typer.Option("--from", metavar="STAGE", help="Re-run from this stage on."),
     ] = None,
-    until: Annotated[str | None, typer.Option("--until", callback=_stage, help="End after this stage.")] = None,
+    until: Annotated[StageName | None, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = None,
     pdf: Pdf = False,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Exit with 1 where a measurement was left out because others contradict it."),
+        typer.Option("--strict", help="Exit with 1 if a measurement was left out because the others contradict it."),
     ] = False,
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")
     ] = True,
 ) -> None:
-    """Process a survey: match, orient and adjust its photographs, then make point clouds, surface and orthophoto."""
-    survey = load_project(project, photographs)
-    if check:
-        _stop_at_errors(survey)
-    with bars() as progress:
-        report = run_pipeline(survey, watcher=Terminal(progress), start=start, until=until)
-    if report:
-        show_report(report)
-        console.print(f"Results: {survey.results}")
-        if pdf:
-            say_printed(survey)
-        if strict and report["blunders"]:
-            raise typer.Exit(1)
+    """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
+
+    An interrupted run resumes where it was. The stages are photographs, features,
+    matches, tie_points, orientation, transfer, intersection, adjustment, dense,
+    surface, relief, orthophoto, comparison and results.
+    """
+    from photogram.cli.run_adjust import run
+
+    run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)

@@ -1,18 +1,57 @@
-"""The Typer application that the commands register with."""
+"""The Typer application that the commands register with, and its own options.
+
+This module and those of the commands' arguments import nothing that computes: help, completion and the answer to a
+typing error come at once. Each command imports its work (``run_<command>.py``) when it is called.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from photogram import __version__
 
+USAGE_ERROR: type[Exception] = next(k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException")
+"""Wrong usage, which Typer answers; the class is Click's or Typer's own copy of it, by Typer's version."""
+
+
+class CommandError(Exception):
+    """Carries what a command raised past Typer, which would take some of it for its own: ``cause``, the name of the
+    command, and how often -v was given."""
+
+    def __init__(self, cause: BaseException, command: str | None, verbosity: int) -> None:
+        super().__init__(cause)
+        self.cause = cause
+        self.command = command
+        self.verbosity = verbosity
+
+
+class Commands(TyperGroup):
+    """The commands in the order of their use; what they raise is handed on as CommandError."""
+
+    ORDER = ("demo", "plan", "init", "check", "adjust", "report", "view", "compare", "study")
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - Typer's own type, which it does not export
+        """Return the names of the commands as the help lists them."""
+        return sorted(super().list_commands(ctx), key=self.ORDER.index)
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except (USAGE_ERROR, typer.Exit, typer.Abort):
+            raise
+        except (Exception, KeyboardInterrupt) as cause:
+            raise CommandError(cause, ctx.invoked_subcommand, ctx.params["verbose"]) from cause
+
+
 app = typer.Typer(
     name="photogram",
-    help="From drone photographs and ground control to a surface model that says how good it is.",
+    cls=Commands,
+    help="From drone photographs and ground control points to a surface model with predicted accuracy.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -25,9 +64,22 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    verbose: Annotated[int, typer.Option("-v", "--verbose", count=True, help="-vv shows where an error arose.")] = 0,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "-v",
+            "--verbose",
+            count=True,
+            show_default=False,
+            help="Show warnings of the libraries; -vv: also the traceback of an error.",
+        ),
+    ] = 0,
+    version: Annotated[  # noqa: ARG001 - its callback answers
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """From drone photographs and ground control to a surface model that says how good it is."""
+    """From drone photographs and ground control points to a surface model with predicted accuracy."""
+    if verbose:
+        import logging
+
+        logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")

@@ -1,4 +1,4 @@
-"""photogram demo: the built-in simulated survey, end to end."""
+"""photogram demo: the built-in simulated survey, end to end. Arguments only; run_demo.py does it."""
 
 from __future__ import annotations
 
@@ -8,33 +8,17 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
-from photogram.cli.terminal import Terminal, bars, console, show_judgement, show_report
-from photogram.demonstration import judge, write_demonstration
-from photogram.pipeline import load_project, run_pipeline
 
 
 @app.command()
 def demo(
-    folder: Annotated[Path, typer.Argument(help="Where the simulated survey and its results are written.")] = Path(
-        "demo"
-    ),
-    seed: Annotated[int, typer.Option(help="Another seed makes another site.")] = 1,
+    folder: Annotated[Path, typer.Argument(help="Folder for the simulated survey and its results.")] = Path("demo"),
+    seed: Annotated[int, typer.Option(help="Seed of the simulated site.")] = 1,
     dense: Annotated[
-        bool, typer.Option("--dense", help="Make a dense surface and an orthophoto too: a minute and a half longer.")
+        bool, typer.Option("--dense", help="Also produce a dense surface and an orthophoto (90 s longer).")
     ] = False,
 ) -> None:
-    """Render a small simulated survey, adjust it, and compare the result with the truth."""
-    with bars() as progress:
-        task = progress.add_task("Simulated survey", total=None, text="")
-        path = write_demonstration(
-            folder,
-            seed,
-            lambda done, total, text: progress.update(task, completed=done, total=total, text=text),
-            dense=dense,
-        )
-        progress.remove_task(task)
-        survey = load_project(path)
-        report = run_pipeline(survey, watcher=Terminal(progress))
-    show_report(report)
-    show_judgement(judge(folder, report))
-    console.print(f"Project file: {path}\nResults: {survey.results}")
+    """Render a small simulated survey, process it, and compare the result with the truth."""
+    from photogram.cli.run_demo import run
+
+    run(folder, seed, dense)

@@ -1,18 +1,14 @@
-"""photogram report: the page of a finished survey, made again or printed."""
+"""photogram report: the page of a finished survey, made again or printed. Arguments only; run_report.py does it."""
 
 from __future__ import annotations
 
-from photogram.cli.adjust import Pdf, Photographs, ProjectFile, say_printed
 from photogram.cli.app import app
-from photogram.cli.terminal import console
-from photogram.page_files import remake_report
-from photogram.pipeline import load_project
+from photogram.cli.arguments import Pdf, Photographs, ProjectFile
 
 
 @app.command()
 def report(project: ProjectFile, photographs: Photographs = None, pdf: Pdf = False) -> None:
-    """Make report.html again from report.json, with the names and targets that the project file now gives."""
-    survey = load_project(project, photographs)
-    console.print(f"Written: {remake_report(survey)}", soft_wrap=True)
-    if pdf:
-        say_printed(survey)
+    """Regenerate report.html from report.json with the current names and targets of the project file."""
+    from photogram.cli.run_report import run
+
+    run(project, photographs, pdf)

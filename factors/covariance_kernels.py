@@ -6,8 +6,8 @@ Work rows and packed arrays are those of photogram.factors.kernels.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from photogram.compilation import njit
 from photogram.factors.kernels import CALIBRATION, WIDTH, eliminate_coordinates, inverse_factor, linearise_point
 from photogram.survey import FloatArray, IntArray
 

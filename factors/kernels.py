@@ -19,9 +19,9 @@ large ones are unsigned, so that none is tested for being negative.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from photogram.camera import FISHEYE, PARAMETERS, PROJECTIVE, equidistant
+from photogram.compilation import njit
 from photogram.survey import FloatArray, IntArray
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large

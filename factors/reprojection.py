@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import PARAMETERS, RADIAL, TANGENTIAL, project_point, project_point_jacobians
+from photogram.compilation import njit
 from photogram.factors.variables import CALIBRATION, POSE, key
 from photogram.survey import FloatArray, IntArray
 

@@ -25,9 +25,9 @@ from math import cos, radians, sin
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from photogram.compilation import njit
 from photogram.errors import ImageError
 
 FloatArray = NDArray[np.float64]

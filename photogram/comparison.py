@@ -6,12 +6,14 @@ Agreement with a reference is accuracy only where the reference is known to be b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import map_coordinates
 from scipy.spatial import Delaunay, QhullError, cKDTree
+from threadpoolctl import threadpool_limits
 
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud, Raster
@@ -108,50 +110,39 @@ def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
     return np.asarray(distance, dtype=np.float64)
 
 
-def cloud_to_surface(
-    cloud: PointCloud, reference: Raster | PointCloud, maximum_gap_m: float | None = None
-) -> FloatArray:
-    """Return the height (N,) in m of each point above (positive) or below the reference.
+@dataclass(frozen=True, eq=False)
+class TriangulatedCloud:
+    """A reference cloud triangulated in plan (Delaunay), made once by ``triangulate`` for all clouds compared with it.
 
-    NaN where the reference has no data. A raster is interpolated bilinearly between cell centres; all four must hold
-    data. A cloud is triangulated in plan and interpolated linearly; triangles with an edge longer than
-    ``maximum_gap_m`` in plan, by default 10 times the median edge, count as gaps. Raises PhotogramError for a
-    reference cloud of fewer than three points, or of points on one line.
+    ``points`` the cloud; ``origin_map_m`` (3,) the origin of the triangulation; ``bridging`` (T,) which of its
+    triangles have an edge longer than the maximum gap in plan and are no surface.
     """
-    points = cloud.position_map_m
-    if isinstance(reference, Raster):
-        return points[:, 2] - _raster_height(reference, points)
-    return points[:, 2] - _triangulated_height(reference, points, maximum_gap_m)
+
+    points: PointCloud
+    origin_map_m: FloatArray
+    triangulation: Delaunay
+    bridging: BoolArray
+
+    def heights(self, points_map_m: FloatArray) -> FloatArray:
+        """Return the height (K,) in m of the surface at points (K, 2 or more) of the map, NaN off it and in gaps."""
+        place = points_map_m[:, :2] - self.origin_map_m[:2]
+        height_m = self.points.position_map_m[:, 2] - self.origin_map_m[2]
+        with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle: threads take 60 times the CPU
+            height = LinearNDInterpolator(self.triangulation, height_m)(place)
+            triangle = self.triangulation.find_simplex(place)
+        bridged = (triangle >= 0) & self.bridging[triangle]
+        return np.where(bridged, np.nan, height + self.origin_map_m[2])
 
 
-def compare(cloud: PointCloud, reference: Raster | PointCloud, sor: bool = True) -> Comparison:
-    """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
+Reference: TypeAlias = Raster | PointCloud | TriangulatedCloud
 
-    ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are
-    its cell centres. Raises PhotogramError when the cloud is empty or does not overlap the reference.
+
+def triangulate(reference: PointCloud, maximum_gap_m: float | None = None) -> TriangulatedCloud:
+    """Triangulate a reference cloud in plan; triangles with an edge longer than ``maximum_gap_m`` there, by default 10
+    times the median edge, count as gaps.
+
+    Raises PhotogramError for a cloud of fewer than three points, or of points on one line.
     """
-    if len(cloud) == 0:
-        raise PhotogramError("comparison: the cloud holds no points")
-    keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
-    kept = PointCloud(cloud.position_map_m[keep])
-    difference = cloud_to_surface(kept, reference)
-    overlap = statistics(difference)
-    distance = _distance_to_cells(kept, reference) if isinstance(reference, Raster) else cloud_to_cloud(kept, reference)
-    return Comparison(kept.position_map_m, difference, distance, overlap, statistics(distance), int(np.sum(~keep)))
-
-
-def _raster_height(raster: Raster, points_map_m: FloatArray) -> FloatArray:
-    column = (points_map_m[:, 0] - raster.west_map_m) / raster.cell_m - 0.5
-    row = (raster.north_map_m - points_map_m[:, 1]) / raster.cell_m - 0.5
-    # A NaN among the four cells makes the sample NaN, whatever its weight.
-    return np.asarray(
-        map_coordinates(
-            raster.values, np.stack([row, column]), output=np.float64, order=1, mode="constant", cval=np.nan
-        )
-    )
-
-
-def _triangulated_height(reference: PointCloud, points_map_m: FloatArray, maximum_gap_m: float | None) -> FloatArray:
     if len(reference) < 3:
         raise PhotogramError(f"comparison: the reference holds {len(reference)} points: a surface needs at least 3")
     origin = reference.position_map_m.min(axis=0)
@@ -165,11 +156,53 @@ def _triangulated_height(reference: PointCloud, points_map_m: FloatArray, maximu
     corners = vertex[triangulation.simplices][..., :2]
     edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     gap_m = 10 * np.median(edge_m) if maximum_gap_m is None else maximum_gap_m
-    query = points_map_m[:, :2] - origin[:2]
-    height = LinearNDInterpolator(triangulation, vertex[:, 2])(query)
-    triangle = triangulation.find_simplex(query)
-    bridged = (triangle >= 0) & (edge_m.max(axis=1)[triangle] > gap_m)
-    return np.where(bridged, np.nan, height + origin[2])
+    return TriangulatedCloud(reference, origin, triangulation, edge_m.max(axis=1) > gap_m)
+
+
+def cloud_to_surface(cloud: PointCloud, reference: Reference) -> FloatArray:
+    """Return the height (N,) in m of each point above (positive) or below the reference.
+
+    NaN where the reference has no data. A raster is interpolated bilinearly between cell centres; all four must hold
+    data. A cloud is triangulated (``triangulate``) and interpolated linearly. Raises PhotogramError for a reference
+    cloud of fewer than three points, or of points on one line.
+    """
+    points = cloud.position_map_m
+    if isinstance(reference, Raster):
+        return points[:, 2] - _raster_height(reference, points)
+    surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
+    return points[:, 2] - surface.heights(points)
+
+
+def compare(cloud: PointCloud, reference: Reference, sor: bool = True) -> Comparison:
+    """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
+
+    ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are
+    its cell centres. For several clouds give a reference cloud as ``triangulate`` returns it. Raises PhotogramError
+    when the cloud is empty or does not overlap the reference.
+    """
+    if len(cloud) == 0:
+        raise PhotogramError("comparison: the cloud holds no points")
+    surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
+    keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
+    kept = PointCloud(cloud.position_map_m[keep])
+    difference = cloud_to_surface(kept, surface)
+    overlap = statistics(difference)
+    if isinstance(surface, Raster):
+        distance = _distance_to_cells(kept, surface)
+    else:
+        distance = cloud_to_cloud(kept, surface.points)
+    return Comparison(kept.position_map_m, difference, distance, overlap, statistics(distance), int(np.sum(~keep)))
+
+
+def _raster_height(raster: Raster, points_map_m: FloatArray) -> FloatArray:
+    column = (points_map_m[:, 0] - raster.west_map_m) / raster.cell_m - 0.5
+    row = (raster.north_map_m - points_map_m[:, 1]) / raster.cell_m - 0.5
+    # A NaN among the four cells makes the sample NaN, whatever its weight.
+    return np.asarray(
+        map_coordinates(
+            raster.values, np.stack([row, column]), output=np.float64, order=1, mode="constant", cval=np.nan
+        )
+    )
 
 
 def _distance_to_cells(cloud: PointCloud, raster: Raster) -> FloatArray:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from photogram.compilation import njit
 from photogram.semi_global import FULL_COST
 from photogram.views import seen_at
 

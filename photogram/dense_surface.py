@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from photogram.compilation import njit
 from photogram.map_grid import MapGrid, Window
 
 FloatArray = NDArray[np.float64]

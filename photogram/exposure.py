@@ -12,11 +12,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid
 from photogram.seams import Seams

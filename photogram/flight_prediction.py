@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -216,7 +216,14 @@ def _changed(plan: FlightPlan, values: Mapping[str, Any]) -> FlightPlan | None:
         return None
 
 
-def alternatives(plan: FlightPlan) -> list[Alternative]:
-    """Return the changes of a plan and what they achieve, what helps the heights most first."""
-    found = [Alternative(what, predict(changed)) for what, changed in changes(plan).items()]
+def alternatives(plan: FlightPlan, progress: Callable[[int, int, str], None] = lambda *_: None) -> list[Alternative]:
+    """Return the changes of a plan and what they achieve, what helps the heights most first.
+
+    ``progress`` is called with the changes that are done, their number, and the one that comes next.
+    """
+    found, wanted = list[Alternative](), changes(plan)
+    for what, changed in wanted.items():
+        progress(len(found), len(wanted), what)
+        found.append(Alternative(what, predict(changed)))
+    progress(len(found), len(wanted), "")
     return sorted(found, key=lambda a: a.prediction.typical_m(a.prediction.sigma_m[:, 2]))

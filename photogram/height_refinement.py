@@ -17,9 +17,9 @@ adjustment with one unknown, the height (Grün 1985 does it with more), so the n
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from photogram.compilation import njit
 from photogram.dense_kernels import (
     FAST,
     LEFT_OUT,

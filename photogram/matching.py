@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import SIDEWAYS, Camera, image_plane_or_nan, undistort
+from photogram.compilation import njit
 from photogram.survey import Features, FloatArray, IntArray, Matches, check_range
 
 

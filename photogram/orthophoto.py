@@ -14,9 +14,9 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.exposure import Balance, PixelsOf, balance_exposure, camera_of, sample_overlaps
 from photogram.frames import LocalFrame

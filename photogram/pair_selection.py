@@ -14,13 +14,13 @@ from math import cos, inf, radians
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from photogram.camera import SIDEWAYS, Camera, image_plane, image_plane_or_nan
+from photogram.compilation import njit
 from photogram.errors import OrientationError
 from photogram.survey import FloatArray, IntArray, Photograph, check_range, check_shape
 

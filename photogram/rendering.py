@@ -12,11 +12,11 @@ from os import cpu_count
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from photogram.camera import Camera, Pose, ideal_point, image_plane
+from photogram.compilation import njit
 from photogram.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 FloatArray = NDArray[np.float64]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from photogram.compilation import njit
 from photogram.views import seen_at
 
 FloatArray = NDArray[np.float64]

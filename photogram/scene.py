@@ -12,10 +12,10 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.survey import Raster
 

@@ -11,10 +11,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid, Verticals, Window, verticals
 from photogram.views import Views, seen_at

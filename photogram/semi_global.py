@@ -12,8 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from photogram.compilation import njit
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int64]

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose, all_parameters, image_plane, project_point
+from photogram.compilation import njit
 from photogram.flight_plan import SurveyPlan
 from photogram.rendering import visible
 from photogram.scene import Scene

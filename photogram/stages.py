@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photogram.blunder_names import withdrawn_attitudes
-from photogram.comparison import compare
+from photogram.comparison import compare, triangulate
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
@@ -454,7 +454,8 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, o
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
     if run.project.reference is not None:
-        reference = _with_map_heights(run.project, read_reference(run.project.reference))
+        given = _with_map_heights(run.project, read_reference(run.project.reference))
+        reference = triangulate(given) if isinstance(given, PointCloud) else given
         for name in ("linear_2view", "linear_3view", "adjusted"):
             cloud = run.cloud(name)
             if len(cloud) >= 3:

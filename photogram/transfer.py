@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, Pose, project
+from photogram.compilation import njit
 from photogram.survey import ByteArray, FloatArray, IntArray, TiePoints, check_range
 
 BoolArray = NDArray[np.bool_]

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan, project_point
+from photogram.compilation import njit
 from photogram.survey import FloatArray, IntArray, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from photogram.camera import project_point
+from photogram.compilation import njit
 from photogram.survey import Block
 
 FloatArray = NDArray[np.float64]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid, Window

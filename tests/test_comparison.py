@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from threadpoolctl import threadpool_info
 
-from photogram.comparison import cloud_to_cloud, cloud_to_surface, compare, sor_filter, statistics
+from photogram import comparison
+from photogram.comparison import cloud_to_cloud, cloud_to_surface, compare, sor_filter, statistics, triangulate
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud, Raster
 
@@ -113,7 +117,9 @@ def test_a_reference_cloud_is_not_stretched_over_its_hull_or_its_gaps() -> None:
     reference = PointCloud(SITE + np.column_stack([x, y, 0 * x])[~hole])
     cloud = PointCloud(SITE + np.array([[15, 10, 1.0], [3.3, 4.4, 1.0], [-1, 5, 1.0], [31, 5, 1.0]]))
     np.testing.assert_allclose(cloud_to_surface(cloud, reference), [np.nan, 1.0, np.nan, np.nan], atol=1e-9)
-    np.testing.assert_allclose(cloud_to_surface(cloud, reference, 20.0), [1.0, 1.0, np.nan, np.nan], atol=1e-9)
+    np.testing.assert_allclose(
+        cloud_to_surface(cloud, triangulate(reference, 20.0)), [1.0, 1.0, np.nan, np.nan], atol=1e-9
+    )
     with pytest.raises(PhotogramError, match="at least 3"):
         cloud_to_surface(cloud, PointCloud(reference.position_map_m[:2]))
     with pytest.raises(PhotogramError, match="on one line"):
@@ -192,3 +198,31 @@ def test_a_real_reference_cloud_agrees_with_the_surface_made_from_it() -> None:
     assert surface.compared > 5000
     assert abs(surface.median_m) < 0.02
     assert surface.nmad_m < 0.05
+
+
+def test_a_reference_triangulated_once_serves_many_clouds_with_the_same_figures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reference = PointCloud(random_points(400, 1))
+    surface = triangulate(reference)
+    clouds = [PointCloud(random_points(200, seed)) for seed in (2, 3)]
+    each_alone = [compare(cloud, reference) for cloud in clouds]
+    monkeypatch.setattr(comparison, "Delaunay", None)  # nothing is triangulated again
+    for cloud, alone in zip(clouds, each_alone, strict=True):
+        found = compare(cloud, surface)
+        np.testing.assert_array_equal(found.surface_difference_m, alone.surface_difference_m)
+        np.testing.assert_array_equal(found.cloud_distance_m, alone.cloud_distance_m)
+
+
+def test_the_triangles_are_solved_by_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+
+    class Counting(LinearNDInterpolator):
+        def __call__(self, place: Any) -> Any:
+            threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+            return super().__call__(place)
+
+    monkeypatch.setattr(comparison, "LinearNDInterpolator", Counting)
+    cloud_to_surface(PointCloud(random_points(50, 2)), PointCloud(random_points(400, 1)))
+    assert threads
+    assert set(threads) == {1}

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.cli.terminal import console, show_gnss
+from photogram.cli.report_tables import show_gnss
+from photogram.cli.terminal import console
 from photogram.errors import ProjectError
 from photogram.files.images import read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic

@@ -181,7 +181,7 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
     assert not (adjusted_survey / "work/surface").exists()
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
     assert json.loads((adjusted_survey / "work/surface/stage.json").read_text())["cell_m"] == 0.5
-    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("done before") == 10
+    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("up to date") == 10
 
 
 def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
@@ -191,7 +191,7 @@ def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photo
 
     second = photogram("adjust", project)
     assert second.code == 0
-    assert second.out.count("done before") == len(STAGES)
+    assert second.out.count("up to date") == len(STAGES)
     assert (results / "report.json").read_bytes() == report
 
     (results / "points_adjusted.laz").unlink()
@@ -208,7 +208,7 @@ def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photo
     assert stages_run(adjusted_survey, until="photographs") == []
     # what was made again is what it was before, so nothing that depends on it has to be repeated
     assert stages_run(adjusted_survey) == []
-    assert photogram("adjust", project, "--from", "orientation", "--until", "orientation").out.count("done before") == 4
+    assert photogram("adjust", project, "--from", "orientation", "--until", "orientation").out.count("up to date") == 4
 
 
 def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Path, edit: Edit) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from photogram.cli import terminal
+from photogram.cli import report_tables
 
 Json = dict[str, Any]
 
@@ -40,12 +40,12 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> Console:
     console = Console(width=160, record=True, quiet=False, highlight=False)
-    monkeypatch.setattr(terminal, "console", console)
+    monkeypatch.setattr(report_tables, "console", console)
     return console
 
 
 def test_block_line(shown: Console) -> None:
-    terminal.show_report(report())
+    report_tables.show_report(report())
     text = shown.export_text()
     for words in ("18 of 18", "2.31 cm", "median 7", "93% of the area", "4.13", "0.321, 0.456 m"):
         assert words in text, words
@@ -54,7 +54,7 @@ def test_block_line(shown: Console) -> None:
 
 
 def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
-    terminal.show_report(report(18, 3, component_sizes=[15, 2, 1]))
+    report_tables.show_report(report(18, 3, component_sizes=[15, 2, 1]))
     text = shown.export_text()
     assert "15 of 18" in text
     assert "3, of 15, 2, 1 photographs" in text
@@ -64,16 +64,16 @@ def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
 
 
 def test_many_that_are_left_out_are_counted(shown: Console) -> None:
-    terminal.show_report(report(1000, 37))
+    report_tables.show_report(report(1000, 37))
     text = shown.export_text()
     assert "Left out: 37 photographs" in text
-    assert text.count("too few [tie] points") == terminal.MAXIMUM_LEFT_OUT == 10
+    assert text.count("too few [tie] points") == report_tables.MAXIMUM_LEFT_OUT == 10
     assert "and 27 more" in text
 
 
 def test_what_is_not_known_is_not_shown(shown: Console) -> None:
     nothing = {"plan": None, "height": None, "three_d": None}
-    terminal.show_report(report(gsd_m=None, overlap=None, mean_track_length=None, gnss_residual_rms_m=nothing))
+    report_tables.show_report(report(gsd_m=None, overlap=None, mean_track_length=None, gnss_residual_rms_m=nothing))
     text = shown.export_text()
     assert "18 of 18" in text
     for words in ("ground sampling", "overlap", "track length", "GNSS", "None", "nan"):
@@ -83,19 +83,19 @@ def test_what_is_not_known_is_not_shown(shown: Console) -> None:
 def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console) -> None:
     sentences = [f"control point [{n}], height: everything else predicts +0.620 m, 14.0 sigma" for n in range(7)]
     found = [{"kind": "control point", "sentence": sentence} for sentence in sentences]
-    terminal.show_report({**report(), "suspects": found})
+    report_tables.show_report({**report(), "suspects": found})
     text = shown.export_text()
-    for sentence in sentences[: terminal.MAXIMUM_SUSPECTS]:
+    for sentence in sentences[: report_tables.MAXIMUM_SUSPECTS]:
         assert f"Suspect: {sentence}" in text
-    assert sentences[terminal.MAXIMUM_SUSPECTS] not in text
-    assert text.count("may be an effect of the first") == terminal.MAXIMUM_SUSPECTS - 1
+    assert sentences[report_tables.MAXIMUM_SUSPECTS] not in text
+    assert text.count("may be an effect of the first") == report_tables.MAXIMUM_SUSPECTS - 1
 
 
 def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console) -> None:
     suspects = [{"kind": kind, "sentence": f"{kind} X is off"} for kind in ("control point", "mark", "GNSS position")]
     blunders = [{"sentence": "control point [3]: everything else predicts another height (height -0.6 m, 13 sigma)"}]
     effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
-    terminal.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
+    report_tables.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
     text = shown.export_text()
     assert f"Left out: {blunders[0]['sentence']}" in text
     assert "Without that, the RMSE of 5 check points" in text
@@ -105,7 +105,7 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
 
 def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> None:
     left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0346}
-    terminal.show_report({**report(), "leave_one_out": left})
+    report_tables.show_report({**report(), "leave_one_out": left})
     text = shown.export_text()
     assert "leave-one-out (7, no check points): RMSE in plan, height" in text
     assert "0.021, 0.035 m" in text
@@ -120,7 +120,7 @@ def test_what_is_refuted_is_said(shown: Console) -> None:
         "calibration": {"sentence": None, "significant": False, "sigma_factor": None},
     }
     achieved = {"sentence": "9 check points: as large as [predicted]"}
-    terminal.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
+    report_tables.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
     lines = shown.export_text().splitlines()
     assert "Predicted against achieved, 9 check points: as large as [predicted]" in lines
     assert [line for line in lines if line.startswith("Stated sigmas")] == ["Stated sigmas: marks scatter twice"]
@@ -132,13 +132,13 @@ def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> Non
         "remedies": [{"sentence": "RTK instead of these"}, {"sentence": "One strip across"}],
         "resections": [{"sentence": "Resection with the given focal length [px]"}],
     }
-    terminal.show_report({**report(), "diagnosis": diagnosis})
+    report_tables.show_report({**report(), "diagnosis": diagnosis})
     text = shown.export_text()
     assert "Weak: The block may be bent to a dome of 0.061 m" in text
     assert "What would help most: RTK instead of these" in text
     assert "One strip across" not in text
     assert "Resection with the given focal length [px]" in text
-    terminal.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
+    report_tables.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
     assert "What would help" not in shown.export_text()
 
 
@@ -152,7 +152,7 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
 
 
 def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
-    terminal.show_report(report() | {"dense": dense()})
+    report_tables.show_report(report() | {"dense": dense()})
     text = shown.export_text()
     for words in ("0.120 m, 1200 × 900", "97.3% of 1000000 cells, 4000 filled", "0.031 m, 95 % below 0.087 m",
                   "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
@@ -160,27 +160,29 @@ def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
 
 
 def test_a_surface_that_nothing_tests_is_not_called_tested(shown: Console) -> None:
-    terminal.show_report(report() | {"dense": dense(2, None)})
+    report_tables.show_report(report() | {"dense": dense(2, None)})
     assert "2 on the surface: too few to test it" in shown.export_text()
 
 
 def test_without_a_dense_surface_there_is_no_table_of_it(shown: Console) -> None:
-    terminal.show_report(report())
+    report_tables.show_report(report())
     assert "Surface" not in shown.export_text()
 
 
 def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) -> None:
     made = {"cell_m": 0.06, "rows": 1500, "columns": 2000, "covered": 0.87}
-    terminal.show_report(report() | {"orthophoto": made})
+    report_tables.show_report(report() | {"orthophoto": made})
     text = shown.export_text()
     assert "0.060 m, 2000 × 1500 cells, 87% covered" in text
     assert "Surface" not in text
-    terminal.show_report(report() | {"orthophoto": made, "dense": dense()})
+    report_tables.show_report(report() | {"orthophoto": made, "dense": dense()})
     assert "Surface and orthophoto" in shown.export_text()
 
 
 def test_an_orthophoto_that_is_left_out_says_why(shown: Console) -> None:
-    terminal.show_report(report() | {"orthophoto": {"left_out": "the photographs look sideways"}, "dense": dense()})
+    report_tables.show_report(
+        report() | {"orthophoto": {"left_out": "the photographs look sideways"}, "dense": dense()}
+    )
     text = shown.export_text()
     assert "left out: the photographs look sideways" in text
     assert "Surface and orthophoto" not in text

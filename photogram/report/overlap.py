@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.tri import LinearTriInterpolator, Triangulation
-from numba import njit
 from scipy.ndimage import median
 
 from photogram.camera import models_of, project_point
+from photogram.compilation import njit
 from photogram.survey import Adjustment, FloatArray, IntArray, Raster
 
 CELLS = 100

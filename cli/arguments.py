@@ -1,0 +1,17 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ProjectFile = Annotated[Path, typer.Argument(help="Project file, usually project.yaml.", show_default=False)]
+Photographs = Annotated[
+    Path | None,
+    typer.Option("--photographs", help="Folder of the photographs; overrides photographs.folder of the project file."),
+]
+Pdf = Annotated[
+    bool, typer.Option("--pdf", help="Also print report.pdf (needs an installed Chromium, Chrome or Edge).")
+]

@@ -1,0 +1,137 @@
+"""What the terminal says of a finished stage, in a sentence with units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from statistics import median
+from typing import Any
+
+Summary = Mapping[str, Any]
+
+_METHODS = {
+    "control": "from control points",
+    "attitude": "from measured positions and attitudes",
+    "growth": "from a first pair, photograph by photograph",
+}
+
+
+def _count(number: int, one: str, many: str | None = None) -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _cells(summary: Summary) -> str:
+    return f"{summary['columns']} × {summary['rows']} cells of {summary['cell_m']:g} m"
+
+
+def _photographs(summary: Summary) -> str:
+    parts = [f"{_count(summary['photographs'], 'photograph')} read"]
+    if summary.get("copies"):
+        parts.append(f"{_count(summary['copies'], 'copy', 'copies')} left out")
+    if summary.get("frozen_positions"):
+        parts.append(f"{_count(summary['frozen_positions'], 'position')} of a stopped receiver not used")
+    return ", ".join(parts)
+
+
+def _features(summary: Summary) -> str:
+    counts = summary["key_points"]
+    return f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
+
+
+def _matches(summary: Summary) -> str:
+    return f"{summary['verified_pairs']} of {_count(summary['pairs'], 'pair')} verified"
+
+
+def _tie_points(summary: Summary) -> str:
+    left_out = summary["conflicts"]
+    return f"{_count(summary['tie_points'], 'tie point')}" + (
+        f", {left_out} contradictory left out" if left_out else ""
+    )
+
+
+def _orientation(summary: Summary) -> str:
+    how = _METHODS.get(summary["method"], f"by {summary['method']}")
+    return f"{_count(summary['registered'], 'photograph')} oriented, {how}"
+
+
+def _transfer(summary: Summary) -> str:
+    if not summary["transferred"]:
+        return f"{_count(summary['tie_points'], 'tie point')}, no further observations"
+    return f"{_count(summary['transferred'], 'further observation')} of {_count(summary['tie_points'], 'tie point')}"
+
+
+def _intersection(summary: Summary) -> str:
+    return f"{summary['linear_2view']} points from two views, {summary['linear_3view']} from three"
+
+
+def _adjustment(summary: Summary) -> str:
+    iterations = _count(summary["iterations"], "iteration")
+    parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
+    parts.append(f"sigma0 {summary['sigma0']:.3f}")
+    if summary.get("blunders"):
+        parts.append(f"{_count(summary['blunders'], 'blunder')} left out")
+    for key, what in (("disbelieved_headings", "heading"), ("disbelieved_attitudes", "attitude")):
+        if summary.get(key):
+            parts.append(f"{_count(summary[key], what)} not used")
+    return ", ".join(parts)
+
+
+def _dense(summary: Summary) -> str:
+    return f"{_cells(summary)}, {_count(summary['levels'], 'level')}" if "columns" in summary else "not asked for"
+
+
+def _surface(summary: Summary) -> str:
+    found = _cells(summary)
+    if "measured" in summary:
+        found += f", {summary['measured']} measured, {summary['filled']} filled"
+    return found
+
+
+def _relief(summary: Summary) -> str:
+    parts = []
+    if "interpolated" in summary:
+        parts.append(f"terrain with {_count(summary['interpolated'], 'interpolated cell')}")
+    if "contours" in summary:
+        lines = _count(summary["contours"], "contour line")
+        parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
+    return ", ".join(parts) or "not asked for"
+
+
+def _orthophoto(summary: Summary) -> str:
+    if "left_out" in summary:
+        return f"left out: {summary['left_out']}"
+    if "columns" not in summary:
+        return "not asked for"
+    return f"{_cells(summary)} from {_count(summary['photographs'], 'photograph')}"
+
+
+def _comparison(summary: Summary) -> str:
+    clouds = summary["clouds"]
+    return f"{_count(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
+
+
+def _results(summary: Summary) -> str:
+    return f"{_count(len(summary['products']), 'file')} written"
+
+
+SENTENCES: dict[str, Callable[[Summary], str]] = {
+    "photographs": _photographs,
+    "features": _features,
+    "matches": _matches,
+    "tie_points": _tie_points,
+    "orientation": _orientation,
+    "transfer": _transfer,
+    "intersection": _intersection,
+    "adjustment": _adjustment,
+    "dense": _dense,
+    "surface": _surface,
+    "relief": _relief,
+    "orthophoto": _orthophoto,
+    "comparison": _comparison,
+    "results": _results,
+}
+"""By the name of the stage."""
+
+
+def sentence(stage: str, summary: Summary) -> str:
+    """Return what a finished stage did, from the summary that it left."""
+    return SENTENCES[stage](summary)

@@ -1,0 +1,70 @@
+"""Compilation of kernels: numba's njit, which starts wherever photogram is installed.
+
+numba keeps compiled code beside the source, or else in the user's cache folder, and raises where neither can be written
+(an installation that is read-only, a user without a home). Here the code then goes to a folder of the user's own in the
+temporary directory, which nobody else may write, because it is executed when it is read; where there is no such folder
+either, nothing is kept, and every start compiles anew.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import config
+from numba import njit as numba_njit  # noqa: TID251 - here it is wrapped
+
+Function = Callable[..., Any]
+
+
+def njit(**options: Any) -> Callable[[Function], Any]:  # noqa: ANN401 - numba's own options
+    """Return numba's decorator njit with these options; with ``cache`` the compiled code is kept where it can be."""
+
+    def compiled(function: Function) -> Any:  # noqa: ANN401 - numba carries no types
+        found = None
+        if options.get("cache"):
+            # without a home numba would make a folder called ~ where the command runs
+            found = _cached(function, options) if os.path.isabs(os.path.expanduser("~")) else None
+            found = found or _cached_in(temporary_folder(), function, options)
+        return found or numba_njit(**{**options, "cache": False})(function)
+
+    return compiled
+
+
+def _cached(function: Function, options: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return the compiled function, None where numba finds no place to keep its code in."""
+    try:
+        return numba_njit(**options)(function)
+    except RuntimeError:
+        return None
+
+
+def _cached_in(folder: Path | None, function: Function, options: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return the compiled function, its code kept in a folder; None where that cannot be."""
+    if folder is None:
+        return None
+    usual = config.CACHE_DIR
+    config.CACHE_DIR = str(folder)  # read by the decorator, and by nothing later
+    try:
+        return _cached(function, options)
+    finally:
+        config.CACHE_DIR = usual
+
+
+@cache
+def temporary_folder() -> Path | None:
+    """Return the user's own folder for compiled code in the temporary directory, made if need be; None where there is
+    none that is safe: a real folder of this user that no one else may write or read."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"photogram-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if own else None

@@ -1,0 +1,258 @@
+"""The command line as a whole: how soon it answers, and how it ends when something goes wrong."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from photogram.cli import adjust, init, outcomes, plan, run_check
+from photogram.cli.stage_lines import SENTENCES
+from photogram.errors import ProjectError
+from photogram.heights import HeightSystem
+from photogram.pipeline import STAGES
+from photogram.planning import Gnss, Layout
+from photogram.survey import Role
+
+Run = Callable[..., Any]
+COMMAND = [sys.executable, "-m", "photogram.cli.main"]
+
+QUICK = """
+import io, os, sys
+from contextlib import redirect_stderr, redirect_stdout
+from photogram.cli.main import main
+
+def said(*arguments):
+    sys.argv, out = ["photogram", *arguments], io.StringIO()
+    try:
+        with redirect_stdout(out), redirect_stderr(out):
+            main()
+    except SystemExit as end:
+        return end.code, out.getvalue()
+
+commands = ["adjust", "check", "compare", "demo", "init", "plan", "report", "study", "view"]
+for arguments in ([], ["study", "ransac"], *([c] for c in commands)):
+    code, text = said(*arguments, "--help")
+    assert code == 0 and "Usage: photogram" in text, (arguments, code, text)
+wrong = [["adjsut"], ["adjust"], ["adjust", "p.yaml", "--form", "dense"], ["adjust", "p.yaml", "--from", "denes"],
+         ["plan", "--area", "20"], ["plan", "--gnss", "rkt"], ["init", "--heights", "msl", "."],
+         ["view", ".", "--points", "1"],
+         ["study", "ransac", "p.yaml", "--sample-sizes", "eight"], ["compare", "a.txt"], ["demo", "--seed", "one"]]
+for arguments in wrong:
+    code, text = said(*arguments)
+    assert code == 2 and "Usage: photogram" in text, (arguments, code, text)
+os.environ.update(_PHOTOGRAM_COMPLETE="complete_bash", COMP_WORDS="photogram adjust p.yaml --from ", COMP_CWORD="4")
+code, text = said()
+assert "orthophoto" in text.split(), text
+print(sorted({"numpy", "scipy", "numba", "gtsam", "cv2", "matplotlib", "pyproj", "rasterio"} & set(sys.modules)))
+print(len(sys.modules))
+"""
+
+
+def test_help_typing_errors_and_completion_import_nothing_that_computes() -> None:
+    done = subprocess.run([sys.executable, "-c", QUICK], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    libraries, modules = done.stdout.splitlines()
+    assert libraries == "[]"
+    assert int(modules) < 700  # 4 900 when every command was imported
+
+
+def test_the_names_that_help_shows_are_those_of_the_library() -> None:
+    names = [stage.name for stage in STAGES]
+    assert list(get_args(adjust.StageName)) == names
+    assert str(adjust.adjust.__doc__).replace("\n", " ").replace("  ", " ").count(", ") >= len(names) - 2
+    assert all(name in str(adjust.adjust.__doc__) for name in names)
+    assert list(SENTENCES) == names
+    assert get_args(init.HeightSystemName) == get_args(HeightSystem)
+    assert set(get_args(init.RoleName)) <= set(get_args(Role))
+    assert get_args(plan.GnssName) == get_args(Gnss)
+    assert get_args(plan.LayoutName) == get_args(Layout)
+
+
+# ---- what a command raises -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def check_raises(monkeypatch: pytest.MonkeyPatch, photogram: Run, tmp_path: Path) -> Run:
+    """Let `photogram check` do something else, and write the file of a defect into the folder of the test."""
+    monkeypatch.setattr(outcomes.tempfile, "mkstemp", partial(tempfile.mkstemp, dir=tmp_path))
+
+    def run(work: Callable[[], object], *options: str) -> Any:
+        monkeypatch.setattr(run_check, "run", lambda *_: work())
+        return photogram(*options, "check", "project.yaml")
+
+    return run
+
+
+def raising(fault: BaseException) -> Callable[[], object]:
+    def work() -> object:
+        raise fault
+
+    return work
+
+
+def in_a_worker() -> object:
+    with ThreadPoolExecutor(1) as executor:
+        return executor.submit(raising(ZeroDivisionError("of a worker"))).result()
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (raising(KeyError("no such thing")), "KeyError: 'no such thing'"),
+        (raising(EOFError("end")), "EOFError: end"),
+        (raising(RuntimeError("several\nlines")), "RuntimeError: several"),
+        (raising(FileNotFoundError(errno.ENOENT, "No such file", "tags.json")), "FileNotFoundError"),
+        (in_a_worker, "ZeroDivisionError: of a worker"),
+    ],
+)
+def test_a_defect_is_one_sentence_and_a_file(
+    work: Callable[[], object], words: str, check_raises: Run, tmp_path: Path
+) -> None:
+    outcome = check_raises(work)
+    assert outcome.code == 70
+    assert outcome.err.count("\n") == 1
+    assert "defect of photogram" in outcome.err
+    assert "please report it" in outcome.err
+    assert words in outcome.err
+    (file,) = tmp_path.glob("photogram-defect-*.txt")
+    assert outcome.err.endswith(f"details in {file}\n")
+    details = file.read_text(encoding="utf-8")
+    for fact in ("photogram 0.", "Python 3", "platform ", "numpy ", "photogram check project.yaml", "Traceback", words):
+        assert fact in details, fact
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_defect_with_no_place_for_its_file_is_printed(check_raises: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(**_: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(outcomes.tempfile, "mkstemp", full)
+    outcome = check_raises(raising(KeyError("lost")))
+    assert outcome.code == 70
+    assert outcome.err.startswith("photogram: a defect of photogram (KeyError: 'lost'), please report it.")
+    assert "Traceback" in outcome.err
+
+
+def test_what_a_thread_raises_that_nobody_waits_for_is_a_defect_too(check_raises: Run) -> None:
+    def work() -> None:
+        thread = threading.Thread(target=raising(LookupError("behind the scenes")))
+        thread.start()
+        thread.join()
+
+    outcome = check_raises(work)
+    assert outcome.code == 70
+    assert "LookupError: behind the scenes" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (
+            OSError(errno.ENOSPC, "No space left on device", "work/x.npz"),
+            "work/x.npz: No space left on device: free some",
+        ),
+        (OSError(errno.ENOSPC, "No space left on device"), "photogram: No space left on device: free some space"),
+        (MemoryError(), "out of memory"),
+        (ProjectError("project.yaml:3: crs is missing"), "photogram: project.yaml:3: crs is missing\n"),
+        (ProjectError("photograph \x1b[2Ja.JPG: damaged"), r"photograph \x1b[2Ja.JPG: damaged"),
+    ],
+)
+def test_what_the_user_can_mend_ends_with_1(fault: BaseException, words: str, check_raises: Run) -> None:
+    outcome = check_raises(raising(fault))
+    assert outcome.code == 1
+    assert words in outcome.err
+    assert "Traceback" not in outcome.err
+    assert "defect" not in outcome.err
+
+
+def test_v_twice_is_vv_and_shows_the_traceback(check_raises: Run) -> None:
+    def traceback(*options: str) -> bool:
+        outcome = check_raises(raising(ProjectError("wrong")), *options)
+        assert outcome.code == 1
+        assert outcome.err.endswith("photogram: wrong\n")
+        return "Traceback" in outcome.err
+
+    assert [traceback(), traceback("-v"), traceback("-vv"), traceback("-v", "-v")] == [False, False, True, True]
+
+
+def test_warnings_of_libraries_stay_off_the_terminal_unless_asked_for(check_raises: Run) -> None:
+    def work() -> None:
+        warnings.warn("a library wonders", stacklevel=1)
+
+    assert check_raises(work).err == ""
+
+
+# ---- interruption and standard output ------------------------------------------------------------------------------
+
+
+def test_an_interruption_says_what_is_kept(survey: Path) -> None:
+    command = [*COMMAND, "adjust", str(survey / "project.yaml")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "Photographs" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert err == "photogram: interrupted; finished work is kept, the same command resumes it\n"
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("plan", "--help")])
+def test_standard_output_to_a_full_device_is_one_sentence(arguments: tuple[str, ...]) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "standard output cannot be written (No space left on device)" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",)])
+def test_a_closed_pipe_ends_quietly(arguments: tuple[str, ...]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run([*COMMAND, *arguments], stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60)
+    finally:
+        os.close(writer)
+    assert done.returncode == 1
+    assert done.stderr == ""
+
+
+def test_a_command_s_own_output_to_a_full_device(check_raises: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    with open("/dev/full", "w") as full, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", full)
+        outcome = check_raises(lambda: print("figures", flush=True))  # noqa: T201
+    assert outcome.code == 1
+    assert "standard output cannot be written" in outcome.err
+
+
+def test_a_terminal_that_knows_ascii_only() -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = subprocess.run([*COMMAND, "plan", "--help"], capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "Usage: photogram plan" in done.stdout
+
+
+def test_completion_is_shown_for_a_shell() -> None:
+    environment = {**os.environ, "_PHOTOGRAM_COMPLETE": "source_bash"}
+    done = subprocess.run(COMMAND, capture_output=True, text=True, timeout=60, env=environment)
+    assert "complete" in done.stdout
+    assert "_PHOTOGRAM_COMPLETE=complete_bash" in done.stdout
