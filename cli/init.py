@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +34,7 @@ from photogram.project_draft import (
     Wishes,
     draft_project,
 )
+from photogram.project_ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.project_text import count, project_text
 from photogram.survey import Role
 
@@ -103,7 +105,10 @@ def _picture_size(text: str | None) -> tuple[int, int] | None:
     found = re.fullmatch(r"\s*([1-9]\d*)\s*[xX×]\s*([1-9]\d*)\s*", text)
     if found is None:
         raise typer.BadParameter(f"{text!r} is no size in pixels: write width x height, 4000x3000 for example")
-    return int(found[1]), int(found[2])
+    sides = [int(side) if len(side) < 10 else math.inf for side in found.groups()]
+    if not all(map(PIXELS.holds, sides)):
+        raise typer.BadParameter(f"{text[:60]!r}: width and height must be {PIXELS}", param_hint="--picture-size")
+    return int(sides[0]), int(sides[1])
 
 
 def _relative(path: Path, project: Path) -> str:
@@ -212,7 +217,8 @@ def init(
         str | None, typer.Option("--picture-size", help="Size of the pictures the marks were measured in, 4000x3000.")
     ] = None,
     control_sigma: Annotated[
-        float | None, typer.Option("--control-sigma", min=1e-4, help="Accuracy of the ground points in m.")
+        float | None,
+        typer.Option("--control-sigma", min=SIGMA_M.low, max=SIGMA_M.high, help="Accuracy of the ground points in m."),
     ] = None,
     heights: Annotated[
         HeightSystem | None, typer.Option("--heights", help="What the heights of the ground points are above.")
@@ -222,7 +228,10 @@ def init(
         typer.Option("--geoid", help="Geoid of orthometric heights: EGM96, EPSG:5799 or a grid (.gtx, .tif)."),
     ] = None,
     focal_px: Annotated[
-        float | None, typer.Option("--focal-px", min=1.0, help="Focal length in px, where the tags do not give it.")
+        float | None,
+        typer.Option(
+            "--focal-px", min=FOCAL_PX.low, max=FOCAL_PX.high, help="Focal length in px, where the tags do not give it."
+        ),
     ] = None,
     recursive: Annotated[bool, typer.Option("--recursive", help="Take the folders within as well.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the project file.")] = False,

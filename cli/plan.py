@@ -16,7 +16,7 @@ from photogram.cli.app import app
 from photogram.cli.terminal import console
 from photogram.flight_prediction import Alternative, Prediction, alternatives, predict
 from photogram.plan_file import flight_plan, plan_settings
-from photogram.planning import FlightPlan, Gnss, Layout
+from photogram.planning import RANGES, FlightPlan, Gnss, Layout
 from photogram.report.prediction_numbers import prediction_numbers
 from photogram.report.prediction_picture import prediction_picture
 
@@ -111,8 +111,10 @@ def _settings(file: Path | None, given: dict[str, Any]) -> FlightPlan:
     return flight_plan(settings, str(file) if file is not None else "photogram plan")
 
 
-def _given(text: str) -> Any:  # noqa: ANN401 - Typer's own type
-    return typer.Option(help=text, show_default=False)
+def _given(text: str, field: str | None = None) -> Any:  # noqa: ANN401 - Typer's own type
+    """Return an option; its number is in the range of a field of FlightPlan."""
+    low, high = (None, None) if field is None else RANGES[field]
+    return typer.Option(help=text, show_default=False, min=low, max=high)
 
 
 def _one_of(text: str | None, allowed: Sequence[str], option: str) -> None:
@@ -131,15 +133,15 @@ def plan(
         Path | None, typer.Argument(help="flight.yaml; options change what it says.", show_default=False)
     ] = None,
     area: Annotated[Text, _given("Site in m, east x north: 200x300.")] = None,
-    gsd: Annotated[Number, _given("Ground sampling distance in m [0.02].")] = None,
-    height: Annotated[Number, _given("Flying height above ground in m, instead of --gsd.")] = None,
-    forward: Annotated[Number, _given("Forward overlap [0.8].")] = None,
-    side: Annotated[Number, _given("Side overlap [0.7].")] = None,
-    cross: Annotated[Count, _given("Cross strips, 1.2 times as high [0].")] = None,
-    oblique: Annotated[Count, _given("Oblique strips, tilted by 25° [0].")] = None,
-    relief: Annotated[Number, _given("Relief from valley to hill in m [10].")] = None,
+    gsd: Annotated[Number, _given("Ground sampling distance in m [0.02].", "gsd_m")] = None,
+    height: Annotated[Number, _given("Flying height above ground in m, instead of --gsd.", "flying_height_m")] = None,
+    forward: Annotated[Number, _given("Forward overlap [0.8].", "forward_overlap")] = None,
+    side: Annotated[Number, _given("Side overlap [0.7].", "side_overlap")] = None,
+    cross: Annotated[Count, _given("Cross strips, 1.2 times as high [0].", "cross_strips")] = None,
+    oblique: Annotated[Count, _given("Oblique strips, tilted by 25° [0].", "oblique_strips")] = None,
+    relief: Annotated[Number, _given("Relief from valley to hill in m [10].", "relief_m")] = None,
     gnss: Annotated[Text, _given("rtk, consumer or none [rtk].")] = None,
-    control: Annotated[Count, _given("Number of control points [5].")] = None,
+    control: Annotated[Count, _given("Number of control points [5].", "control_points")] = None,
     layout: Annotated[Text, _given("Where they lie: corners, edges, grid or centre [corners].")] = None,
     changes: Annotated[bool, typer.Option(help="Try what a single change would bring.")] = True,
     picture: Annotated[Path | None, _given("Write a map of the predicted sigma as PNG.")] = None,

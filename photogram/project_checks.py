@@ -25,6 +25,10 @@ FloatArray = NDArray[np.float64]
 FARTHEST_KM = 20.0
 """A position farther than this from the middle of all others is taken for a slip of the pen."""
 
+LARGEST_DISTORTION = 10.0
+"""Of one term at the corner of a picture, in the corner's own distance from the middle; terms of wide lenses of some
+calibrations grow large and undo each other."""
+
 LOWEST_M, HIGHEST_M, FARTHEST_HEIGHT_M = -500.0, 9000.0, 1000.0
 _PLACEHOLDERS_M = (999.0, 9999.0, 99999.0, 32767.0, 32768.0)
 _PLACEHOLDER_DISTANCE_M = 100.0
@@ -144,7 +148,30 @@ def check_project(
             document.fault(("work",), f"is the folder of the {other} too: give the intermediate results their own")
 
 
+def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None:
+    """Note distortion that would move the corners of the picture by more than LARGEST_DISTORTION times their distance
+    from its middle."""
+    if camera.focal_px is None or camera.width_px is None or camera.height_px is None:
+        return
+    corner = float(np.hypot(camera.width_px, camera.height_px)) / 2 / camera.focal_px
+    terms = [
+        *(("radial", f"k{i}", k, corner ** (2 * i)) for i, k in enumerate(camera.radial or (), 1)),
+        *(("tangential", f"p{i}", p, 3 * corner) for i, p in enumerate(camera.tangential or (), 1)),
+        *(("affinity", f"b{i}", b, 1 / camera.focal_px) for i, b in enumerate(camera.affinity or (), 1)),
+    ]
+    for name, term, value, lever in terms:
+        most = LARGEST_DISTORTION / lever
+        if abs(value) > most:
+            document.fault(
+                (*key, name),
+                f"{term} must be from {-most:.3g} to {most:.3g} for a picture of {camera.width_px} × "
+                f"{camera.height_px} px and a focal length of {camera.focal_px:.10g} px, found {value:.10g}: check the "
+                "order of the terms and the program that they come from",
+            )
+
+
 def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path) -> None:
+    _check_distortion(document, key, camera)
     figures = ("focal_px", "principal_point_px", "radial", "tangential", "affinity")
     if camera.matlab is None:
         for name in figures[:2]:
