@@ -6,6 +6,7 @@ import math
 import os
 import re
 from concurrent.futures import ThreadPoolExecutor
+from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -47,7 +48,7 @@ def _is_hidden(path: Path) -> bool:
 
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
-    if not folder.is_dir():
+    if not isdir(folder):
         raise ImageError(f"{folder}: there is no such folder: give the folder of the photographs")
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
@@ -134,7 +135,7 @@ def _control_file(
 
 
 def _geoid(geoid: str | None, project: Path) -> str | None:
-    return geoid if geoid is None or not Path(geoid).is_file() else _relative(Path(geoid), project)
+    return geoid if geoid is None or not isfile(geoid) else _relative(Path(geoid), project)
 
 
 def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
@@ -240,7 +241,7 @@ def init(
     size = _picture_size(picture_size)
     if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
         raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
-    if project.exists() and not force:
+    if exists(project) and not force:
         raise ProjectError(
             f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
         )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from itertools import islice
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 import laspy
@@ -162,7 +163,7 @@ def read_cloud(path: Path) -> PointCloud:
             f"point cloud {path}: photogram reads {' '.join(TEXT_SUFFIXES + LAS_SUFFIXES)}, not {suffix or 'this'}: "
             "convert it, with CloudCompare for example"
         )
-    if not path.is_file():
+    if not isfile(path):
         raise ProjectError(f"point cloud {path}: there is no such file: check its path")
     cloud = _read_las(path) if suffix in LAS_SUFFIXES else _read_text(path)
     if len(cloud) == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
     or not square, or its CRS is missing or no map grid in metres.
     """
-    if not path.is_file():
+    if not isfile(path):
         raise ProjectError(f"raster {path}: there is no such file: check its path")
     try:
         size = ordinary_size(path)
