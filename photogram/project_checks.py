@@ -151,8 +151,8 @@ def check_project(
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
-    for name, path in (("results", base / file.results), ("work", base / file.work)):
-        _check_path(document, (name,), path)
+    for name, place in (("results", base / file.results), ("work", base / file.work)):
+        _check_path(document, (name,), place)
     folders = {"photographs": folder, "results": base / file.results}
     for other, path in folders.items():
         if path is not None and path.resolve() == (base / file.work).resolve():

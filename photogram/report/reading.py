@@ -53,9 +53,9 @@ def read_report(path: Path) -> Json:
             raise ReportError(f"{path}: no report of photogram, {key} is not in it: {_REMEDY}")
         if not isinstance(report[key], kind):
             raise ReportError(f"{path}: damaged, {key} is {_shown(report[key])}: {_REMEDY}")
-    fault = _first_fault(report, "") or _fault_of_points(report["control_points"])
-    if fault:
-        raise ReportError(f"{path}: damaged, {fault}: {_REMEDY}")
+    damage = _first_fault(report, "") or _fault_of_points(report["control_points"])
+    if damage:
+        raise ReportError(f"{path}: damaged, {damage}: {_REMEDY}")
     return report
 
 

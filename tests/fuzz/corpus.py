@@ -1,4 +1,4 @@
-"""Sound inputs, each of its kind, to be spoiled: a small survey, its results, and files as other programs write them."""
+"""Sound inputs to be spoiled, one of each kind: a small survey, its results, and files as other programs write them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ CRS = "EPSG:25832"
 TABLES = {
     "gcp_list.txt": (
         "EPSG:25832\n719970.70 6191955.16 69.59 1622.3 1321.4 DJI_0067.JPG P1\n"
-        "719970.70 6191955.16 69.59 1204.9 1711.0 DJI_0068.JPG P1\n719939.94 6191966.88 69.27 3745.2 1239.1 DJI_0067.JPG P2\n"
+        "719970.70 6191955.16 69.59 1204.9 1711.0 DJI_0068.JPG P1\n"
+        "719939.94 6191966.88 69.27 3745.2 1239.1 DJI_0067.JPG P2\n"
     ),
     "points.csv": (
         "name,easting,northing,height,sigma_easting,sigma_northing,sigma_height,role\n"
@@ -39,7 +40,8 @@ TABLES = {
         "0.011, 0.012, 0.021\t50,Q\n"
     ),
     "events.pos": (
-        "% program : RTKLIB\n%  GPST          latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)\n"
+        "% program : RTKLIB\n"
+        "%  GPST          latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)\n"
         "2022/01/05 23:13:54.123   55.123456789   12.123456789    98.1234   1  12   0.0110   0.0120   0.0210\n"
         "2190 256436.123   55.123556789   12.123456789    98.2234   1  12   0.0110   0.0120   0.0210\n"
     ),

@@ -24,7 +24,7 @@ from types import FrameType
 
 from corpus import make_corpus, make_survey
 from mutations import cut
-from targets import CUT, TARGETS, Bench
+from targets import CUT, TARGETS, Bench, Case
 
 from photogram.cli.streams import prepare_streams
 from photogram.errors import PhotogramError
@@ -38,7 +38,7 @@ class TooSlowError(BaseException):
     """A case took too long; no handler of faults may catch it."""
 
 
-def _late(number: int, frame: FrameType | None) -> None:
+def _late(_number: int, _frame: FrameType | None) -> None:
     raise TooSlowError(f"longer than {MOST_SECONDS} s")
 
 
@@ -64,8 +64,8 @@ def _check_message(fault: PhotogramError) -> None:
             raise AssertionError(f"a line of {len(line)} characters: {line[:200]!r}")
 
 
-def _run(bench: Bench, seed: int, number: int) -> tuple[str, str, Path]:
-    """Run a case; return its target, how it ended, and the spoilt file."""
+def _run(bench: Bench, seed: int, number: int) -> tuple[str, str]:
+    """Run a case; return its target and how it ended."""
     random = Random(f"{seed}/{number}")
     name = random.choices(list(TARGETS), [t.share for t in TARGETS.values()])[0]
     target = TARGETS[name]
@@ -75,15 +75,15 @@ def _run(bench: Bench, seed: int, number: int) -> tuple[str, str, Path]:
     path = bench.folder / f"spoilt{sound.suffix}" if sound.name != "report.json" else bench.folder / "report.json"
     path.write_bytes(cut(content, random) if was_cut else target.spoil(content, random))
     try:
-        target.use(bench, path, sound, was_cut)
+        target.use(Case(bench, path, sound, was_cut))
     except PhotogramError as fault:
         _check_message(fault)
-        return name, "refused", path
-    return name, "used", path
+        return name, "refused"
+    return name, "used"
 
 
-def _watched(bench: Bench, seed: int, number: int, said: Path) -> tuple[str, str, Path | None, str]:
-    """Run a case and watch it: target, how it ended, its file, and what is wrong, empty where nothing is."""
+def _watched(bench: Bench, seed: int, number: int, said: Path) -> tuple[str, str, str]:
+    """Run a case and watch it: target, how it ended, and what is wrong, empty where nothing is."""
     said.write_bytes(b"")
     kept = [os.dup(1), os.dup(2)]
     stream = said.open("a", encoding="utf-8")
@@ -95,9 +95,9 @@ def _watched(bench: Bench, seed: int, number: int, said: Path) -> tuple[str, str
     _reset_peak()
     before, start = _peak_bytes(), time.monotonic()
     signal.alarm(MOST_SECONDS)
-    wrong, name, ended, path = "", "", "", None
+    wrong, name, ended = "", "", ""
     try:
-        name, ended, path = _run(bench, seed, number)
+        name, ended = _run(bench, seed, number)
     except (Exception, TooSlowError):  # noqa: BLE001 - this is what is looked for
         wrong = traceback.format_exc()
     finally:
@@ -119,7 +119,7 @@ def _watched(bench: Bench, seed: int, number: int, said: Path) -> tuple[str, str
         wrong = f"on the terminal: {text[:1000]}"
     if not wrong and any(ord(c) < 32 and c not in "\n\t" for c in text):
         wrong = f"control characters on the terminal: {text[:1000]!r}"
-    return name, ended, path, wrong
+    return name, ended, wrong
 
 
 def main() -> int:
@@ -152,7 +152,7 @@ def _run_all(folder: Path, options: argparse.Namespace) -> int:
     failed, start, slowest = 0, time.monotonic(), 0.0
     for number in numbers:
         begin = time.monotonic()
-        target, ended, path, wrong = _watched(bench, options.seed, number, folder / "said")
+        target, ended, wrong = _watched(bench, options.seed, number, folder / "said")
         slowest = max(slowest, time.monotonic() - begin)
         counts[target, ended] += 1
         if wrong:

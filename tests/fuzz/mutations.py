@@ -15,13 +15,16 @@ NUMBERS = (
     "1_000", "1e", "1.2.3", "١٢", "", "1e200", "1e18", "1e6", "-180.5", "1/0", "0/0",
 )  # fmt: skip
 WORDS = (
-    "=cmd|' /C calc'!A0", "@SUM(A1)", "\x1b[31m", "\x1b]0;x\x07", "$x$", "$", "x" * 300, "x" * 20_000, "../../etc/passwd",
-    "/dev/zero", "a\0b", "\u202eabc", "{{7*7}}", "<script>alert(1)</script>", "%s%n", "null", "~", "[]", "{}", "true",
-    "yes", "&a [*a]", "!!python/object:os.system x", "# ", "'", '"', ",", ";", "\t", "\u00e9", "\U0001f6f0", "\u00a0", "\r",
-    "EPSG:4326", "EPSG:99999", "+proj=utm +zone=32", "control", "check", "free", "0001-01-01T00:00:00",
+    "=cmd|' /C calc'!A0", "@SUM(A1)", "\x1b[31m", "\x1b]0;x\x07", "$x$", "$", "x" * 300, "x" * 20_000,
+    "../../etc/passwd", "/dev/zero", "a\0b", "\u202eabc", "{{7*7}}", "<script>alert(1)</script>", "%s%n", "null",
+    "~", "[]", "{}", "true",
+    "yes", "&a [*a]", "!!python/object:os.system x", "# ", "'", '"', ",", ";", "\t", "\u00e9", "\U0001f6f0", "\u00a0",
+    "\r",
+ "EPSG:4326", "EPSG:99999", "+proj=utm +zone=32", "control", "check", "free", "0001-01-01T00:00:00",
 )  # fmt: skip
 VALUES: tuple[Any, ...] = (
-    None, "", "abc", "$x$", "\x1b[31m", 0, -1, 1, 1e308, -1e308, 1e-320, 10**400, 2**63, True, False, [], {}, [[]], [None],
+    None, "", "abc", "$x$", "\x1b[31m", 0, -1, 1, 1e308, -1e308, 1e-320, 10**400, 2**63, True, False, [], {}, [[]],
+    [None],
     [1, 2], [1, 2, 3, 4], {"a": 1}, "1e5", "x" * 5000, [1e308, 1e308, 1e308], ["a", "b", "c"],
 )  # fmt: skip
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -180,9 +183,7 @@ def spoil_json(data: bytes, random: Random) -> bytes:
         kind = random.random()
         if kind < 0.7:
             holder[key] = random.choice(VALUES)
-        elif isinstance(holder, dict):
-            del holder[key]
-        elif random.random() < 0.5:
+        elif isinstance(holder, dict) or random.random() < 0.5:
             del holder[key]
         else:
             holder.insert(key, holder[key])

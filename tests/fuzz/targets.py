@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
-from mutations import cut, spoil_bytes, spoil_json, spoil_text
+from mutations import spoil_bytes, spoil_json, spoil_text
 
 from photogram.asprs import ReportSettings
 from photogram.cli.main import main
@@ -36,7 +36,7 @@ from photogram.report.reading import making_of, read_report
 from photogram.report.viewer import view_page
 
 
-class Silence(AssertionError):
+class SilenceError(AssertionError):
     """An input was used although a part of it was lost, and nobody said so."""
 
 
@@ -50,22 +50,31 @@ class Bench:
 
 
 @dataclass(frozen=True)
+class Case:
+    """One spoilt file, ``path``, made of the ``sound`` one; ``was_cut``: it was cut off, and nothing else."""
+
+    bench: Bench
+    path: Path
+    sound: Path
+    was_cut: bool
+
+
+@dataclass(frozen=True)
 class Target:
     """One way in: files of the corpus by name, how they are spoilt, and what reads them.
 
-    ``use`` gets the spoilt file, the sound one, and whether the file was cut off and nothing else. ``share`` is how
-    often it is tried beside the others.
+    ``share`` is how often it is tried beside the others.
     """
 
     seeds: tuple[str, ...]
     spoil: Callable[[bytes, Random], bytes]
-    use: Callable[[Bench, Path, Path, bool], None]
+    use: Callable[[Case], None]
     share: int = 1
 
 
 def _same(sound: np.ndarray, read: np.ndarray, what: str) -> None:
     if not np.array_equal(sound, read, equal_nan=True):
-        raise Silence(f"{what}: {len(read)} of {len(sound)} read from a file that was cut off")
+        raise SilenceError(f"{what}: {len(read)} of {len(sound)} read from a file that was cut off")
 
 
 # ---- texts ---------------------------------------------------------------------------------------------------------
@@ -82,52 +91,52 @@ def _filled(rows: list[str]) -> int:
     return sum(any(field.strip() for field in row) for row in read)
 
 
-def points(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def points(case: Case) -> None:
     """Read ground points; every row is one, or one mark."""
-    file, rows = read_points(path), _rows(path.read_bytes())
+    file, rows = read_points(case.path), _rows(case.path.read_bytes())
     if file.holds_marks:
         number = len(rows) - (0 if re.match(r"\s*[-+]?[\d.]", rows[0]) else 1)
         if len(file.marks) != number:
-            raise Silence(f"{len(file.marks)} marks of {number} rows")
+            raise SilenceError(f"{len(file.marks)} marks of {number} rows")
     elif len(file.points) != _filled(rows):
-        raise Silence(f"{len(file.points)} points of {_filled(rows)} rows")
+        raise SilenceError(f"{len(file.points)} points of {_filled(rows)} rows")
 
 
-def marks(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def marks(case: Case) -> None:
     """Read image marks; every row is one."""
-    number = len(read_marks(path))
-    if number != _filled(_rows(path.read_bytes())):
-        raise Silence(f"{number} marks of {_filled(_rows(path.read_bytes()))} rows")
+    number = len(read_marks(case.path))
+    if number != _filled(_rows(case.path.read_bytes())):
+        raise SilenceError(f"{number} marks of {_filled(_rows(case.path.read_bytes()))} rows")
 
 
-def positions(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def positions(case: Case) -> None:
     """Read positions of photographs."""
-    read_positions(path)
+    read_positions(case.path)
 
 
-def flight(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def flight(case: Case) -> None:
     """Read a flight that is to be predicted."""
-    flight_plan(plan_settings(path), str(path))
+    flight_plan(plan_settings(case.path), str(case.path))
 
 
-def project(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def project(case: Case) -> None:
     """Check a survey by its project file."""
-    target = bench.survey / "project.yaml"
-    target.write_bytes(path.read_bytes())
+    target = case.bench.survey / "project.yaml"
+    target.write_bytes(case.path.read_bytes())
     for finding in validate_project_file(target):
         str(finding)
 
 
-def check(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def check(case: Case) -> None:
     """Check a survey with the command."""
-    target = bench.survey / "project.yaml"
-    target.write_bytes(path.read_bytes())
+    target = case.bench.survey / "project.yaml"
+    target.write_bytes(case.path.read_bytes())
     _command("check", str(target))
 
 
 def _command(*arguments: str) -> None:
-    """Run a command; it ends with 0, 1 or 2, and says so itself. A fault is raised as in the library."""
-    sys.argv = ["photogram", *arguments, "-vv"][: len(arguments) + 1]
+    """Run a command, which must end with 0, 1 or 2."""
+    sys.argv = ["photogram", *arguments]
     try:
         main()
     except SystemExit as end:
@@ -138,18 +147,18 @@ def _command(*arguments: str) -> None:
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def picture(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def picture(case: Case) -> None:
     """Read a photograph and its tags."""
-    tags = inspect_photograph(path)
-    check_photograph(path, (tags.width_px or 0, tags.height_px or 0))
-    grey = read_grey(path)
-    if was_cut:
-        _same(read_grey(sound), grey, "rows of pixels")
+    tags = inspect_photograph(case.path)
+    check_photograph(case.path, (tags.width_px or 0, tags.height_px or 0))
+    grey = read_grey(case.path)
+    if case.was_cut:
+        _same(read_grey(case.sound), grey, "rows of pixels")
 
 
-def neighbours(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def neighbours(case: Case) -> None:
     """Draft a project of three sound photographs and the spoilt one, which must not end it."""
-    paths = [bench.corpus / f"DJI_{number:04d}.JPG" for number in (0, 2, 3)] + [path]
+    paths = [case.bench.corpus / f"DJI_{number:04d}.JPG" for number in (0, 2, 3)] + [case.path]
     with ThreadPoolExecutor(1) as executor:
         headers = read_headers(paths, executor)
     tagged = [TaggedPhotograph(h.name, h.tags) for h in headers if h.tags is not None]
@@ -169,49 +178,49 @@ def neighbours(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
 # ---- binary files --------------------------------------------------------------------------------------------------
 
 
-def cloud(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def cloud(case: Case) -> None:
     """Read a point cloud, both ways."""
-    read = read_cloud(path)
-    if path.suffix != ".txt":
-        read_described(path)
-        if was_cut:
-            _same(read_cloud(sound).position_map_m, read.position_map_m, "points")
+    read = read_cloud(case.path)
+    if case.path.suffix != ".txt":
+        read_described(case.path)
+        if case.was_cut:
+            _same(read_cloud(case.sound).position_map_m, read.position_map_m, "points")
     if not np.isfinite(read.position_map_m).all():
         raise AssertionError("positions that are not finite")
 
 
-def raster(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def raster(case: Case) -> None:
     """Read a GeoTIFF."""
-    read, _ = read_raster(path)
-    if was_cut:
-        _same(read_raster(sound)[0].values, read.values, "rows")
+    read, _ = read_raster(case.path)
+    if case.was_cut:
+        _same(read_raster(case.sound)[0].values, read.values, "rows")
 
 
-def arrays(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def arrays(case: Case) -> None:
     """Read the arrays of a stage."""
     try:
-        read = read_npz(path)
+        read = read_npz(case.path)
     except OSError as fault:
         raise PhotogramError(str(fault)) from fault
-    if was_cut:
-        raise Silence(f"arrays {sorted(read)} read from a file that was cut off")
+    if case.was_cut:
+        raise SilenceError(f"arrays {sorted(read)} read from a file that was cut off")
 
 
 # ---- the report ----------------------------------------------------------------------------------------------------
 
 
-def report(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def report(case: Case) -> None:
     """Make the page of a report again."""
-    numbers = read_report(path)
-    with making_of(path):
+    numbers = read_report(case.path)
+    with making_of(case.path):
         report_page(complete(numbers, ReportSettings()), [])
 
 
-def view(bench: Bench, path: Path, sound: Path, was_cut: bool) -> None:
+def view(case: Case) -> None:
     """Make the view of a report."""
-    numbers = read_report(path)
-    described = read_described(bench.corpus / "cloud.laz")
-    with making_of(path):
+    numbers = read_report(case.path)
+    described = read_described(case.bench.corpus / "cloud.laz")
+    with making_of(case.path):
         view_page(described, numbers, "cloud.laz", 1000)
 
 
@@ -225,7 +234,8 @@ def _spoil_picture(data: bytes, random: Random) -> bytes:
     value = random.choice(values)
     fresh = spoil_text(value[1], random)[: value.end(1) - value.start(1)].ljust(value.end(1) - value.start(1))
     if random.random() < 0.1:
-        fresh, value = b'<?xml version="1.0" encoding="klingon"?>'[: len(fresh)], value
+        packet = b'<?xml version="1.0" encoding="klingon"?>'.ljust(len(packet))[: len(packet)]
+        return data[:begin] + packet + data[end:]
     packet = packet[: value.start(1)] + fresh + packet[value.end(1) :]
     return data[:begin] + packet + data[end:]
 
@@ -249,5 +259,3 @@ TARGETS: dict[str, Target] = {
 }
 CUT = ("picture", "cloud", "raster", "arrays", "points", "report", "project")
 """Targets whose files are cut off too."""
-
-__all__ = ["TARGETS", "Bench", "Silence", "cut"]
