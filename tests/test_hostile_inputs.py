@@ -16,6 +16,8 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -33,17 +35,21 @@ from photogram.files.arrays import read_npz
 from photogram.files.control_files import read_marks, read_points
 from photogram.files.images import PhotographTags, inspect_photograph, read_grey, read_tags, write_photograph
 from photogram.files.points import read_cloud, write_laz
+from photogram.files.poses import write_pose_table
 from photogram.files.position_tables import read_positions
 from photogram.files.rasters import read_raster
+from photogram.pipeline import load_project
 from photogram.plan_file import FlightFile, plan_settings
 from photogram.printable import file_stem, printable, table_cell
 from photogram.project import SECTIONS
 from photogram.project_file import Document, read_entry, read_settings
 from photogram.project_ranges import SETTINGS, Within
 from photogram.project_schema import ProjectFile
+from photogram.records import Run as Survey
 from photogram.report.pictures import new_figure
 from photogram.report.reading import making_of, read_report
 from photogram.survey import PointCloud
+from photogram.workspace import Workspace
 
 Run = Callable[..., Any]
 CRS = "EPSG:25832"
@@ -556,19 +562,13 @@ def test_formulas_are_text_in_tables() -> None:
         assert table_cell(plain) == plain
 
 
-def test_a_formula_as_a_photographs_name(adjusted_survey: Path, finished_survey: Path) -> None:
-    from dataclasses import replace
-
-    from photogram.files.poses import write_pose_table
-    from photogram.pipeline import load_project
-    from photogram.records import Run as Survey
-    from photogram.workspace import Workspace
-
-    run = Survey(load_project(finished_survey / "project.yaml"), Workspace(finished_survey / "work"))
-    result = run.adjustment()
+def test_a_formula_as_a_photographs_name(tmp_path: Path, finished_survey: Path) -> None:
+    with ThreadPoolExecutor(1) as executor:
+        project = load_project(finished_survey / "project.yaml")
+        result = Survey(project, Workspace(project.work), executor).adjustment()
     named = tuple(replace(p, name="=cmd|' /C calc'!A0") for p in result.block.photographs)
-    write_pose_table(adjusted_survey / "t.csv", replace(result, block=replace(result.block, photographs=named)))
-    rows = list(csv.reader(line for line in (adjusted_survey / "t.csv").open() if not line.startswith("#")))
+    write_pose_table(tmp_path / "t.csv", replace(result, block=replace(result.block, photographs=named)))
+    rows = list(csv.reader(line for line in (tmp_path / "t.csv").open() if not line.startswith("#")))
     assert {row[0] for row in rows[1:]} == {"'=cmd|' /C calc'!A0"}
 
 
