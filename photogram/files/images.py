@@ -19,7 +19,8 @@ from PIL.TiffImagePlugin import IFDRational
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
 from photogram.files.reading import check_size
-from photogram.files.tags import DAMAGE, DJI_NUMBERS, Dewarp, PhotographTags, recorded_warnings, tags_of
+from photogram.files.tag_packets import DAMAGE, recorded_warnings
+from photogram.files.tags import DJI_NUMBERS, Dewarp, PhotographTags, tags_of
 
 __all__ = [
     "Dewarp",

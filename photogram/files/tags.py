@@ -10,30 +10,22 @@
 from __future__ import annotations
 
 import re
-import struct
-import warnings
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from math import atan2, degrees, hypot, isfinite
 from pathlib import Path
-from threading import Lock
 from typing import Literal
-from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import fromstring
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
 from photogram.errors import ImageError, PhotogramError
+from photogram.files.tag_packets import DAMAGE, exif_of, xmp_of
 from photogram.printable import printable, shortened
 
-_Tags = dict[int, object]
 Kind = Literal["frame", "thermal", "panorama", "fisheye"]
 
 MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
@@ -66,24 +58,6 @@ SMALLEST_SIGMA_M, LARGEST_SIGMA_M = 1e-5, 1e6
 LONGEST_TEXT = 100
 """In characters, of a name in the tags; the rest is cut off."""
 
-LARGEST_XMP = 4_000_000
-"""In bytes; cameras write some thousand."""
-
-DAMAGE = (
-    OSError,
-    SyntaxError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    LookupError,
-    ArithmeticError,
-    EOFError,
-    RuntimeError,
-    struct.error,
-    zlib.error,
-)
-"""What Pillow and the parser of XML raise where a file is damaged."""
-
 DJI_NUMBERS = {
     "height_above_take_off_m": "RelativeAltitude",
     "gimbal_yaw_deg": "GimbalYawDegree",
@@ -96,11 +70,8 @@ DJI_NUMBERS = {
 """Fields of PhotographTags and the names that DJI gives them."""
 
 _GIMBAL = ("gimbal_yaw_deg", "gimbal_pitch_deg", "gimbal_roll_deg")
-_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-_NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
 _ZONE = re.compile(r"[+-][01][0-9]:[0-5][0-9]")
 _FIRST_YEAR, _LAST_YEAR = 1980, 2200
-_RECORDING = Lock()
 _FRACTION = re.compile(r"\s*([-+]?[\d.]+)\s*/\s*(\d+)\s*")
 
 
@@ -251,68 +222,6 @@ def _pixels_per_mm(exif: Mapping[int, object]) -> float | None:
 
 
 # ---- XMP -----------------------------------------------------------------------------------------------------------
-
-
-def _properties(root: Element) -> Iterator[tuple[str, str]]:
-    for element in root.iter():
-        yield from element.attrib.items()
-        items = [item.text or "" for item in element.findall(f"./*/{{{_RDF}}}li")]
-        yield element.tag, (element.text or "") if not items else ",".join(items)
-
-
-def _xmp(picture: Image.Image) -> tuple[dict[str, str], str]:
-    """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
-
-    Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
-    camera's. Lists are joined by commas.
-    """
-    packet = picture.info.get("xmp")
-    if not isinstance(packet, bytes) or b"<" not in packet:
-        return {}, ""
-    if len(packet) > LARGEST_XMP:
-        return {}, f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
-    try:
-        root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
-    except (ParseError, DefusedXmlException, LookupError, ValueError) as fault:
-        return {}, f"the XMP tags are not valid XML ({printable(shortened(str(fault)))}), only EXIF is used"
-    values: dict[str, str] = {}
-    for qualified, text in _properties(root):
-        found = _NAME.fullmatch(qualified)
-        space, name = (found[1] or "", found[2]) if found else ("", qualified)
-        if space != _RDF and text.strip():
-            key = f"Camera:{name}" if "/camera/" in space.lower() else name
-            values.setdefault(key, printable(text.strip()))
-    return values, ""
-
-
-@contextmanager
-def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
-    """Collect the warnings of the libraries that read a file, one thread at a time, instead of printing them."""
-    with _RECORDING, warnings.catch_warnings(record=True) as recorded:
-        warnings.simplefilter("always")
-        yield recorded
-
-
-def _exif(picture: Image.Image) -> tuple[_Tags, _Tags, _Tags, tuple[str, ...]]:
-    """Return the main, EXIF and GPS tags, and in words what Pillow found damaged in them."""
-    blocks: list[_Tags] = [{}, {}, {}]
-    faults = []
-    with recorded_warnings() as recorded:
-        try:
-            whole, packet = picture.getexif(), picture.info.get("exif")
-            if isinstance(packet, bytes):  # once more: opening the picture may have read it, and said what is damaged
-                whole = Image.Exif()
-                whole.load(packet)
-            blocks[0] = dict(whole)  # tags are decoded when asked for
-            blocks[1] = dict(whole.get_ifd(ExifTags.IFD.Exif))
-            blocks[2] = dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
-        except DAMAGE as fault:
-            faults.append(f"{fault or type(fault).__name__}")
-    texts = dict.fromkeys(
-        " ".join(text.split()).rstrip(". ") for text in [*faults, *(str(w.message) for w in recorded)]
-    )
-    main, exif, gps = blocks
-    return main, exif, gps, tuple(f"the EXIF tags are damaged ({printable(shortened(text))})" for text in texts)
 
 
 def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
@@ -517,8 +426,8 @@ def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, 
 
 
 def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
-    main, exif, gps, damage = _exif(picture)
-    xmp, xmp_damage = _xmp(picture)
+    main, exif, gps, damage = exif_of(picture)
+    xmp, xmp_damage = xmp_of(picture)
     position, position_damage = _position(xmp, gps, path)
     sigma, sigma_damage = _gnss_sigma(xmp, path)
     values: dict[str, object] = {
