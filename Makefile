@@ -2,13 +2,16 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+CASES ?= 10000
+SEED ?= 1
 
-.PHONY: help demo test lint clean
+.PHONY: help demo test lint fuzz clean
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
 	@echo "make lint   ruff, mypy and import-linter alone"
+	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
 
 $(BIN)/python:
@@ -35,5 +38,8 @@ lint: $(VENV)/installed-test
 test: lint
 	$(BIN)/pytest -n 2 --dist loadfile
 
+fuzz: $(VENV)/installed-test
+	$(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
+
 clean:
-	rm -rf $(VENV) demo build dist *.egg-info
+	rm -rf $(VENV) demo fuzz-failures build dist *.egg-info

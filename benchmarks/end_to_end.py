@@ -62,7 +62,7 @@ def colmap(folder: Path, work: Path, features: int) -> Outcome:
     pycolmap.logging.minloglevel = pycolmap.logging.WARNING
     pictures, database = _pictures(folder), work / "database.db"
     extraction = pycolmap.FeatureExtractionOptions()
-    with Image.open(pictures[0]) as picture:
+    with Image.open(pictures[0], formats=["JPEG", "TIFF", "PNG"]) as picture:
         extraction.max_image_size = max(picture.size)
     extraction.sift.max_num_features = features
     reader = pycolmap.ImageReaderOptions(camera_model="OPENCV")

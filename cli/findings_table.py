@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from photogram.findings import Finding, Severity, things
+from photogram.printable import printable
 
 WORDS: dict[Severity, str] = {"fault": "error", "warning": "warning", "note": "note"}
 _COLOUR: dict[Severity, str] = {"fault": "red", "warning": "yellow", "note": "dim"}
@@ -16,10 +17,10 @@ _COLOUR: dict[Severity, str] = {"fault": "red", "warning": "yellow", "note": "di
 
 def findings_table(findings: Sequence[Finding], title: str) -> Table:
     """Return the findings as a table: how bad, where, what, and what to do."""
-    table = Table("", "where", "what was found", "what to do", title=escape(title), show_lines=False)
+    table = Table("", "where", "what was found", "what to do", title=escape(printable(title)), show_lines=False)
     for finding in findings:
         severity = f"[{_COLOUR[finding.severity]}]{WORDS[finding.severity]}[/]"
-        table.add_row(severity, *map(escape, (finding.where, finding.text, finding.remedy)))
+        table.add_row(severity, *(escape(printable(text)) for text in (finding.where, finding.text, finding.remedy)))
     return table
 
 

@@ -2,42 +2,18 @@
 
 from __future__ import annotations
 
-import io
-import logging
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from photogram.cli import adjust, check, compare, demo, init, plan, report, study, view  # noqa: F401 - they register
 from photogram.cli.app import CommandError, app
 from photogram.cli.outcomes import output_fault, say_outcome, say_output_fault
+from photogram.cli.streams import nothing_raw
 
 
 def main() -> None:
     """Run the command line and end with its exit code (``outcomes``)."""
-    with _nothing_raw() as unwatched:
+    with nothing_raw() as unwatched:
         sys.exit(_finished(_run(), unwatched))
-
-
-@contextmanager
-def _nothing_raw() -> Iterator[list[BaseException]]:
-    """Let nothing reach the terminal raw: names that it cannot show stand as escapes, warnings of libraries go to the
-    log (which -v shows), and what a thread raises that nobody waits for is collected in the list given."""
-    unwatched: list[BaseException] = []
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    log, silent, usual = logging.getLogger(), logging.NullHandler(), threading.excepthook
-    log.addHandler(silent)  # without any handler Python prints warnings
-    logging.captureWarnings(True)
-    threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
-    try:
-        yield unwatched
-    finally:
-        threading.excepthook = usual
-        logging.captureWarnings(False)
-        log.removeHandler(silent)
 
 
 def _run() -> int:

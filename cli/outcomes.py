@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from photogram import __version__
 from photogram.errors import PhotogramError
+from photogram.printable import printable
 
 FAILED, DEFECT, INTERRUPTED = 1, 70, 130
 """70 is EX_SOFTWARE of sysexits.h, 130 what shells give to a command ended by Ctrl-C."""
@@ -39,10 +40,9 @@ _LIBRARIES = ("numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "ras
 
 def say(text: str) -> None:
     """Write a line to standard error; control characters, of a file's name for example, stand as escapes."""
-    plain = "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
     if sys.stderr is not None:
         with suppress(OSError, ValueError):  # nowhere is left to say it: the exit code does
-            sys.stderr.write(f"{plain}\n")
+            sys.stderr.write(f"{printable(text)}\n")
             sys.stderr.flush()
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+import typer
 from rich.markup import escape
 from rich.table import Table
 
@@ -30,6 +32,7 @@ from photogram.project_draft import (
     Wishes,
     draft_project,
 )
+from photogram.project_ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
 from photogram.project_text import count, project_text
 from photogram.survey import Role
 
@@ -61,7 +64,7 @@ def _is_hidden(path: Path) -> bool:
 
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
-    if not folder.is_dir():
+    if not isdir(folder):
         raise ImageError(f"{folder}: there is no such folder: give the folder of the photographs")
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
@@ -135,7 +138,7 @@ def _control_file(
 
 
 def _geoid(geoid: str | None, project: Path) -> str | None:
-    return geoid if geoid is None or not Path(geoid).is_file() else _relative(Path(geoid), project)
+    return geoid if geoid is None or not isfile(geoid) else _relative(Path(geoid), project)
 
 
 def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
@@ -200,10 +203,25 @@ def _short(names: tuple[str, ...]) -> str:
     return ", ".join(names) if len(names) <= 4 else f"{names[0]} … {names[-1]}"
 
 
+def _check_ranges(wanted: Request) -> None:
+    """Refuse figures that cannot be. Raises typer.BadParameter."""
+    width, height = wanted.picture_size_px or (None, None)
+    given: list[tuple[str, float | None, Within]] = [
+        ("--picture-size", width, PIXELS),
+        ("--picture-size", height, PIXELS),
+        ("--control-sigma", wanted.control_sigma_m, SIGMA_M),
+        ("--focal-px", wanted.focal_px, FOCAL_PX),
+    ]
+    for option, value, allowed in given:
+        if value is not None and not allowed.holds(value):
+            raise typer.BadParameter(f"{value:g} must be {allowed}", param_hint=option)
+
+
 def run(wanted: Request) -> None:
     """Read the tags of the photographs, write the project file and show what is in it."""
+    _check_ranges(wanted)
     project, photographs = wanted.project, wanted.photographs
-    if project.exists() and not wanted.force:
+    if exists(project) and not wanted.force:
         raise ProjectError(
             f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
         )

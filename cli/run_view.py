@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import webbrowser
+from os.path import isdir
 from pathlib import Path
 from typing import Any
 
@@ -14,32 +14,24 @@ from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.described_points import read_described
 from photogram.page_files import NUMBERS
+from photogram.report.reading import making_of, read_report
 from photogram.report.viewer import view_page
 
 VIEW = "view.html"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
-NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
-"""Keys of report.json that the page shows."""
 
 
 def _report(folder: Path) -> dict[str, Any]:
     """Return report.json of a folder of results. Raises ReportError where there is none, or where it is damaged or
     something else."""
-    if not folder.is_dir():
+    if not isdir(folder):
         raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
     path = folder / NUMBERS
     if not path.is_file():
         below = folder / "results"
         hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
-    try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as fault:
-        raise ReportError(f"{path}: damaged ({fault}): make it again with photogram adjust") from fault
-    missing = [key for key in NEEDED if key not in numbers] if isinstance(numbers, dict) else list(NEEDED)
-    if missing:
-        raise ReportError(f"{path}: no report of photogram, {missing[0]} is not in it: run photogram adjust again")
-    return dict(numbers)
+    return read_report(path)
 
 
 def _cloud(folder: Path) -> Path:
@@ -58,7 +50,8 @@ def run(results: Path, points: int, cloud: Path | None, show: bool) -> None:
         progress(0, 3, f"reading {path.name}")
         described = read_described(path)
         progress(1, 3, f"thinning and packing {path.name}")
-        page = view_page(described, report, path.name, points)
+        with making_of(results / NUMBERS):
+            page = view_page(described, report, path.name, points)
         progress(2, 3, f"writing {VIEW}")
         with replacing(target) as temporary:
             temporary.write_text(page, encoding="utf-8")

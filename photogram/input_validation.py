@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 from photogram.errors import ProjectError
@@ -23,7 +24,7 @@ from photogram.project import Project, photograph_paths
 
 def _free_disk_bytes(folder: Path) -> int:
     """Return the free space of the disk on which ``folder`` is, or will be made."""
-    return shutil.disk_usage(next(p for p in (folder, *folder.parents) if p.exists())).free
+    return shutil.disk_usage(next(p for p in (folder, *folder.parents) if exists(p))).free
 
 
 def _memory_bytes() -> int:
@@ -62,7 +63,7 @@ def validate_project_file(path: Path, photographs: Path | None = None) -> list[F
     except ProjectError as fault:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             # Photographs that are missing are among these faults already.
-            there = [p for p in photograph_paths(path, photographs) if p.is_file()]
+            there = [p for p in photograph_paths(path, photographs) if isfile(p)]
             headers = read_headers(there, executor)
             copies = _copies(there, headers, [None] * len(there), executor)
         return by_severity([*project_faults(path, fault), *header_findings(headers, copies)])

@@ -15,6 +15,7 @@ from photogram.report.completion import complete
 from photogram.report.page import report_page
 from photogram.report.page_figures import PageFigure
 from photogram.report.printing import print_pdf
+from photogram.report.reading import making_of, read_report
 from photogram.report.versions import versions
 from photogram.workspace import read_json, write_json
 
@@ -70,7 +71,9 @@ def remake_report(project: Project) -> Path:
     path, figures = project.results / NUMBERS, project.work / "results" / FIGURES
     if not path.is_file():
         raise ReportError(f"{path}: there are no results yet: run photogram adjust {project.path} first")
-    _write(project, dict(read_json(path)), read_json(figures) if figures.is_file() else [])
+    numbers, drawn = read_report(path), read_json(figures) if figures.is_file() else []
+    with making_of(path):
+        _write(project, numbers, drawn)
     return project.results / PAGE
 
 

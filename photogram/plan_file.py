@@ -9,23 +9,30 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
-
 from photogram.errors import ProjectError
-from photogram.planning import Calibration, FlightPlan, Gnss, Layout
+from photogram.planning import RANGES, Calibration, FlightPlan, Gnss, Layout
 from photogram.project_file import Document, Entry, read_entry
-from photogram.project_schema import Freedom, OffsetSigma, Place, Positive, Sigma3
+from photogram.project_ranges import Within
+from photogram.project_schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
 
-Whole = Annotated[int, Field(ge=0)]
-Share = Annotated[float, Field(ge=0, le=0.97)]
+
+def _of(name: str) -> Within:
+    """Return the range of a field of FlightPlan."""
+    return Within(*RANGES[name])
+
+
+Side = Annotated[float, _of("width_m")]
+Size = Annotated[int, _of("width_px")]
+Share = Annotated[float, _of("forward_overlap")]
+Strips = Annotated[int, _of("cross_strips")]
 
 
 class SiteEntry(Entry):
     """The rectangle that is to be surveyed."""
 
-    width_m: Annotated[float, Field(ge=1)] | None = None
-    length_m: Annotated[float, Field(ge=1)] | None = None
-    relief_m: Annotated[float, Field(ge=0)] | None = None
+    width_m: Side | None = None
+    length_m: Side | None = None
+    relief_m: Annotated[float, _of("relief_m")] | None = None
 
 
 class CalibrationEntry(Entry):
@@ -43,23 +50,23 @@ class CalibrationEntry(Entry):
 class CameraEntry(Entry):
     """The camera; width across the direction of flight."""
 
-    width_px: Annotated[int, Field(ge=100)] | None = None
-    height_px: Annotated[int, Field(ge=100)] | None = None
-    focal_px: Annotated[float, Field(ge=10)] | None = None
+    width_px: Size | None = None
+    height_px: Size | None = None
+    focal_px: Annotated[float, _of("focal_px")] | None = None
     sigmas: CalibrationEntry = CalibrationEntry()
 
 
 class FlightEntry(Entry):
     """Height, overlaps and strips."""
 
-    gsd_m: Positive | None = None
-    flying_height_m: Positive | None = None
+    gsd_m: Annotated[float, _of("gsd_m")] | None = None
+    flying_height_m: Annotated[float, _of("flying_height_m")] | None = None
     forward_overlap: Share | None = None
     side_overlap: Share | None = None
-    cross_strips: Whole | None = None
-    cross_height: Annotated[float, Field(ge=0.3, le=3)] | None = None
-    oblique_strips: Whole | None = None
-    oblique_angle_deg: Annotated[float, Field(ge=1, le=45)] | None = None
+    cross_strips: Strips | None = None
+    cross_height: Annotated[float, _of("cross_height")] | None = None
+    oblique_strips: Strips | None = None
+    oblique_angle_deg: Annotated[float, _of("oblique_angle_deg")] | None = None
 
 
 class GnssEntry(Entry):
@@ -73,19 +80,19 @@ class GnssEntry(Entry):
 class ControlEntry(Entry):
     """The control points."""
 
-    points: Whole | None = None
+    points: Annotated[int, _of("control_points")] | None = None
     layout: Layout | None = None
     positions_m: Sequence[Place] | None = None
     sigma_m: Sigma3 | None = None
-    mark_sigma_px: Positive | None = None
+    mark_sigma_px: MarkSigma | None = None
 
 
 class TiePointsEntry(Entry):
     """What matching will find."""
 
-    per_photograph: Annotated[int, Field(ge=20)] | None = None
-    sigma_px: Positive | None = None
-    detection: Annotated[float, Field(ge=0.05, le=1)] | None = None
+    per_photograph: Annotated[int, _of("tie_points_per_photograph")] | None = None
+    sigma_px: Annotated[float, _of("tie_point_sigma_px")] | None = None
+    detection: Annotated[float, _of("tie_point_detection")] | None = None
 
 
 class FlightFile(Entry):

@@ -7,6 +7,7 @@ prediction to the test.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -32,6 +33,17 @@ INSET = 0.04  # of the site's sides, by which control points keep off its edges
 MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction works with
 MOST_PHOTOGRAPHS = 2000
 ATTITUDE_NOISE_DEG, POSITION_NOISE_M = 1.5, 0.5  # how exactly a drone keeps to its plan
+RANGES: dict[str, tuple[float, float]] = {
+    "width_m": (1, 100_000), "length_m": (1, 100_000), "relief_m": (0, 9000),
+    "width_px": (100, 200_000), "height_px": (100, 200_000), "focal_px": (10, 1_000_000),
+    "gsd_m": (0.0001, 100), "flying_height_m": (1, 50_000),
+    "forward_overlap": (0, 0.97), "side_overlap": (0, 0.97),
+    "cross_strips": (0, 200), "cross_height": (0.3, 3), "oblique_strips": (0, 200), "oblique_angle_deg": (1, 45),
+    "control_points": (0, 500), "mark_sigma_px": (0.001, 1000),
+    "tie_points_per_photograph": (20, 10_000), "tie_point_sigma_px": (0.001, 100), "tie_point_detection": (0.05, 1),
+}  # fmt: skip
+"""What the figures of a FlightPlan may be, ends included."""
+
 FRAME = LocalFrame("EPSG:25832", (500_000.0, 5_800_000.0, 0.0), "grid")
 
 
@@ -100,26 +112,24 @@ class FlightPlan:
     def __post_init__(self) -> None:
         if self.gsd_m is not None and self.flying_height_m is not None:
             raise ValueError("give gsd_m or flying_height_m, not both: one follows from the other")
-        limits = {
-            "width_m": 1, "length_m": 1, "focal_px": 10, "mark_sigma_px": 1e-3, "tie_point_sigma_px": 1e-3,
-            "relief_m": 0, "cross_strips": 0, "oblique_strips": 0, "control_points": 0, "width_px": 100,
-            "height_px": 100, "tie_points_per_photograph": 20,
-        }  # fmt: skip
-        for name, least in limits.items():
-            check_range(name, getattr(self, name), least)
-        for name, low, high in (
-            ("forward_overlap", 0.0, 0.97), ("side_overlap", 0.0, 0.97), ("cross_height", 0.3, 3.0),
-            ("oblique_angle_deg", 1.0, 45.0), ("tie_point_detection", 0.05, 1.0),
-        ):  # fmt: skip
-            check_range(name, getattr(self, name), low, high)
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if value is not None:
+                check_range(name, value, low, high)
+        if self.control > RANGES["control_points"][1]:
+            check_range("the number of control points", self.control, *RANGES["control_points"])
         if not self.height_m > 2 * self.relief_m:
             raise ValueError(
                 f"a flying height of {self.height_m:.0f} m is too low for a relief of {self.relief_m:g} m: "
                 "give a larger gsd_m or flying_height_m"
             )
-        if self.photographs > MOST_PHOTOGRAPHS:
+        # counted roughly first: a slip of the pen would make millions of strips
+        photographs = math.ceil(self.width_m / self.strip_distance_m) * math.ceil(self.length_m / self.base_m)
+        if photographs <= MOST_PHOTOGRAPHS:
+            photographs = self.photographs
+        if photographs > MOST_PHOTOGRAPHS:
             raise ValueError(
-                f"{self.photographs} photographs are more than the {MOST_PHOTOGRAPHS} that a prediction works with: "
+                f"{photographs} photographs are more than the {MOST_PHOTOGRAPHS} that a prediction works with: "
                 "predict a part of the site, or give a larger gsd_m"
             )
         if self.gnss == "none" and self.control < 3:
@@ -130,7 +140,9 @@ class FlightPlan:
     @property
     def height_m(self) -> float:
         """Return the flying height above the mean ground."""
-        return self.flying_height_m if self.flying_height_m is not None else (self.gsd_m or 0.02) * self.focal_px
+        if self.flying_height_m is not None:
+            return self.flying_height_m
+        return (0.02 if self.gsd_m is None else self.gsd_m) * self.focal_px
 
     @property
     def ground_sampling_m(self) -> float:

@@ -35,6 +35,7 @@ from photogram.project_file import Document, Key, read_entry, read_settings
 from photogram.project_heights import listed_in_map, read_heights
 from photogram.project_points import GroundPoint, read_point_files
 from photogram.project_positions import FilePosition, read_position_files
+from photogram.project_ranges import SETTINGS
 from photogram.project_schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
@@ -241,7 +242,7 @@ def read_project(
     document = Document(path)
     base = path.absolute().parent
     file = read_entry(document, ProjectFile)
-    settings = {name: read_settings(document, name, kind) for name, kind in SECTIONS.items()}
+    settings = {name: read_settings(document, name, kind, SETTINGS[name]) for name, kind in SECTIONS.items()}
     folder = _folder(path, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
     heights = read_heights(document, file, base) or UNDECLARED

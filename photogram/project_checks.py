@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from photogram.errors import FrameError
 from photogram.frames import map_from_geodetic, projected_crs
 from photogram.misplaced import other_reading
+from photogram.printable import printable
 from photogram.project_file import Document, Key, suggestion
 from photogram.project_schema import PIXEL_ORIGIN_PX, CameraEntry, ControlPointEntry, PhotographEntry, ProjectFile
 
@@ -24,6 +25,14 @@ FloatArray = NDArray[np.float64]
 
 FARTHEST_KM = 20.0
 """A position farther than this from the middle of all others is taken for a slip of the pen."""
+
+LONGEST_NAME, LONGEST_PATH = 255, 3800
+"""Of a file or folder and of its whole path, in bytes: Linux has 255 and 4096, and the results have names of their
+own."""
+
+LARGEST_DISTORTION = 10.0
+"""Of one term at the corner of a picture, in the corner's own distance from the middle; terms of wide lenses of some
+calibrations grow large and undo each other."""
 
 LOWEST_M, HIGHEST_M, FARTHEST_HEIGHT_M = -500.0, 9000.0, 1000.0
 _PLACEHOLDERS_M = (999.0, 9999.0, 99999.0, 32767.0, 32768.0)
@@ -99,6 +108,10 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
     except OSError as fault:
         document.fault(key, f"the folder {folder} cannot be read ({fault.strerror})")
         return None
+    odd = [name for name in names if not name.isprintable()]
+    if odd:
+        text = f"the name {printable(odd[0])} has characters that cannot be printed: rename it"
+        document.fault(key, text + (f", and {len(odd) - 1} more" if len(odd) > 1 else ""))
     if not names:
         document.fault(key, f"no photographs in {folder}: say where they are with --photographs DIR")
     return [PhotographEntry(name=name) for name in names]
@@ -138,13 +151,51 @@ def check_project(
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
+    for name, place in (("results", base / file.results), ("work", base / file.work)):
+        _check_path(document, (name,), place)
     folders = {"photographs": folder, "results": base / file.results}
     for other, path in folders.items():
         if path is not None and path.resolve() == (base / file.work).resolve():
             document.fault(("work",), f"is the folder of the {other} too: give the intermediate results their own")
 
 
+def _check_path(document: Document, key: Key, path: Path) -> None:
+    """Note where a folder cannot have its name, or libraries could not write into it."""
+    try:
+        parts = [len(part.encode("utf-8")) for part in path.parts]
+    except UnicodeEncodeError:
+        text = f"the path {printable(str(path))} is not UTF-8: rename its folders, or choose another"
+        document.fault(key, text)
+        return
+    if max(parts) > LONGEST_NAME or sum(parts) + len(parts) > LONGEST_PATH:
+        text = f"has a name of {max(parts)} bytes in a path of {sum(parts) + len(parts)}"
+        document.fault(key, f"{text}, at most {LONGEST_NAME} and {LONGEST_PATH} can be used: choose shorter names")
+
+
+def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None:
+    """Note distortion that would move the corners of the picture by more than LARGEST_DISTORTION times their distance
+    from its middle."""
+    if camera.focal_px is None or camera.width_px is None or camera.height_px is None:
+        return
+    corner = float(np.hypot(camera.width_px, camera.height_px)) / 2 / camera.focal_px
+    terms = [
+        *(("radial", f"k{i}", k, corner ** (2 * i)) for i, k in enumerate(camera.radial or (), 1)),
+        *(("tangential", f"p{i}", p, 3 * corner) for i, p in enumerate(camera.tangential or (), 1)),
+        *(("affinity", f"b{i}", b, 1 / camera.focal_px) for i, b in enumerate(camera.affinity or (), 1)),
+    ]
+    for name, term, value, lever in terms:
+        most = LARGEST_DISTORTION / lever
+        if abs(value) > most:
+            document.fault(
+                (*key, name),
+                f"{term} must be from {-most:.3g} to {most:.3g} for a picture of {camera.width_px} × "
+                f"{camera.height_px} px and a focal length of {camera.focal_px:.10g} px, found {value:.10g}: check the "
+                "order of the terms and the program that they come from",
+            )
+
+
 def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path) -> None:
+    _check_distortion(document, key, camera)
     figures = ("focal_px", "principal_point_px", "radial", "tangential", "affinity")
     if camera.matlab is None:
         for name in figures[:2]:

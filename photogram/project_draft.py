@@ -311,6 +311,13 @@ def _cameras(
         for p in group
     ]
     keys = sorted(members.keys() - rare, key=lambda key: (-len(members[key]), members[key][0].name))
+    for key in keys[1:]:
+        # damaged tags make a camera of their own, which must not end the draft of all others
+        if len(members[key]) < _RARE and tagged_camera("", [p.tags for p in members[key]], given_focal_px) is None:
+            rare.add(key)
+            reason = "its tags do not give a focal length, and too few photographs are of its camera to find it out"
+            left_out += [LeftOut(p.name, reason) for p in members[key]]
+    keys = [key for key in keys if key not in rare]
     names = camera_names(keys, [members[key][0].tags for key in keys])
     tags = [[p.tags for p in members[key]] for key in keys]
     cameras = [tagged_camera(name, group, None) for name, group in zip(names, tags, strict=True)]

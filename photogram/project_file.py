@@ -10,7 +10,7 @@ import dataclasses
 import difflib
 import json
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
@@ -20,7 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
 from photogram.errors import PhotogramError, ProjectError
+from photogram.files.reading import read_whole
 from photogram.findings import Finding
+from photogram.printable import shortened
 
 Key = tuple[str | int, ...]
 """Where a value stands in the file: keys of blocks, and numbers of list items from 0."""
@@ -29,8 +31,38 @@ EntryT = TypeVar("EntryT", bound="Entry")
 SettingsT = TypeVar("SettingsT")
 
 
+MOST_BYTES = 4_000_000
+"""Of a project file: some 40 000 photographs, each with its position; PyYAML takes 20 s for them."""
+
+DEEPEST = 20
+"""Of blocks within blocks; project.yaml has seven."""
+
+MOST_FAULTS = 200
+"""Named of one file; more of them have one cause."""
+
+LONGEST_NAME = 255
+"""In characters, of a key that a message repeats; no file's name is longer."""
+
+LONGEST_NUMBER = 40
+"""In characters; no figure of a survey has half as many."""
+
+
 class _Loader(yaml.SafeLoader):
     """YAML 1.2's core schema: `1e-3` is a number; `no`, `12:30`, `007` and dates are texts, as names should be."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node, unless it lies deeper than any block of a project file."""
+        self._depth += 1
+        if self._depth > DEEPEST:
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem=f"blocks within blocks, more than {DEEPEST} deep", problem_mark=mark)
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 _Loader.yaml_implicit_resolvers = {}
@@ -53,6 +85,9 @@ _SCALARS: dict[str, Callable[[str], object]] = {
     "tag:yaml.org,2002:int": int,
     "tag:yaml.org,2002:float": lambda text: float(text.lower().replace(".inf", "inf").replace(".nan", "nan")),
 }
+
+
+_NUMBER_HINT = "fewer digits, or quotes around it where it is a name"
 
 
 class Document:
@@ -84,6 +119,9 @@ class Document:
             self._unreadable(
                 key, "holds a line break or a character that cannot be printed: write it in one line of plain text"
             )
+            return None
+        if node.tag.endswith((":int", ":float")) and len(node.value) > LONGEST_NUMBER:
+            self._unreadable(key, f"a number of {len(node.value)} characters is no measurement: write {_NUMBER_HINT}")
             return None
         try:
             return _SCALARS[node.tag](node.value)
@@ -132,8 +170,9 @@ class Document:
             value = _inside(value, part)
             if isinstance(part, int):
                 name = value.get("name", value.get("path")) if isinstance(value, dict) else None
-                words += f"[{name if isinstance(name, str | int) else f'#{part + 1}'}]"
+                words += f"[{shortened(str(name), LONGEST_NAME) if isinstance(name, str | int) else f'#{part + 1}'}]"
             else:
+                part = shortened(str(part), LONGEST_NAME)
                 words += f".{part}" if words else part
         return words
 
@@ -171,10 +210,14 @@ class Document:
         if not self._faults:
             return
         lines = []
-        for line, key, text in sorted(self._faults, key=lambda fault: fault[0]):
+        faults = sorted(self._faults, key=lambda fault: fault[0])
+        for line, key, text in faults[:MOST_FAULTS]:
             where = self.where(key)
             lines.append(f"{self.path}:{line}: {where}: {text}" if where else f"{self.path}:{line}: {text}")
-        heading = [f"{self.path} has {len(lines)} faults:"] if len(lines) > 1 else []
+        if len(faults) > MOST_FAULTS:
+            line, more = faults[MOST_FAULTS][0], len(faults) - MOST_FAULTS
+            lines.append(f"{self.path}:{line}: from this line on {more} more faults: mend the ones above first")
+        heading = [f"{self.path} has {len(faults)} faults:"] if len(faults) > 1 else []
         raise ProjectError("\n".join(heading + lines))
 
 
@@ -201,7 +244,7 @@ def _compose(path: Path) -> yaml.Node | None:
 
 def _read_text(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return read_whole(path, MOST_BYTES).decode("utf-8-sig")
     except OSError as fault:
         reason = fault.strerror or type(fault).__name__
         raise ProjectError(f"{path}: cannot be read ({reason}): give the path of a project.yaml") from fault
@@ -242,10 +285,12 @@ def found(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
-        return f"{value:.15g}" if isinstance(value, float) else str(value)
+        return f"{value:.15g}" if isinstance(value, float) else shortened(str(value))
     if isinstance(value, str):
-        comma = re.fullmatch(r"[-+]?\d+,\d+", value)
-        return f"the text {value!r}" + (f" (write {value.replace(',', '.')}, with a decimal point)" if comma else "")
+        comma = re.fullmatch(r"[-+]?\d{1,20},\d{1,20}", value)
+        return f"the text {shortened(value)!r}" + (
+            f" (write {value.replace(',', '.')}, with a decimal point)" if comma else ""
+        )
     if isinstance(value, list | tuple):
         items = ", ".join(found(v).removeprefix("the text ") for v in value)
         return f"[{items}]" if len(value) <= 6 else f"a list of {len(value)}"
@@ -383,8 +428,10 @@ def _unknown(entry: Entry, key: Key) -> str:
 
 
 @lru_cache(maxsize=32)
-def _settings_model(settings: type[Any]) -> type[Entry]:
+def _settings_model(settings: type[Any], ranges: tuple[tuple[str, object], ...]) -> type[Entry]:
     hints = get_type_hints(settings, include_extras=True)
+    for name, allowed in ranges:
+        hints[name] = Annotated[hints[name], allowed]
     keys: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
         if not field.init:
@@ -398,13 +445,17 @@ def _settings_model(settings: type[Any]) -> type[Entry]:
     return create_model(settings.__name__, __base__=Entry, **keys)
 
 
-def read_settings(document: Document, name: str, settings: type[SettingsT]) -> SettingsT | None:
+def read_settings(
+    document: Document, name: str, settings: type[SettingsT], ranges: Mapping[str, object] | None = None
+) -> SettingsT | None:
     """Return the section ``name`` as the dataclass ``settings``, whose fields, types and defaults are its schema.
 
+    ``ranges`` are annotations of its fields for pydantic, by their names: what a number may be, for example.
     None where the section cannot be; its faults, those that the dataclass raises included, are noted in the document.
     """
     before = document.faults
-    entry = read_entry(document, _settings_model(settings), (name,))  # type: ignore[arg-type]
+    model: type[Entry] = _settings_model(settings, tuple((ranges or {}).items()))  # type: ignore[arg-type]
+    entry = read_entry(document, model, (name,))
     if document.faults > before:
         return None
     try:

@@ -16,6 +16,22 @@ from photogram.camera import Model
 from photogram.files.position_files import Format
 from photogram.heights import HeightSystem
 from photogram.project_file import Entry, Needed, found, suggestion
+from photogram.project_ranges import (
+    ANGLE_DEG,
+    ANGLE_SIGMA_DEG,
+    DISTORTION,
+    FLYING_HEIGHT_M,
+    FOCAL_PX,
+    FREEDOM,
+    LEVER_ARM_M,
+    OFFSET_SIGMA_M,
+    PIXELS,
+    PLACE_PX,
+    POSITION_M,
+    SIGMA_M,
+    SIGMA_PX,
+    Within,
+)
 from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
@@ -32,14 +48,16 @@ PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "c
 
 
 def _number(value: object) -> float | None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if number and math.isfinite(value) else None  # type: ignore[arg-type]
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        return float(value) if math.isfinite(value) else None
+    except OverflowError:
+        return None  # a whole number of hundreds of digits
 
 
-def _vector(
-    *names: str, above: float | None = None, at_least: float | None = None, fewest: int | None = None
-) -> PlainValidator:
-    """Validate a list of one finite number per name, or of the first ``fewest`` names and more."""
+def _vector(*names: str, within: Within, fewest: int | None = None) -> PlainValidator:
+    """Validate a list of one number in its range per name, or of the first ``fewest`` names and more."""
     least = len(names) if fewest is None else fewest
     count = f"{len(names)}" if least == len(names) else f"{least} to {len(names)}"
 
@@ -51,10 +69,8 @@ def _vector(
         for name, raw, number in zip(names, value, numbers, strict=False):
             if number is None:
                 wrong.append(f"{name} must be a finite number, found {found(raw)}")
-            elif above is not None and not number > above:
-                wrong.append(f"{name} must be greater than {above:g}, found {found(raw)}")
-            elif at_least is not None and not number >= at_least:
-                wrong.append(f"{name} must be {at_least:g} or greater, found {found(raw)}")
+            elif not within.holds(number):
+                wrong.append(f"{name} must be {within}, found {found(raw)}")
         if wrong:
             raise ValueError("; ".join(wrong))
         return tuple(n for n in numbers if n is not None)
@@ -77,8 +93,8 @@ def _freedom(value: object) -> float:
     if value == "free":
         return math.inf
     number = _number(value)
-    if number is None or number < 0:
-        raise ValueError(f"must be 0 (held fixed), a prior sigma greater than 0, or free, found {found(value)}")
+    if number is None or not (number == 0 or FREEDOM.holds(number)):
+        raise ValueError(f"must be 0 (held fixed), a prior sigma {FREEDOM}, or free, found {found(value)}")
     return number
 
 
@@ -100,26 +116,30 @@ def _roles(value: object) -> Roles:
 
 
 def _picture_size(value: object) -> tuple[int, int]:
-    whole = [v for v in value if isinstance(v, int) and v is not True and v > 0] if isinstance(value, list) else []
-    if not isinstance(value, list) or len(value) != 2 or len(whole) != 2:
-        raise ValueError(f"needs 2 whole numbers [width, height] greater than 0, found {found(value)}")
+    items = value if isinstance(value, list) else []
+    whole = [v for v in items if isinstance(v, int) and not isinstance(v, bool) and PIXELS.holds(v)]
+    if len(items) != 2 or len(whole) != 2:
+        raise ValueError(f"needs 2 whole numbers [width, height] {PIXELS}, found {found(value)}")
     return whole[0], whole[1]
 
 
 Text = Annotated[str, PlainValidator(_text)]
 Freedom = Annotated[float, PlainValidator(_freedom)]
-Positive = Annotated[float, Field(gt=0)]
-Size = Annotated[int, Field(gt=0)]
-Angle = Annotated[float, Field(ge=-360, le=360)]
+Size = Annotated[int, PIXELS]
+Angle = Annotated[float, ANGLE_DEG]
+AngleSigma = Annotated[float, ANGLE_SIGMA_DEG]
+FocalLength = Annotated[float, FOCAL_PX]
+FlyingHeight = Annotated[float, FLYING_HEIGHT_M]
+MarkSigma = Annotated[float, SIGMA_PX]
 _MAP = ("easting", "northing", "height")
-Position = Annotated[tuple[float, float, float], _vector(*_MAP)]
-Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, above=0)]
-OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, at_least=0)]
+Position = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION_M)]
+Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
+OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
-LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down")]
+LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
-Pixel = Annotated[tuple[float, float], _vector("u", "v")]
-Place = Annotated[tuple[float, float], _vector("east", "north")]
+Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
+Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
 
 
 class CameraSigmas(Entry):
@@ -145,12 +165,12 @@ class CameraEntry(Entry):
     height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
     matlab: Text | None = None
     model: Model | None = None
-    focal_px: Positive | None = None
-    focal_readings_px: tuple[Positive, ...] = ()
-    principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy")] | None = None
-    radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", fewest=2)] | None = None
-    tangential: Annotated[tuple[float, float], _vector("p1", "p2")] | None = None
-    affinity: Annotated[tuple[float, float], _vector("b1", "b2")] | None = None
+    focal_px: FocalLength | None = None
+    focal_readings_px: tuple[FocalLength, ...] = ()
+    principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy", within=PLACE_PX)] | None = None
+    radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", within=DISTORTION, fewest=2)] | None = None
+    tangential: Annotated[tuple[float, float], _vector("p1", "p2", within=DISTORTION)] | None = None
+    affinity: Annotated[tuple[float, float], _vector("b1", "b2", within=PLACE_PX)] | None = None
     pixel_origin: PixelOrigin | None = None
     sigmas: CameraSigmas = CameraSigmas()
     calibration: Calibration = "given"
@@ -174,8 +194,8 @@ class PhotographEntry(Entry):
     gnss_m: Position | None = None
     gnss_sigma_m: Sigma3 | None = None
     attitude_deg: Attitude | None = None
-    attitude_sigma_deg: Positive | None = None
-    height_above_ground_m: Positive | None = None
+    attitude_sigma_deg: AngleSigma | None = None
+    height_above_ground_m: FlyingHeight | None = None
     flight: Text = "1"
 
 
@@ -198,8 +218,8 @@ class PhotographsEntry(Entry):
     camera: Text | None = None
     positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None
-    attitude_sigma_deg: Positive = 2.0
-    height_above_ground_m: Positive | None = None
+    attitude_sigma_deg: AngleSigma = 2.0
+    height_above_ground_m: FlyingHeight | None = None
     list: Sequence[PhotographEntry] | None = None
 
 
@@ -243,7 +263,7 @@ class ControlPointEntry(Entry):
     role: RolesOf = ("control", "control")
     position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
     sigma_m: Sigma3 | None = None
-    mark_sigma_px: Positive | None = None
+    mark_sigma_px: MarkSigma | None = None
     marks: dict[str, Pixel] = Field(default_factory=dict)
 
 
@@ -257,14 +277,14 @@ class ControlFileEntry(Entry):
     heights: HeightSystem | None = None
     picture_size_px: PictureSize | None = None
     sigma_m: Sigma3 | None = None
-    mark_sigma_px: Positive | None = None
+    mark_sigma_px: MarkSigma | None = None
 
 
 class ControlPointsEntry(Entry):
     """The ground points and what holds for all of them."""
 
     sigma_m: Sigma3 | None = None
-    mark_sigma_px: Positive | None = None
+    mark_sigma_px: MarkSigma | None = None
     pixel_origin: PixelOrigin = "photogram"
     files: Sequence[ControlFileEntry] = ()
     list: Sequence[ControlPointEntry] = ()

@@ -7,7 +7,6 @@ only when all of them are there.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from heapq import nlargest
@@ -23,6 +22,7 @@ from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.frames import crs_in_words
 from photogram.page_files import disbelieved, run_facts, write_report
+from photogram.printable import file_stem
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
 from photogram.report.height_numbers import height_numbers
@@ -112,11 +112,6 @@ def _photographs(outcome: _Outcome) -> list[str]:
     return ["photographs.csv", "photographs.geojson"]
 
 
-def _file_name(name: str) -> str:
-    """Return a camera's or photograph's name without what a file name cannot hold."""
-    return re.sub(r"[^\w-]+", "_", name.removesuffix(Path(name).suffix))
-
-
 def _pictures(outcome: _Outcome) -> list[str]:
     run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
     block = result.block
@@ -127,7 +122,7 @@ def _pictures(outcome: _Outcome) -> list[str]:
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
-            name = f"residuals_{_file_name(camera.name)}.png"
+            name = f"residuals_{file_stem(c + 1, camera.name)}.png"
             title = f"Residuals of tie points in {camera.name}"
             residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
             products.append(f"pictures/{name}")
@@ -144,7 +139,8 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
     best = nlargest(MATCH_PICTURES, run.matches(), key=lambda m: (int(m[1].sum()), -m[0].first, -m[0].second))
     for candidates, verified in best:
         first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
-        name = f"pictures/matches_{_file_name(first.name)}_{_file_name(second.name)}.png"
+        stems = (file_stem(i + 1, p.name) for i, p in ((candidates.first, first), (candidates.second, second)))
+        name = f"pictures/matches_{'_'.join(stems)}.png"
         candidate_and_verified_matches(
             outcome.results / name,
             read_pixels(first.path),

@@ -13,7 +13,6 @@ import hashlib
 import json
 import os
 import shutil
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, is_dataclass
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.errors import WorkspaceError
+from photogram.files.arrays import read_npz
 from photogram.files.atomic import replacing
 
 FORMAT = 6
@@ -94,9 +94,8 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Read the arrays of an npz. Raises WorkspaceError when the file is missing or damaged."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as fault:
+        return read_npz(path)
+    except OSError as fault:
         raise WorkspaceError(
             f"{path}: cannot be read ({fault}); delete the folder {path.parent} and run again"
         ) from fault

@@ -245,7 +245,10 @@ def test_columns_by_any_of_their_names(tmp_path: Path, header: str, geographic: 
         ("name,x,y,z\nA,1,2,3,4\n", ["2: 5 fields, but the first line names 4: check separators, quotes"]),
         ("name,x,y,z\nA,1\n", ["2: y of A must be a number, found ''", "2: z of A must be a number, found ''"]),
         ("name,x,y,z\n", ["1: no rows after the first line"]),
-        ("name,x,y,z,sigma\nA,1,2,3,0\n", ["2: sigma must be greater than 0, found 0: give the standard deviation"]),
+        (
+            "name,x,y,z,sigma\nA,1,2,3,0\n",
+            ["2: sigma must be from 1e-05 to 10000, found 0: give the standard deviation"],
+        ),
         ("name,x,y,z,role\nA,1,2,3,chek\n", ["2: role must be control or check, found 'chek'"]),
         ("name,x,y,z,role_plan\nA,1,2,3,control\n", ["2: role_height is empty: give both, or one column role"]),
         ("name,x,y,z,role_height\nA,1,2,3,controll\n", ["2: role_height must be control or check, found 'controll'"]),
@@ -279,7 +282,7 @@ def test_table_of_marks(tmp_path: Path) -> None:
         ("name,photograph,u,v\nA,,1,2\n", ["2: photograph is empty: say which point is marked, and in which"]),
         ("name,photo,u,v\nA,a,1,b\n", ["2: v must be a number, found 'b'"]),
         ("name,photo,u,v\nA,a,1,2\nB,a,1,2\nA,a,3,4\n", ["4: point A is marked twice in a, first in line 2"]),
-        ("name,photo,u,v,sigma\nA,a,1,2,-1\n", ["2: sigma must be greater than 0, found -1"]),
+        ("name,photo,u,v,sigma\nA,a,1,2,-1\n", ["2: sigma must be from 0.0001 to 1000, found -1"]),
     ],
 )
 def test_faults_of_a_table_of_marks(tmp_path: Path, text: str, expected: list[str]) -> None:

@@ -283,7 +283,7 @@ def test_easting_and_northing_exchanged_in_a_file(tiny: Tiny) -> None:
     only(tiny.findings(), "fault", "easting and northing look swapped in all 7", "give easting before northing")
 
 
-@pytest.mark.parametrize("height_m", [9999.0, -9999.0, 1e308])
+@pytest.mark.parametrize("height_m", [9999.0, -9999.0, 1e5])
 def test_a_height_that_is_none(tiny: Tiny, height_m: float) -> None:
     tiny.points[3, 2] = height_m
     only(tiny.findings(), "fault", "[G3].position_m: height", "is no height on Earth or a placeholder")
@@ -301,7 +301,7 @@ def test_an_altitude_of_1e308_in_the_tags(tiny: Tiny) -> None:
 
 def test_coordinates_of_1e308(tiny: Tiny) -> None:
     tiny.points[3, 0] = 1e308
-    only(tiny.findings(), "fault", "[G3].position_m: outside the area of use of EPSG:25832", "check crs")
+    only(tiny.findings(), "fault", "[G3].position_m: easting must be from -100000000 to 100000000 m, found 1e+308")
 
 
 def test_mixed_height_systems(tiny: Tiny) -> None:
@@ -326,7 +326,7 @@ def test_numbers_that_are_none(tiny: Tiny, value: float, where: str) -> None:
 @pytest.mark.parametrize("sigma_m", [0.0, -0.02])
 def test_standard_deviations_of_nothing_and_less(tiny: Tiny, sigma_m: float) -> None:
     tiny.values["control_points"]["sigma_m"] = [0.02, 0.02, sigma_m]
-    only(tiny.findings(), "fault", "control_points.sigma_m", "greater than 0")
+    only(tiny.findings(), "fault", "control_points.sigma_m", "must be from 1e-05 to 10000 m")
 
 
 @pytest.mark.parametrize(

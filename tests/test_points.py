@@ -207,7 +207,7 @@ def test_damaged_laz_is_refused(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for kept in (0, 50, 300, 1500, len(whole) // 2, len(whole) - 100):
         path.write_bytes(whole[:kept])
-        with pytest.raises(ProjectError, match=r"points\.laz: cannot be read"):
+        with pytest.raises(ProjectError, match=r"points\.laz: (cannot be read|damaged or cut off)"):
             read_cloud(path)
     write_laz(path, PointCloud(np.zeros((0, 3))), CRS)
     with pytest.raises(ProjectError, match="holds no points"):

@@ -252,7 +252,7 @@ def test_round_trip_of_any_figures_and_names(
     folder = tmp_path_factory.mktemp("round")
     (folder / "a.jpg").touch()
     position = [600_000.0 + offset[0] / 10, 6_000_000.0 + offset[1] / 10, offset[2]]
-    camera = {"width_px": 5472, "height_px": 3648, "focal_px": 1e3, "principal_point_px": [1, 2], "radial": [k, 0, k]}
+    camera = {"width_px": 5472, "height_px": 3648, "focal_px": 4e3, "principal_point_px": [1, 2], "radial": [k, 0, k]}
     points = [{"name": name, "position_m": position, "marks": {"a.jpg": [u, 3.0]}}]
     content = {
         "photogram": 1,
@@ -481,13 +481,13 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "sigma of control": (
         ("sigma_m: [0.01, 0.01, 0.01]", "sigma_m: [0.01, 0, -1]"),
         "[0.01, 0, -1]",
-        "control_points.list[2].sigma_m: northing must be greater than 0, found 0; height must be "
-        "greater than 0, found -1",
+        "control_points.list[2].sigma_m: northing must be from 1e-05 to 10000 m, found 0; height "
+        "must be from 1e-05 to 10000 m, found -1",
     ),
     "sigma of marks": (
         ("mark_sigma_px: 1.5", "mark_sigma_px: 0"),
         "mark_sigma_px: 0\n",
-        "control_points.mark_sigma_px: must be greater than 0, found 0",
+        "control_points.mark_sigma_px: must be from 0.0001 to 1000 px, found 0",
     ),
     "no sigma of control": (
         ("  sigma_m: [0.02, 0.02, 0.03]\n  mark", "  mark"),
@@ -502,8 +502,8 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "sigma of a parameter": (
         ("principal_point_px: free", "principal_point_px: loose"),
         "loose",
-        "cameras.phantom4.sigmas.principal_point_px: must be 0 (held fixed), a prior sigma greater than 0, or free, "
-        "found the text 'loose'",
+        "cameras.phantom4.sigmas.principal_point_px: must be 0 (held fixed), a prior sigma from 1e-12 to 1000000, or "
+        "free, found the text 'loose'",
     ),
     "number for a name": (
         ("name: 003", "name: 1.10"),

@@ -243,7 +243,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "height above ground": (
         [("project.yaml", "height_above_ground_m: 40.5", "height_above_ground_m: 0")],
-        ["12: photographs.list[a.jpg].height_above_ground_m: must be greater than 0, found 0"],
+        ["12: photographs.list[a.jpg].height_above_ground_m: must be from 0.1 to 50000 m, found 0"],
     ),
     "no path": (
         [("project.yaml", "- path: gcp_list.txt\n     ", "-")],
@@ -273,7 +273,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
         [("project.yaml", "[4000, 3000]", "[4000, 3000.5]")],
         [
             f"19: {G}: gcp_list.txt:3: 2 of 3 marks are outside their photographs, which are 400 × 300 px: they would",
-            f"20: {G}.picture_size_px: needs 2 whole numbers [width, height] greater than 0, found [4000, 3000.5]",
+            f"20: {G}.picture_size_px: needs 2 whole numbers [width, height] from 1 to 200000 px, found [4000, 3000.5]",
         ],
     ),
     "shape of the picture": (

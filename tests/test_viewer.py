@@ -210,7 +210,11 @@ def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:
     broken, empty = tmp_path / "broken.laz", tmp_path / "empty.las"
     broken.write_bytes(b"LASF, but no more")
     laspy.LasData(laspy.LasHeader(version="1.4", point_format=7)).write(empty)
-    for path, said in ((broken, "cannot be read"), (empty, "no points"), (tmp_path / "absent.laz", "cannot be read")):
+    for path, said in (
+        (broken, "damaged or cut off"),
+        (empty, "no points"),
+        (tmp_path / "absent.laz", "cannot be read"),
+    ):
         with pytest.raises(ProjectError, match=rf"{path.name}.*{said}"):
             read_described(path)
 

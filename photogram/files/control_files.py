@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import get_args
 
 from photogram.errors import ControlPointError
-from photogram.files.text_lines import NUMBER, Faults, lines_of
+from photogram.files.text_lines import NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
+from photogram.printable import shortened
 from photogram.survey import Role, Roles
 
 Sigma3 = tuple[float | None, float | None, float | None]
@@ -142,6 +143,11 @@ def _observation(line: int, text: str, faults: Faults) -> _Observation | None:
     if numbers is None:
         return None
     x, y, z, u, v = numbers
+    if (
+        faults.name(fields[5], "the photograph", line) is None
+        or faults.name(" ".join(fields[6:]), "name", line) is None
+    ):
+        return None
     return _Observation(line, (x, y, z), (u, v), fields[5], " ".join(fields[6:]).strip() or None)
 
 
@@ -222,7 +228,7 @@ def _columns(
             if column and not column.startswith("#") and _plain(column) not in _PASSED_OVER:
                 near = difflib.get_close_matches(_plain(column), [w for words in known.values() for w in words], n=1)
                 hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to pass it over"
-                faults.note(line, f"unknown column {column!r}: {hint}")
+                faults.note(line, f"unknown column {shortened(column)!r}: {hint}")
         elif meaning in places:
             faults.note(line, f"columns {header[places[meaning]]!r} and {column!r} are the same: keep one of the two")
         else:
@@ -267,13 +273,15 @@ def _fields(text: str, separator: str, line: int, faults: Faults) -> list[str]:
         return []
 
 
-def _sigma(row: Row, column: str, line: int, faults: Faults) -> float | None:
+def _sigma(row: Row, column: str, line: int, faults: Faults, within: tuple[float, float] = SIGMA_M) -> float | None:
     text = row.get(column, "")
     if not text:
         return None
     value = faults.number(text, column, line)
-    if value is not None and value <= 0.0:
-        faults.note(line, f"{column} must be greater than 0, found {text}: give the standard deviation")
+    low, high = within
+    if value is not None and not low <= value <= high:
+        allowed = f"from {low:g} to {high:g}"
+        faults.note(line, f"{column} must be {allowed}, found {shortened(text)}: give the standard deviation")
     return value
 
 
@@ -292,7 +300,7 @@ def _role(row: Row, line: int, faults: Faults) -> Roles | None:
             continue
         role = next((r for r in _ROLES if r == row[column].lower()), None)
         if role is None:
-            faults.note(line, f"{column} must be control or check, found {row[column]!r}")
+            faults.note(line, f"{column} must be control or check, found {shortened(row[column])!r}")
             return None
         given[column] = role
     if not given:
@@ -314,6 +322,8 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
         name = row["name"]
         if not name:
             faults.note(line, "the point has no name: give it one")
+            continue
+        if faults.name(name, "the name", line) is None:
             continue
         position = _numbers([row[axis] for axis in "xyz"], [f"{axis} of {name}" for axis in "xyz"], line, faults)
         sigma_m, role = _sigmas(row, line, faults), _role(row, line, faults)
@@ -359,8 +369,10 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
         if empty:
             faults.note(line, f"{' and '.join(empty)} is empty: say which point is marked, and in which photograph")
             continue
+        if any(faults.name(row[what], f"the {what}", line) is None for what in ("name", "photograph")):
+            continue
         pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
-        sigma_px = _sigma(row, "sigma", line, faults)
+        sigma_px = _sigma(row, "sigma", line, faults, SIGMA_PX)
         if pixel is not None:
             marks.append(FileMark(row["name"], row["photograph"], (pixel[0], pixel[1]), sigma_px, line))
     _check_marks(marks, faults)

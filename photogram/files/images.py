@@ -18,7 +18,9 @@ from PIL.TiffImagePlugin import IFDRational
 
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.files.tags import DJI_NUMBERS, Dewarp, PhotographTags, recorded_warnings, tags_of
+from photogram.files.reading import check_size
+from photogram.files.tag_packets import DAMAGE, recorded_warnings
+from photogram.files.tags import DJI_NUMBERS, Dewarp, PhotographTags, tags_of
 
 __all__ = [
     "Dewarp",
@@ -37,6 +39,15 @@ ByteArray = NDArray[np.uint8]
 
 LARGEST_PIXELS = 1_000_000_000
 """Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""
+
+MOST_BYTES = 4_000_000_000
+"""Of a photograph's file: that of LARGEST_PIXELS without any compression."""
+
+FORMATS = ("JPEG", "TIFF", "PNG")
+"""The only ones that are opened, whatever a file is called: Pillow starts Ghostscript for an EPS, for example. MPO,
+JPEG with further pictures, is opened as JPEG."""
+
+_SIGNATURES = (b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PNG\r\n\x1a\n")
 
 # Pillow warns of pictures above 89 megapixels, as web sites need it; _identify has the limit that photographs need.
 Image.MAX_IMAGE_PIXELS = None
@@ -82,7 +93,12 @@ def _damaged(path: Path, reason: object) -> ImageError:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        size = check_size(path, MOST_BYTES)
+        with path.open("rb") as stream:
+            head = stream.read(16)
+            if not head.startswith(_SIGNATURES):
+                raise _damaged(path, f"{size} bytes in no known picture format")
+            return head + stream.read(MOST_BYTES)
     except FileNotFoundError as fault:
         raise ImageError(
             f"photograph {path}: there is no such file: check the folder of photographs and the name"
@@ -94,10 +110,10 @@ def _read(path: Path) -> bytes:
 def _identify(path: Path, data: bytes) -> Image.Image:
     try:
         with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
-            picture = Image.open(io.BytesIO(data))
+            picture = Image.open(io.BytesIO(data), formats=FORMATS)
     except UnidentifiedImageError as fault:
         raise _damaged(path, f"{len(data)} bytes in no known picture format") from fault
-    except (OSError, SyntaxError, ValueError) as fault:
+    except DAMAGE as fault:
         raise _damaged(path, fault) from fault
     if picture.width * picture.height > LARGEST_PIXELS:
         raise ImageError(
@@ -130,7 +146,7 @@ def _open(path: Path, size_px: tuple[int, int] | None) -> Image.Image:
 def _decode(path: Path, picture: Image.Image) -> None:
     try:
         picture.load()
-    except (OSError, SyntaxError, ValueError, EOFError) as fault:
+    except DAMAGE as fault:
         raise _damaged(path, fault) from fault
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from photogram.errors import ImageError
 from photogram.files.images import inspect_photograph
+from photogram.files.reading import ordinary_size
 from photogram.files.tags import PhotographTags
 
 _HEAD_BYTES = 65536
@@ -38,8 +39,9 @@ def read_headers(paths: Sequence[Path], executor: Executor) -> list[PhotographHe
 
 def _head(path: Path) -> tuple[int, bytes] | None:
     try:
+        size = ordinary_size(path)
         with path.open("rb") as stream:
-            return path.stat().st_size, hashlib.sha256(stream.read(_HEAD_BYTES)).digest()
+            return size, hashlib.sha256(stream.read(_HEAD_BYTES)).digest()
     except OSError:
         return None  # read_headers says that it cannot be read
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from itertools import islice
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 import laspy
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
+from photogram.files.las_headers import LARGEST_EXTENT, check_las
+from photogram.files.reading import check_size
 from photogram.frames import written_crs
 from photogram.heights import first_wkt
 from photogram.survey import ByteArray, FloatArray, PointCloud
@@ -49,6 +52,22 @@ _COLUMN_NAMES: Mapping[str, tuple[str, ...]] = {
 }
 # Everything up to here is looked at for a header; a file with more comment lines than this is no cloud.
 _HEAD_LINES = 1000
+_LONGEST_LINE = 10_000
+_MOST_TEXT_BYTES = 20_000_000_000
+_CHUNK_POINTS = 1_000_000
+
+# lazrs reports damage as its own kind of RuntimeError
+_LAS_DAMAGE = (
+    LaspyException,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    struct.error,
+    MemoryError,
+)
 
 
 @dataclass(frozen=True)
@@ -144,7 +163,7 @@ def read_cloud(path: Path) -> PointCloud:
             f"point cloud {path}: photogram reads {' '.join(TEXT_SUFFIXES + LAS_SUFFIXES)}, not {suffix or 'this'}: "
             "convert it, with CloudCompare for example"
         )
-    if not path.is_file():
+    if not isfile(path):
         raise ProjectError(f"point cloud {path}: there is no such file: check its path")
     cloud = _read_las(path) if suffix in LAS_SUFFIXES else _read_text(path)
     if len(cloud) == 0:
@@ -153,13 +172,38 @@ def read_cloud(path: Path) -> PointCloud:
 
 
 def read_las(path: Path) -> laspy.LasData:
-    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing or damaged."""
+    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing, damaged or cut off."""
     try:
+        check_las(path)
         # the decoder is named, else damage would be tried again with any other one that is installed, and told by that
-        return laspy.read(path, laz_backend=laspy.LazBackend.LazrsParallel)
-    # lazrs reports damage as its own kind of RuntimeError.
-    except (LaspyException, RuntimeError, OSError, ValueError, struct.error) as fault:
+        with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
+            points = _all_points(reader)
+        damaged = len(points) != reader.header.point_count
+        extent = np.abs(np.asarray(points.xyz)).max(initial=0.0)
+    except ProjectError:
+        raise
+    except OSError as fault:
+        raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror or fault}): copy it again") from fault
+    except _LAS_DAMAGE as fault:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
+    if damaged:
+        raise ProjectError(
+            f"point cloud {path}: {len(points)} points of the {reader.header.point_count} that its header names: "
+            "copy or export it again"
+        )
+    if not extent <= LARGEST_EXTENT:
+        raise ProjectError(f"point cloud {path}: damaged, a coordinate is {extent:.6g}: copy or export it again")
+    return points
+
+
+def _all_points(reader: laspy.LasReader) -> laspy.LasData:
+    """Return all points; memory grows with what has been decoded, whatever the header claims."""
+    count = reader.header.point_count
+    if not reader.header.are_points_compressed or count <= _CHUNK_POINTS:
+        return reader.read()
+    parts = [part.array for part in reader.chunk_iterator(_CHUNK_POINTS)]
+    record = laspy.PackedPointRecord(np.concatenate(parts), reader.header.point_format)
+    return laspy.LasData(reader.header, record)
 
 
 def las_colour(points: laspy.LasData) -> ByteArray | None:
@@ -268,12 +312,19 @@ def _bytes(colour: FloatArray) -> ByteArray | None:
 
 def _read_text(path: Path) -> PointCloud:
     try:
+        check_size(path, _MOST_TEXT_BYTES)
         with path.open(encoding="utf-8-sig") as stream:
-            lines = list(islice(stream, _HEAD_LINES))
+            lines = list(islice(iter(lambda: stream.readline(_LONGEST_LINE + 1), ""), _HEAD_LINES))
     except UnicodeDecodeError as fault:
         raise ProjectError(f"point cloud {path}: it is no UTF-8 text: export it again as text") from fault
     except OSError as fault:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+    longest = max(range(len(lines)), key=lambda n: len(lines[n]), default=0)
+    if lines and len(lines[longest]) > _LONGEST_LINE:
+        raise ProjectError(
+            f"point cloud {path}, line {longest + 1}: more than {_LONGEST_LINE} characters, this is no text of points: "
+            "export it again"
+        )
     layout = _layout(path, lines)
     values = _load(path, layout, layout.position + layout.colour)
     return PointCloud(values[:, :3].copy(), _bytes(values[:, 3:]) if layout.colour else None)

@@ -14,6 +14,7 @@ from photogram.camera import Camera, Pose, gimbal_from_rotation, image_plane, om
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
 from photogram.frames import geodetic_from_map
+from photogram.printable import table_cell
 from photogram.survey import Adjustment, FloatArray, Photograph
 
 COLUMNS = (
@@ -93,7 +94,7 @@ def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> 
         table = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
         table.writeheader()
         for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
-            row = _description(result, photograph, pose is not None)
+            row = {k: table_cell(v) for k, v in _description(result, photograph, True).items() if isinstance(v, str)}
             row["registered"] = "yes" if pose is not None else "no"
             if pose is not None:
                 figures = _figures(_exterior(result, i, pose))

@@ -7,25 +7,28 @@ are those of the camera or of the antenna being for others to say.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
 from photogram.errors import ProjectError
-from photogram.files.text_lines import Faults, lines_of
+from photogram.files.text_lines import SIGMA_M, Faults, lines_of
 from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
 
 Format = Literal["mrk", "pos", "csv"]
 Triple = tuple[float, float, float]
 
 GPS_EPOCH = datetime(1980, 1, 6)
+LAST_WEEK = 9999
+SECONDS_A_WEEK = 604_800
 HOLDING = "positions"
 
 _F = r"\s*([-+]?[\d.]+)\s*"
 _MRK_LINE = re.compile(
-    rf"\s*(\d+)\s+{_F}\s*\[\s*(\d+)\s*\]\s*{_F},\s*N\s*{_F},\s*E\s*{_F},\s*V\s*{_F},\s*Lat\s*{_F},\s*Lon\s*{_F},\s*Ellh"
-    rf"\s*{_F},{_F},{_F}\s+(\d+)\s*,\s*Q\s*"
+    rf"\s*(\d{{1,9}})\s+{_F}\s*\[\s*(\d{{1,9}})\s*\]\s*{_F},\s*N\s*{_F},\s*E\s*{_F},\s*V\s*{_F},\s*Lat\s*{_F},\s*Lon\s*{_F},\s*Ellh"
+    rf"\s*{_F},{_F},{_F}\s+(\d{{1,9}})\s*,\s*Q\s*"
 )
 _MRK_FORM = (
     "number, seconds, [week], north,N east,E down,V latitude,Lat longitude,Lon height,Ellh, three standard deviations "
@@ -74,13 +77,26 @@ def check_on_globe(row: PositionRow, faults: Faults) -> None:
         )
 
 
-def gps_time(week: int, seconds: float) -> datetime:
-    """Return GPS time from the week and the seconds of the week; the leap seconds to UTC are not taken off."""
+def check_sigmas(line: int, sigmas_m: Iterable[float], faults: Faults) -> None:
+    """Note a fault where a standard deviation, m, cannot be one; zero stands for not known."""
+    low, high = SIGMA_M
+    for sigma in sigmas_m:
+        if sigma != 0 and not low <= sigma <= high:
+            faults.note(
+                line, f"a standard deviation of {sigma:.10g} m must be 0 (not known), or from {low:g} to {high:g}"
+            )
+
+
+def gps_time(week: int, seconds: float) -> datetime | None:
+    """Return GPS time from the week and the seconds of the week, None where there is no such time; the leap seconds to
+    UTC are not taken off."""
+    if not (0 <= week <= LAST_WEEK and 0 <= seconds <= SECONDS_A_WEEK):
+        return None
     return GPS_EPOCH + timedelta(weeks=week, seconds=seconds)
 
 
 def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
-    found = _MRK_LINE.fullmatch(text)
+    found = _MRK_LINE.fullmatch(" ".join(text.split()))
     numbers = [] if found is None else [faults.number(found[k], "each value", line) for k in (2, *range(4, 13))]
     if found is None:
         faults.note(line, f"is no line of a DJI MRK file: expected {_MRK_FORM}")
@@ -89,11 +105,16 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     if len(known) < len(numbers):
         return None
     seconds, north_mm, east_mm, down_mm, latitude, longitude, height, *sigma = known
+    time = gps_time(int(found[3]), seconds)
+    if time is None:
+        faults.note(line, f"week {found[3]} and {seconds:.10g} s of it are no GPS time: correct the line")
+        return None
+    check_sigmas(line, sigma, faults)
     row = PositionRow(
         line,
         (longitude, latitude, height),
         number=int(found[1]),
-        gps_time=gps_time(int(found[3]), seconds),
+        gps_time=time,
         # zero stands for not known
         sigma_m=(sigma[1], sigma[0], sigma[2]) if min(sigma) > 0 else None,
         solution=solution_of_rtk_flag(int(found[13])),

@@ -20,12 +20,14 @@ from photogram.files.position_files import (
     PositionRow,
     Triple,
     check_on_globe,
+    check_sigmas,
     format_of,
     gps_time,
     read_mrk,
 )
 from photogram.files.text_lines import Faults, lines_of
 from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
+from photogram.printable import shortened
 
 Row = Mapping[str, str]
 
@@ -128,7 +130,7 @@ def _solution(text: str, line: int, faults: Faults) -> Solution:
     word = text.strip().lower()
     if not word:
         return "unknown"
-    if word.isdecimal():
+    if word.isdecimal() and len(word) < 10:
         number = int(word)
         return _RTKLIB_Q.get(number) or solution_of_rtk_flag(number)
     if any(unfixed in word for unfixed in _UNFIXED):
@@ -138,8 +140,8 @@ def _solution(text: str, line: int, faults: Faults) -> Solution:
             return solution
     faults.note(
         line,
-        f"the solution {text!r} is not known: write fix, float or single, RTKLIB's Q (1 fix, 2 float, 5 single) or "
-        "DJI's RtkFlag (50, 34, 16)",
+        f"the solution {shortened(text)!r} is not known: write fix, float or single, RTKLIB's Q (1 fix, 2 float, 5 "
+        "single) or DJI's RtkFlag (50, 34, 16)",
     )
     return "unknown"
 
@@ -152,6 +154,8 @@ def _sigma(row: Row, line: int, faults: Faults) -> Sigma3 | None:
         value = faults.number(text, column, line) if text else None
         if value is not None and value < 0.0:
             faults.note(line, f"{column} must not be below 0, found {text}: give the standard deviation in metres")
+        elif value is not None:
+            check_sigmas(line, [value], faults)
         if value:  # zero stands for not known
             found[column] = value
     plan = found.get("sigma_plan", found.get("sigma"))
@@ -228,6 +232,7 @@ def _file(
             table.append((line, row))
             if "photograph" in places and not row["photograph"]:
                 faults.note(line, "names no photograph: give its file name")
+            faults.name(row.get("photograph", ""), "the photograph", line)
     if not lines:
         faults.note(number, "no rows after the first line")
     rows = _rows(table, (first, second), faults, gps_times)
@@ -273,7 +278,17 @@ def read_pos(path: Path) -> PositionFile:
     names = re.split(r"[\s,;]+", header.lstrip("% \t").strip())
     names[:1] = ["date", "clock"]
     split = [(n, [f for f in re.split(r"[\s,;]+", text.strip()) if f]) for n, text in body]
-    times = {n: time for n, fields in split if (time := _pos_time(fields)) is not None}
+    faults = Faults(path, ProjectError)
+    times = {}
+    for n, fields in split:
+        time = _pos_time(fields)
+        if time is not None:
+            times[n] = time
+        elif fields:
+            faults.note(
+                n, f"{shortened(' '.join(fields[:2]))!r} is no time: expected date and clock, or GPS week and seconds"
+            )
+    faults.raise_all()
     return _file(path, "pos", (number, names), split, times)
 
 
@@ -283,8 +298,8 @@ def _pos_time(fields: Sequence[str]) -> datetime | None:
         return None
     if fields[0].isdecimal():
         try:
-            return gps_time(int(fields[0]), float(fields[1]))
-        except (ValueError, OverflowError):
+            return gps_time(int(fields[0]), float(fields[1])) if len(fields[0]) < 10 else None
+        except ValueError:
             return None
     return _time(f"{fields[0]} {fields[1]}")
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.transform import Affine
@@ -14,6 +16,7 @@ from rasterio.vrt import WarpedVRT
 
 from photogram.errors import FrameError, ProjectError
 from photogram.files.cogs import NODATA, write_cog
+from photogram.files.reading import ordinary_size
 from photogram.frames import projected_crs
 from photogram.map_grid import MapGrid, Window
 from photogram.survey import Raster
@@ -22,6 +25,12 @@ __all__ = ["NODATA", "picture_on_grid", "read_raster", "write_geotiff"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
+MOST_CELLS = 1_000_000_000
+LARGEST_RATIO = 5000
+LARGEST_COORDINATE_M = 1e9
+
+DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError)
+"""What rasterio raises where a file is damaged."""
 
 
 def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) -> None:
@@ -57,10 +66,12 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
     or not square, or its CRS is missing or no map grid in metres.
     """
-    if not path.is_file():
+    if not isfile(path):
         raise ProjectError(f"raster {path}: there is no such file: check its path")
     try:
-        with rasterio.open(path) as dataset:
+        size = ordinary_size(path)
+        with rasterio.open(path, driver="GTiff") as dataset:
+            _check_size(path, dataset, size)
             if dataset.count != 1:
                 raise ProjectError(
                     f"raster {path}: {dataset.count} bands, one is expected: extract it (gdal_translate -b 1 IN OUT)"
@@ -68,9 +79,16 @@ def read_raster(path: Path) -> tuple[Raster, str]:
             transform, crs = dataset.transform, dataset.crs
             band = dataset.read(1, masked=True)
             scale, offset = dataset.scales[0], dataset.offsets[0]
-    except RasterioError as fault:
-        raise ProjectError(f"raster {path}: cannot be read ({fault}): export it again as GeoTIFF") from fault
-    values = np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32)
+    except ProjectError:
+        raise
+    except DAMAGE as fault:
+        words = " ".join(str(fault).split())
+        raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from fault
+    if not np.isfinite([*transform[:6], scale, offset]).all() or np.abs(transform[:6]).max() > LARGEST_COORDINATE_M:
+        raise FrameError(f"raster {path}: its affine {tuple(transform)[:6]} is damaged: export it again as GeoTIFF")
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32)
+    values[np.isinf(values)] = np.nan  # as many programs write a cell without data
     cell_m = _cell_size(path, transform, *values.shape)
     if not crs:
         raise FrameError(f"raster {path}: it has no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
@@ -84,6 +102,23 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     return Raster(values, float(transform.c), float(transform.f), cell_m), name
 
 
+def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
+    """Raise ProjectError where a raster claims more cells than its file of ``size`` bytes can hold, or are read here.
+
+    No compression in use makes more than LARGEST_RATIO bytes of one; memory for the cells is found before any is read.
+    """
+    cells = dataset.width * dataset.height
+    what = f"raster {path}: {dataset.width} × {dataset.height} cells"
+    if cells > MOST_CELLS:
+        raise ProjectError(
+            f"{what}, up to {MOST_CELLS:.0e} are read: cut out the site (gdalwarp -te XMIN YMIN XMAX YMAX)"
+        )
+    if cells * np.dtype(dataset.dtypes[0]).itemsize > LARGEST_RATIO * size:
+        raise ProjectError(
+            f"{what} do not fit into a file of {size} bytes, it is damaged or sparse: write it anew (gdal_translate)"
+        )
+
+
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
     """Return what a picture file shows in a window of a grid of its own CRS: red, green, blue and alpha (rows, columns,
     4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
@@ -91,7 +126,7 @@ def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uin
     rows, columns = window.shape
     try:
         with (
-            rasterio.open(path) as dataset,
+            rasterio.open(path, driver="GTiff") as dataset,
             WarpedVRT(
                 dataset,
                 crs=dataset.crs,

@@ -10,27 +10,22 @@
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from math import atan2, degrees, hypot, isfinite
 from pathlib import Path
-from threading import Lock
 from typing import Literal
-from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import fromstring
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
-from photogram.errors import ImageError
+from photogram.errors import ImageError, PhotogramError
+from photogram.files.tag_packets import DAMAGE, exif_of, xmp_of
+from photogram.printable import printable, shortened
 
-_Tags = dict[int, object]
 Kind = Literal["frame", "thermal", "panorama", "fisheye"]
 
 MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
@@ -38,6 +33,30 @@ MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 HIGHEST_M = 50_000.0
 """No camera's height is farther from the ellipsoid or the sea."""
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "height_above_take_off_m": (-HIGHEST_M, HIGHEST_M),
+    "focal_mm": (0.01, 100_000.0),
+    "focal_35mm_mm": (0.1, 100_000.0),
+    "pixels_per_mm": (0.01, 1e6),
+    "calibrated_focal_mm": (0.01, 100_000.0),
+    "gnss_horizontal_error_m": (1e-5, 1e6),
+    "gimbal_yaw_deg": (-720.0, 720.0),
+    "gimbal_pitch_deg": (-720.0, 720.0),
+    "gimbal_roll_deg": (-720.0, 720.0),
+    "flight_yaw_deg": (-720.0, 720.0),
+    "flight_pitch_deg": (-720.0, 720.0),
+    "flight_roll_deg": (-720.0, 720.0),
+    "rtk_flag": (0, 255),
+}
+"""What the figures of PhotographTags may be, ends included."""
+
+LARGEST_FIGURE = 1e9
+"""Of a maker's calibration, without sign."""
+
+SMALLEST_SIGMA_M, LARGEST_SIGMA_M = 1e-5, 1e6
+LONGEST_TEXT = 100
+"""In characters, of a name in the tags; the rest is cut off."""
 
 DJI_NUMBERS = {
     "height_above_take_off_m": "RelativeAltitude",
@@ -51,10 +70,8 @@ DJI_NUMBERS = {
 """Fields of PhotographTags and the names that DJI gives them."""
 
 _GIMBAL = ("gimbal_yaw_deg", "gimbal_pitch_deg", "gimbal_roll_deg")
-_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-_NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
-_ZONE = re.compile(r"[+-][01]\d:[0-5]\d")
-_RECORDING = Lock()
+_ZONE = re.compile(r"[+-][01][0-9]:[0-5][0-9]")
+_FIRST_YEAR, _LAST_YEAR = 1980, 2200
 _FRACTION = re.compile(r"\s*([-+]?[\d.]+)\s*/\s*(\d+)\s*")
 
 
@@ -136,14 +153,17 @@ def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[s
 
 
 def _text(value: object) -> str | None:
-    text = value.decode("latin-1") if isinstance(value, bytes) else str(value or "")
-    return text.split("\0")[0].strip() or None
+    text = value.decode("latin-1") if isinstance(value, bytes) else str(value) if isinstance(value, str | int) else ""
+    return printable(text.split("\0")[0].strip()[:LONGEST_TEXT]) or None
 
 
 def _finite(value: object) -> float | None:
     if not isinstance(value, (int, float, IFDRational)):
         return None
-    number = float(value)
+    try:
+        number = float(value)
+    except (OverflowError, ZeroDivisionError):
+        return None
     return number if isfinite(number) else None
 
 
@@ -157,6 +177,8 @@ def _exif_time(exif: Mapping[int, object]) -> datetime | None:
     try:
         time = datetime.strptime(_text(exif.get(ExifTags.Base.DateTimeOriginal)) or "", "%Y:%m:%d %H:%M:%S")
     except ValueError:
+        return None
+    if not _FIRST_YEAR <= time.year <= _LAST_YEAR:
         return None
     fraction = _text(exif.get(ExifTags.Base.SubsecTimeOriginal)) or ""
     if fraction.isdecimal():
@@ -202,56 +224,6 @@ def _pixels_per_mm(exif: Mapping[int, object]) -> float | None:
 # ---- XMP -----------------------------------------------------------------------------------------------------------
 
 
-def _properties(root: Element) -> Iterator[tuple[str, str]]:
-    for element in root.iter():
-        yield from element.attrib.items()
-        items = [item.text or "" for item in element.iter(f"{{{_RDF}}}li")]
-        yield element.tag, (element.text or "") if not items else ",".join(items)
-
-
-def _xmp(picture: Image.Image) -> tuple[dict[str, str], str]:
-    """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
-
-    Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
-    camera's. Lists are joined by commas.
-    """
-    packet = picture.info.get("xmp")
-    if not isinstance(packet, bytes) or b"<" not in packet:
-        return {}, ""
-    try:
-        root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
-    except (ParseError, DefusedXmlException, ValueError) as fault:
-        return {}, f"the XMP tags are not valid XML ({fault}), only EXIF is used"
-    values: dict[str, str] = {}
-    for qualified, text in _properties(root):
-        found = _NAME.fullmatch(qualified)
-        space, name = (found[1] or "", found[2]) if found else ("", qualified)
-        if space != _RDF and text.strip():
-            values.setdefault(f"Camera:{name}" if "/camera/" in space.lower() else name, text.strip())
-    return values, ""
-
-
-@contextmanager
-def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
-    """Collect the warnings of the libraries that read a file, one thread at a time, instead of printing them."""
-    with _RECORDING, warnings.catch_warnings(record=True) as recorded:
-        warnings.simplefilter("always")
-        yield recorded
-
-
-def _exif(picture: Image.Image) -> tuple[_Tags, _Tags, _Tags, tuple[str, ...]]:
-    """Return the main, EXIF and GPS tags, and in words what Pillow found damaged in them."""
-    with recorded_warnings() as recorded:
-        whole, packet = picture.getexif(), picture.info.get("exif")
-        if isinstance(packet, bytes):  # once more: opening the picture may have read it, and said what is damaged
-            whole = Image.Exif()
-            whole.load(packet)
-        main = dict(whole)  # tags are decoded when asked for
-        exif, gps = dict(whole.get_ifd(ExifTags.IFD.Exif)), dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
-    texts = dict.fromkeys(" ".join(str(warning.message).split()).rstrip(". ") for warning in recorded)
-    return main, exif, gps, tuple(f"the EXIF tags are damaged ({text})" for text in texts)
-
-
 def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
     text = xmp.get(name, "")
     if not text:
@@ -263,9 +235,9 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
         return None  # as EXIF writes a value that is not known
     except ValueError as fault:
         raise ImageError(
-            f"photograph {path}: XMP tag {name} is {text!r}, no number: correct or remove the tag"
+            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, no number: correct or remove the tag"
         ) from fault
-    return number if isfinite(number) else None
+    return number
 
 
 def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
@@ -277,9 +249,14 @@ def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
         fx, fy, cx, cy, k1, k2, p1, p2, k3 = (float(part) for part in rest.split(","))
     except ValueError as fault:
         raise ImageError(
-            f"photograph {path}: XMP tag DewarpData is {text!r}, expected 'date;fx,fy,cx,cy,k1,k2,p1,p2,k3': "
-            "correct or remove the tag"
+            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, expected "
+            "'date;fx,fy,cx,cy,k1,k2,p1,p2,k3': correct or remove the tag"
         ) from fault
+    if not all(abs(figure) <= LARGEST_FIGURE for figure in (fx, fy, cx, cy, k1, k2, p1, p2, k3)):
+        raise ImageError(
+            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, which is no calibration: correct or remove "
+            "the tag"
+        )
     centre_x, centre_y = (_xmp_number(xmp, f"CalibratedOpticalCenter{axis}", path) for axis in "XY")
     size = (2.0 * centre_x, 2.0 * centre_y) if centre_x and centre_y else None
     applied = _xmp_number(xmp, "DewarpFlag", path) == 1
@@ -299,9 +276,14 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
         r1, r2, r3, _, _ = (float(part) for part in text.split(","))
     except ValueError as fault:
         raise ImageError(
-            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {text!r}, expected 'R1,R2,R3,T1,T2': "
-            "correct or remove the tag"
+            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, expected "
+            "'R1,R2,R3,T1,T2': correct or remove the tag"
         ) from fault
+    if not all(abs(figure) <= LARGEST_FIGURE for figure in (r1, r2, r3)):
+        raise ImageError(
+            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, which is no distortion: "
+            "correct or remove the tag"
+        )
     return {"calibrated_focal_mm": focal_mm, "calibrated_radial": (r1, r2, r3)}
 
 
@@ -370,23 +352,35 @@ def _position(
         height = _exif_height(gps)
     if longitude is None or latitude is None or (longitude == 0.0 and latitude == 0.0):
         longitude = latitude = height = None
-    elif abs(longitude) > 180.0 or abs(latitude) > 90.0:
+    elif not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
         raise ImageError(
             f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which lie on no globe: "
             "correct or remove the tags"
         )
-    elif height is not None and abs(height) > HIGHEST_M:
+    elif height is not None and not abs(height) <= HIGHEST_M:
         damage = (f"the tags give a height of {height:.6g} m (no aircraft flies there), the position is not used",)
         longitude = latitude = height = None
     return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}, damage
 
 
-def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[float, float, float] | None:
+def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Return the sigmas of the position, None where they are not known, and in words why they are not used."""
     east, north, up = (_xmp_number(xmp, name, path) for name in ("RtkStdLon", "RtkStdLat", "RtkStdHgt"))
     if east and north and up:
-        return east, north, up
-    plan, height = (_xmp_number(xmp, f"Camera:GPS{axes}Accuracy", path) for axes in ("XY", "Z"))
-    return (plan, plan, height) if plan and height and plan > 0 and height > 0 else None
+        sigma = east, north, up
+    else:
+        plan, height = (_xmp_number(xmp, f"Camera:GPS{axes}Accuracy", path) for axes in ("XY", "Z"))
+        if not (plan and height and plan > 0 and height > 0):
+            return None, ()
+        sigma = plan, plan, height
+    if all(SMALLEST_SIGMA_M <= s <= LARGEST_SIGMA_M for s in sigma):
+        return sigma, ()
+    text = ", ".join(f"{s:.6g}" for s in sigma)
+    return None, (f"the tags give standard deviations ({text} m) that no receiver has, they are not used",)
+
+
+def _whole(value: object) -> int | None:
+    return int(value) if isinstance(value, int | float) else None
 
 
 def _is_ellipsoidal(xmp: Mapping[str, str], gps: Mapping[int, object], rtk_flag: int | None) -> bool | None:
@@ -404,14 +398,38 @@ def _is_ellipsoidal(xmp: Mapping[str, str], gps: Mapping[int, object], rtk_flag:
 def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     """Return what the EXIF and XMP of an opened photograph say; XMP comes first where both give the position.
 
-    A sigma of zero counts as not given. XMP that is not valid XML is left out, and ``damage`` of the tags says so.
-    Raises ImageError where a tag holds nonsense; ``path`` is for its message.
+    A sigma of zero counts as not given. XMP that is not valid XML, and figures that cannot be, are left out, and
+    ``damage`` of the tags says so. Raises ImageError where a tag holds nonsense; ``path`` is for its message.
     """
-    main, exif, gps, damage = _exif(picture)
-    xmp, xmp_damage = _xmp(picture)
+    try:
+        return _tags_of(picture, path)
+    except PhotogramError:
+        raise
+    except DAMAGE as fault:
+        words = printable(shortened(str(fault)))
+        raise ImageError(
+            f"photograph {path}: its tags are damaged ({type(fault).__name__}: {words}): copy it again "
+            "from the camera's card, or leave the photograph out"
+        ) from fault
+
+
+def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, ...]]:
+    """Return the figures without those out of RANGES, and in words which these are."""
+    damage = []
+    for name, (low, high) in RANGES.items():
+        value = values.get(name)
+        if isinstance(value, int | float) and not low <= value <= high:
+            values[name] = None
+            words = re.sub(r"_(?:deg|m|mm)$", "", name).replace("_", " ")
+            damage.append(f"the tags give a {words} that cannot be ({value:.6g}), it is not used")
+    return values, tuple(damage)
+
+
+def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
+    main, exif, gps, damage = exif_of(picture)
+    xmp, xmp_damage = xmp_of(picture)
     position, position_damage = _position(xmp, gps, path)
-    number = _xmp_number(xmp, "RtkFlag", path)
-    flag = None if number is None else int(number)
+    sigma, sigma_damage = _gnss_sigma(xmp, path)
     values: dict[str, object] = {
         **{field: _xmp_number(xmp, name, path) for field, name in DJI_NUMBERS.items() if field not in _GIMBAL},
         **position,
@@ -420,6 +438,15 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     }
     if values["height_above_take_off_m"] is None:
         values["height_above_take_off_m"] = _xmp_number(xmp, "Camera:AboveGroundAltitude", path)
+    values |= {
+        "focal_mm": _positive(exif.get(ExifTags.Base.FocalLength)),
+        "focal_35mm_mm": _positive(exif.get(ExifTags.Base.FocalLengthIn35mmFilm)),
+        "pixels_per_mm": _pixels_per_mm(exif),
+        "gnss_horizontal_error_m": _positive(gps.get(ExifTags.GPS.GPSHPositioningError)),
+        "rtk_flag": _xmp_number(xmp, "RtkFlag", path),
+    }
+    values, value_damage = _believed(values)
+    flag = values["rtk_flag"] = _whole(values["rtk_flag"])
     has_position = values["longitude_deg"] is not None
     return PhotographTags(
         make=_text(main.get(ExifTags.Base.Make)) or xmp.get("Make"),
@@ -431,15 +458,10 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         band=xmp.get("Camera:BandName"),
         width_px=picture.width,
         height_px=picture.height,
-        focal_mm=_positive(exif.get(ExifTags.Base.FocalLength)),
-        focal_35mm_mm=_positive(exif.get(ExifTags.Base.FocalLengthIn35mmFilm)),
-        pixels_per_mm=_pixels_per_mm(exif),
         time=_exif_time(exif),
         height_is_ellipsoidal=_is_ellipsoidal(xmp, gps, flag) if has_position else None,
-        gnss_sigma_m=_gnss_sigma(xmp, path),
-        gnss_horizontal_error_m=_positive(gps.get(ExifTags.GPS.GPSHPositioningError)),
-        rtk_flag=flag,
+        gnss_sigma_m=sigma,
         dewarp=_dewarp(xmp, path),
-        damage=(*damage, *filter(None, (xmp_damage,)), *position_damage),
+        damage=(*damage, *filter(None, (xmp_damage,)), *position_damage, *sigma_damage, *value_damage),
         **values,  # type: ignore[arg-type]
     )

@@ -7,9 +7,25 @@ from math import isfinite
 from pathlib import Path
 
 from photogram.errors import PhotogramError
+from photogram.files.reading import read_whole
+from photogram.printable import printable, shortened
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MOST_FAULTS = 20
+MOST_BYTES = 16_000_000
+"""Of a table: some 200 000 rows."""
+
+LONGEST_LINE = 10_000
+"""In characters."""
+
+LONGEST_NAME = 255
+"""In characters, of a point or photograph; no file's name is longer."""
+
+SIGMA_M = (1e-5, 1e4)
+SIGMA_PX = (1e-4, 1e3)
+"""What standard deviations may be, ends included."""
+
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 class Faults:
@@ -38,11 +54,18 @@ class Faults:
         value = float(text) if NUMBER.fullmatch(text) else float("nan")
         if isfinite(value):
             return value
-        comma = re.fullmatch(r"[-+]?\d+,\d+", text)
+        comma = re.fullmatch(r"[-+]?\d{1,20},\d{1,20}", text)
         remedy = (
             f"write {text.replace(',', '.')}, with a decimal point" if comma else "write a number with a decimal point"
         )
-        self.note(line, f"{what} must be a number, found {text!r}: {remedy}")
+        self.note(line, f"{what} must be a number, found {shortened(text)!r}: {remedy}")
+        return None
+
+    def name(self, text: str, what: str, line: int) -> str | None:
+        """Return a name as it stands, None with a fault noted where it is too long."""
+        if len(text) <= LONGEST_NAME:
+            return text
+        self.note(line, f"{what} has {len(text)} characters, at most {LONGEST_NAME} are read: check quotes")
         return None
 
 
@@ -55,7 +78,7 @@ def lines_of(
     then says what it should be ``holding``.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_whole(path, MOST_BYTES).decode("utf-8-sig")
     except OSError as fault:
         raise error(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
     except UnicodeDecodeError as fault:
@@ -70,4 +93,11 @@ def lines_of(
     ]
     if not kept:
         raise error(f"{path}:1: the file is empty: give the file with the {holding}")
+    faults = Faults(path, error)
+    for number, content in kept:
+        if len(content) > LONGEST_LINE:
+            faults.note(number, f"is {len(content)} characters long: this is no file with the {holding}")
+        elif found := _UNPRINTABLE.search(content):
+            faults.note(number, f"holds the character {printable(found[0])}, which cannot be printed: remove it")
+    faults.raise_all()
     return kept

@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -20,6 +21,7 @@ from matplotlib.colors import LightSource, Normalize
 from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnchoredOffsetbox, AnchoredText, AuxTransformBox, TextArea, VPacker
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -38,9 +40,18 @@ MAXIMUM_DOTS = 20_000
 MAXIMUM_RASTER_PX = 1400
 
 
+class _PlainFigure(Figure):
+    """A figure whose texts are what they say: a ``$`` in the name of a point begins no formula."""
+
+    def draw(self, renderer: RendererBase) -> None:
+        for text in self.findobj(Text):
+            text.set_parse_math(False)
+        super().draw(renderer)
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Return an empty figure of this size whose parts make room for each other."""
-    figure = Figure(figsize=(width_in, height_in), dpi=PAGE_DPI, layout="constrained", facecolor="white")
+    figure = _PlainFigure(figsize=(width_in, height_in), dpi=PAGE_DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 

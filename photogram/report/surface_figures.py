@@ -103,7 +103,7 @@ def _uri(drawn: DrawnFigure) -> str:
 
 def _as_jpeg(found: re.Match[bytes]) -> bytes:
     """Return a PNG within an SVG as JPEG on the ground of maps, where that is smaller."""
-    with Image.open(io.BytesIO(base64.b64decode(found[1]))) as picture:
+    with Image.open(io.BytesIO(base64.b64decode(found[1])), formats=["PNG"]) as picture:
         ground = Image.new("RGBA", picture.size, (*GROUND_RGB, 255))
         flat = Image.alpha_composite(ground, picture.convert("RGBA")).convert("RGB")
     stream = io.BytesIO()

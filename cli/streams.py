@@ -1,0 +1,58 @@
+"""What reaches the terminal: photogram's own words, in whatever characters the terminal has."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def nothing_raw() -> Iterator[list[BaseException]]:
+    """Let nothing reach the terminal raw, and collect in the list given what a thread raises that nobody waits for.
+
+    Names that the terminal cannot show stand as escapes; warnings and messages of libraries go to the log, which -v
+    shows; what libraries in C write to standard error past Python is dropped, unless -vv is asked for.
+    """
+    unwatched: list[BaseException] = []
+    if not _very_verbose():
+        _keep_standard_error()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    log, silent, usual = logging.getLogger(), logging.NullHandler(), threading.excepthook
+    log.addHandler(silent)  # without any handler Python prints warnings
+    logging.captureWarnings(True)
+    threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
+    try:
+        yield unwatched
+    finally:
+        threading.excepthook = usual
+        logging.captureWarnings(False)
+        log.removeHandler(silent)
+
+
+def _very_verbose() -> bool:
+    letters = sum(len(word) - 1 for word in sys.argv[1:] if re.fullmatch("-v+", word))
+    return letters + sys.argv[1:].count("--verbose") > 1
+
+
+def _keep_standard_error() -> None:
+    """Keep the process's standard error to Python: libtiff, for one, writes to it past every handler."""
+    try:
+        if sys.stderr.fileno() != 2:
+            return  # a test, or a program that has its own
+    except (AttributeError, OSError, ValueError):
+        return  # there is none
+    own = os.dup(2)
+    sys.stderr = io.TextIOWrapper(
+        os.fdopen(own, "wb"), encoding=sys.stderr.encoding, errors="backslashreplace", line_buffering=True
+    )
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)

@@ -1,0 +1,104 @@
+"""The packets of tags in a photograph, taken apart: EXIF as numbered tags, XMP as named properties."""
+
+from __future__ import annotations
+
+import re
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+from PIL import ExifTags, Image
+
+from photogram.printable import printable, shortened
+
+Tags = dict[int, object]
+
+LARGEST_XMP = 4_000_000
+"""In bytes; cameras write some thousand."""
+
+DAMAGE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    EOFError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+)
+"""What Pillow and the parser of XML raise where a file is damaged."""
+
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+_NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
+_RECORDING = Lock()
+
+
+def _properties(root: Element) -> Iterator[tuple[str, str]]:
+    for element in root.iter():
+        yield from element.attrib.items()
+        items = [item.text or "" for item in element.findall(f"./*/{{{_RDF}}}li")]
+        yield element.tag, (element.text or "") if not items else ",".join(items)
+
+
+def xmp_of(picture: Image.Image) -> tuple[dict[str, str], str]:
+    """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
+
+    Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
+    camera's. Lists are joined by commas.
+    """
+    packet = picture.info.get("xmp")
+    if not isinstance(packet, bytes) or b"<" not in packet:
+        return {}, ""
+    if len(packet) > LARGEST_XMP:
+        return {}, f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
+    try:
+        root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
+    except (ParseError, DefusedXmlException, LookupError, ValueError) as fault:
+        return {}, f"the XMP tags are not valid XML ({printable(shortened(str(fault)))}), only EXIF is used"
+    values: dict[str, str] = {}
+    for qualified, text in _properties(root):
+        found = _NAME.fullmatch(qualified)
+        space, name = (found[1] or "", found[2]) if found else ("", qualified)
+        if space != _RDF and text.strip():
+            key = f"Camera:{name}" if "/camera/" in space.lower() else name
+            values.setdefault(key, printable(text.strip()))
+    return values, ""
+
+
+@contextmanager
+def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
+    """Collect the warnings of the libraries that read a file, one thread at a time, instead of printing them."""
+    with _RECORDING, warnings.catch_warnings(record=True) as recorded:
+        warnings.simplefilter("always")
+        yield recorded
+
+
+def exif_of(picture: Image.Image) -> tuple[Tags, Tags, Tags, tuple[str, ...]]:
+    """Return the main, EXIF and GPS tags, and in words what Pillow found damaged in them."""
+    blocks: list[Tags] = [{}, {}, {}]
+    faults = []
+    with recorded_warnings() as recorded:
+        try:
+            whole, packet = picture.getexif(), picture.info.get("exif")
+            if isinstance(packet, bytes):  # once more: opening the picture may have read it, and said what is damaged
+                whole = Image.Exif()
+                whole.load(packet)
+            blocks[0] = dict(whole)  # tags are decoded when asked for
+            blocks[1] = dict(whole.get_ifd(ExifTags.IFD.Exif))
+            blocks[2] = dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
+        except DAMAGE as fault:
+            faults.append(f"{fault or type(fault).__name__}")
+    texts = dict.fromkeys(
+        " ".join(text.split()).rstrip(". ") for text in [*faults, *(str(w.message) for w in recorded)]
+    )
+    main, exif, gps = blocks
+    return main, exif, gps, tuple(f"the EXIF tags are damaged ({printable(shortened(text))})" for text in texts)
