@@ -242,8 +242,8 @@ def test_changes_that_cannot_be_flown_are_left_out() -> None:
     ("options", "code", "said"),
     [
         (("--area", "200"), 2, "write two numbers"),
-        (("--gnss", "rtkk"), 2, "none of rtk, consumer, none"),
-        (("--layout", "ring"), 2, "none of corners, edges, grid, centre"),
+        (("--gnss", "rtkk"), 2, "is not one of 'rtk', 'consumer', 'none'"),
+        (("--layout", "ring"), 2, "is not one of 'corners', 'edges', 'grid'"),
         (("--gsd", "0.02", "--height", "50"), 1, "not both"),
         (("nowhere.yaml",), 1, "nowhere.yaml"),
     ],
@@ -251,4 +251,4 @@ def test_changes_that_cannot_be_flown_are_left_out() -> None:
 def test_wrong_usage(photogram: Callable[..., Any], options: tuple[str, ...], code: int, said: str) -> None:
     outcome = photogram("plan", *options)
     assert outcome.code == code, outcome.err
-    assert said in outcome.err
+    assert said in " ".join(outcome.err.replace("│", " ").split())
