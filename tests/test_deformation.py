@@ -103,7 +103,7 @@ def test_modes_are_those_of_the_whole_linear_system() -> None:
 
 
 def test_relative_sigmas_are_those_of_differences_from_the_mean_shift() -> None:
-    """From the whole linear system: points less the mean of the points that stand for the block, their own noise off."""
+    """From the whole linear system: points less the mean of those that stand for the block, their own noise off."""
     problem, state = small()
     covariance, place = whole(problem, state)
     places = places_of(problem, state)
@@ -120,9 +120,7 @@ def test_relative_sigmas_are_those_of_differences_from_the_mean_shift() -> None:
         variance = [np.mean(np.diag(r @ covariance @ r.T)) for r in (absolute, relative)]
         # the own noise of points, which is in their mean too, here as if all had that of those looked at
         variance -= own[k] * np.array([1.0, 1.0 - 1.0 / count])
-        np.testing.assert_allclose(
-            [stiff.absolute_sigma_m[k], stiff.relative_sigma_m[k]], np.sqrt(variance), rtol=0.06
-        )
+        np.testing.assert_allclose([stiff.absolute_sigma_m[k], stiff.relative_sigma_m[k]], np.sqrt(variance), rtol=0.06)
 
 
 def test_relative_sigmas_leave_the_datum_out() -> None:
