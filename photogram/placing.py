@@ -14,6 +14,7 @@ import numpy as np
 from photogram.deformation import GROUND, SLOPES
 from photogram.survey import Deformation
 
+WHOLE_BLOCK = "The block as a whole may be"
 DATUM_TIMES = 2.0
 """Times the precision of intersection, beyond which an uncertain datum is worth a word."""
 
@@ -67,7 +68,7 @@ def datum_sentence(known: Deformation) -> str | None:
     if not moved:
         return None
     return (
-        f"The block as a whole may be {' and '.join(moved)} (1 sigma) without its measurements showing it; relative to "
+        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without its measurements showing it; relative to "
         f"each other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
         "in height"
     )

@@ -13,11 +13,20 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup, escape
 
 from photogram.report.completion import axis_roles
+from photogram.report.identity import grouped
+from photogram.report.overall import length
 from photogram.report.traffic_lights import AXES, number
 
 Json = dict[str, Any]
 
-GRADES = {"good": ("●", "Good"), "attention": ("▲", "Attention"), "bad": ("■", "Bad"), "unknown": ("○", "Not tested")}
+GRADES = {
+    "good": ("●", "Good"),
+    "few": ("◆", "Good, few points"),
+    "attention": ("▲", "Attention"),
+    "bad": ("■", "Bad"),
+    "unknown": ("○", "Not tested"),
+}
+PAGE_FONT = Markup('"Source Sans 3", "Segoe UI", "Helvetica Neue", Arial, "Liberation Sans", sans-serif')
 MAXIMUM_PHOTOGRAPHS = 60
 MAXIMUM_MARKS = 40
 MAXIMUM_SURFACE_CHECKS = 20
@@ -48,6 +57,14 @@ LIBRARY_TITLES = {
     "scipy": "SciPy",
     "numba": "Numba",
 }
+SETTING_TITLES = {
+    "photographs": ("photographs for a cell, at most", ""),
+    "agreeing_share": ("share of them that must agree", ""),
+    "small_step": ("penalty of a small step", " hundredths of a correlation"),
+    "large_step": ("penalty of a large step", " hundredths of a correlation"),
+    "contrast_dn": ("contrast that halves it", " grey values"),
+    "noise_dn": ("noise of the photographs", " grey values"),
+}
 CLOUD_TITLES = {"linear_2view": "Two views, linear", "linear_3view": "Three views, linear", "adjusted": "Adjusted"}
 
 
@@ -75,8 +92,15 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         plain=plain,
         small=small,
         probability=probability,
+        capitalised=capitalised,
+        css_string=css_string,
+        grouped=grouped,
+        length=length,
+        matching_settings=matching_settings,
     )
-    environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
+    environment.globals.update(
+        grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES, page_font=PAGE_FONT
+    )
     template = environment.get_template("report.html.jinja")
     control = _ground_rows(report, "control", "left out")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
@@ -94,6 +118,8 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         calibration=_calibration(report),
         stages=_stages(report),
         surface_checks=_surface_checks(report),
+        lights=_lights(report),
+        deliverables=_deliverables(report),
     )
 
 
@@ -167,6 +193,31 @@ def plain(value: object) -> str:
     if isinstance(value, float):
         return small(value)
     return NO_FIGURE if value is None else str(value)
+
+
+def capitalised(text: object) -> str:
+    """Write a sentence with a capital at its beginning and without a full stop at its end."""
+    said = str(text or "").strip().removesuffix(".")
+    # k2, sigma0 and names of files keep their letters
+    as_it_is = any(c.isdigit() or c in "._" for c in said.partition(" ")[0])
+    return said if as_it_is else said[:1].upper() + said[1:]
+
+
+def css_string(text: object, most: int) -> Markup:
+    """Write a text of at most so many characters as a string of CSS that no character can end or leave."""
+    words = " ".join(str(text or "").split())
+    words = words if len(words) <= most else words[: most - 1].rstrip() + "…"
+    plain_letters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,-"
+    return Markup('"' + "".join(c if c in plain_letters else f"\\{ord(c):06x}" for c in words) + '"')
+
+
+def matching_settings(settings: Mapping[str, Any]) -> str:
+    """Write the settings of the dense matching in words with their units."""
+    found = []
+    for name, value in settings.items():
+        title, unit = SETTING_TITLES.get(name, (str(name).replace("_", " "), ""))
+        found.append(f"{title} {plain(value)}{unit}")
+    return "; ".join(found)
 
 
 # ---- what the tables hold ------------------------------------------------------------------------------------------
@@ -256,6 +307,32 @@ def _surface_checks(report: Mapping[str, Any]) -> list[Json]:
     if len(rows) <= MAXIMUM_SURFACE_CHECKS:
         return list(rows)
     return sorted(rows, key=lambda row: -abs(number(row["difference_m"])))[:MAXIMUM_SURFACE_CHECKS]
+
+
+def _lights(report: Mapping[str, Any]) -> list[Json]:
+    """Return the lights of the summary, all that nothing tests as one at the end."""
+    lights = [dict(light) for light in report["summary"]]
+    dark = [light for light in lights if light["grade"] == "unknown"]
+    if len(dark) < 2:
+        return lights
+    reasons: dict[str, list[str]] = {}
+    for light in dark:
+        reasons.setdefault(str(light["finding"]).removeprefix("not tested: "), []).append(str(light["subject"]))
+    finding = "; ".join(f"{', '.join(subjects)}: {reason}" for reason, subjects in reasons.items())
+    one = {
+        "subject": f"{len(dark)} of {len(lights)} questions",
+        "grade": "unknown",
+        "finding": finding,
+        "rule": "not tested is no good mark: it says that nobody knows",
+    }
+    return [*(light for light in lights if light["grade"] != "unknown"), one]
+
+
+def _deliverables(report: Mapping[str, Any]) -> Json:
+    """Return the files that are listed, and how many pictures there are beside them."""
+    listed = report.get("deliverables") or []
+    files = [entry for entry in listed if not str(entry["file"]).startswith("pictures/")]
+    return {"files": files, "pictures": len(listed) - len(files)}
 
 
 def _photographs(report: Mapping[str, Any]) -> Json:
