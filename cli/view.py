@@ -14,9 +14,10 @@ from photogram.cli.terminal import console
 from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.described_points import read_described
-from photogram.page_files import NUMBERS, VIEW
+from photogram.page_files import NUMBERS
 from photogram.report.viewer import view_page
 
+VIEW = "view.html"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 DEFAULT_POINTS = 1_500_000
 NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.deformation import GROUND, SLOPES
-from photogram.survey import Deformation
+from photogram.survey import Deformation, FloatArray
 
 WHOLE_BLOCK = "The block as a whole may be"
 DATUM_TIMES = 2.0
@@ -34,18 +34,18 @@ class Placing:
     radius_m: float
 
 
+def _plan_and_height(variance_m2: FloatArray) -> tuple[float, float]:
+    return float(np.sqrt(variance_m2[0] + variance_m2[1])), float(np.sqrt(variance_m2[2]))
+
+
 def placing(known: Deformation) -> Placing | None:
     """Return how well a block is placed, the datum's part by itself; None where nothing is known."""
     if not known.known:
         return None
     variance, own = np.diag(known.covariance), known.intersection_sigma_m**2
     absolute, relative = known.absolute_sigma_m**2 + own, known.relative_sigma_m**2 + own
-    shift = variance[GROUND]
-    figures = [
-        *(float(np.sqrt(v)) for two in (absolute, relative, shift) for v in (two[0] + two[1], two[2])),
-        float(np.sqrt(variance[SLOPES].max())),
-    ]
-    return Placing(*figures, known.radius_m)
+    of, at, by = (_plan_and_height(v) for v in (absolute, relative, variance[GROUND]))
+    return Placing(*of, *at, *by, float(np.sqrt(variance[SLOPES].max())), known.radius_m)
 
 
 def datum_sentence(known: Deformation) -> str | None:

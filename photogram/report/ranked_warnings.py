@@ -94,17 +94,18 @@ def _focal_lengths(report: Mapping[str, Any]) -> list[Json]:
 def _blunders(report: Mapping[str, Any]) -> list[Json]:
     decided = any(camera.get("focal_length") for camera in report["cameras"].values())
     named = [b for b in report.get("blunders") or [] if not (decided and b.get("kind") == "focal length")]
-    found = []
-    for severity, of_severity in (("bad", False), ("attention", True)):
-        chosen = [b for b in named if (b.get("kind") in ("GNSS position", "attitude")) == of_severity]
-        found += _several("blunders", chosen, severity, "it is left out: check it where it was measured")
+    found = list[Json]()
+    remedy = "it is left out: check it where it was measured"
+    harmless = [b.get("kind") in ("GNSS position", "attitude") for b in named]
+    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if not h], "bad", remedy)
+    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if h], "attention", remedy)
     effect = sentences([report.get("blunders_effect") or ""])
     found += [_warning("blunders", "note", sentence) for sentence in effect]
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report.get("suspects") or [] if not named or s.get("kind") == "GNSS position"]
     if suspects:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
-        severity = "attention" if all(s.get("kind") == "GNSS position" for s in suspects) else "bad"
+        severity: Severity = "attention" if all(s.get("kind") == "GNSS position" for s in suspects) else "bad"
         remedy = "check it, and leave it out where it is wrong"
         found.append(_warning("suspects", severity, f"{suspects[0].get('sentence', '')}{others}", remedy))
     return found

@@ -86,14 +86,14 @@ def _against_target(
     target, name = report["asprs"][f"target_rmse_{letter}_m"], f"RMSE_{letter.upper()}"
     if target is not None:
         rule = (
-            f"good: {name} within the target of {target:.3f} m, from {MINIMUM_POINTS} points or more; few points: within "
-            "it, from fewer; bad: beyond it"
+            f"good: {name} within the target of {target:.3f} m, from {MINIMUM_POINTS} points or more; few points: "
+            "within it, from fewer; bad: beyond it"
         )
     else:
         best, worst = PLAN_GSD if where == "plan" else HEIGHT_GSD
         rule = (
-            f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; few points: the same "
-            f"from fewer; attention: within {worst:g} GSD; bad: beyond"
+            f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; few points: the "
+            f"same from fewer; attention: within {worst:g} GSD; bad: beyond"
         )
     if not math.isfinite(rmse):
         return Light(subject, "unknown", f"not tested: {untested}", rule)
@@ -229,8 +229,8 @@ def _geometry(report: Report) -> Light:
     best, worst = OVERLAP
     rule = (
         f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height told apart "
-        f"(correlation below {CORRELATION:g}) and as given, no pattern in the residuals; attention: {worst:.0%}, or one of these; "
-        "bad: less"
+        f"(correlation below {CORRELATION:g}) and as given, no pattern in residuals; attention: {worst:.0%}, or one of "
+        "these; bad: less"
     )
     overlap, diagnosis = report["block"].get("overlap"), report.get("diagnosis") or {}
     if overlap is None:
