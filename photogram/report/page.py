@@ -19,7 +19,6 @@ from photogram.report.traffic_lights import AXES, number
 from photogram.report.wording import (
     capitalised,
     css_string,
-    fixed as fixed,
     matching_settings,
     memory,
     plain,
@@ -29,6 +28,9 @@ from photogram.report.wording import (
     signed,
     small,
     whole,
+)
+from photogram.report.wording import (
+    fixed as fixed,
 )
 
 Json = dict[str, Any]
@@ -99,7 +101,7 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         capitalised=capitalised,
         css_string=css_string,
         grouped=grouped,
-        length=length,
+        sigma_length=length,
         matching_settings=matching_settings,
     )
     environment.globals.update(

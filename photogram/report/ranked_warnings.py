@@ -151,8 +151,9 @@ def best_remedy(diagnosis: Mapping[str, Any]) -> str:
         return ""
     best = min(helpful, key=lambda r: number(r.get("sigma_height_after_m")))
     title = str(best["title"])
+    title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
-        f"{title[0].lower()}{title[1:]} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{title} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
         f"{best['sigma_height_after_m']:.3f} m"
     )
 
