@@ -238,6 +238,14 @@ def test_deliverables_are_all_files_with_their_checksums(finished_survey: Path, 
     assert listed["dsm.tif"]["sha256"] in text
 
 
+def test_the_view_carries_the_identifier_and_the_date(
+    adjusted_survey: Path, bare: Json, photogram: Callable[..., Any]
+) -> None:
+    assert photogram("view", adjusted_survey / "results").code == 0
+    text = (adjusted_survey / "results/view.html").read_text(encoding="utf-8")
+    assert f"Report {grouped(bare['report_id'])}, processed {bare['processed']}" in text
+
+
 def test_a_print_does_not_outlive_the_results(
     adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
 ) -> None:
