@@ -77,7 +77,7 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
     if np.max(np.abs(offset)) > LARGE_OFFSET_M:
         return (
             f"{sentence}: it is estimated and removed, but no antenna makes so much: look for another height system "
-            "(heights, gnss.heights), a wrong base station or wrong control points."
+            "(heights in the project file), a wrong base station or wrong control points."
         )
     return f"{sentence}: the base station, the lever arm or the height system; it is estimated and removed."
 
