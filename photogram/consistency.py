@@ -69,17 +69,17 @@ class PredictedAgainstAchieved:
         """Return what there is to say of it."""
         points = f"{self.n} check point{'s' if self.n > 1 else ''}"
         ratio = float(np.sqrt(self.chi2 / self.dof))
-        test = f"chi² {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
+        test = f"χ² = {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
         if self.consistent:
             return f"{points}: the differences are as large as predicted, {ratio:.2f} times on the average ({test})"
         if self.p < 0.5:
             return (
                 f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): some sigma is stated "
-                "too small, a measurement is wrong, or the camera bends the block; see variance_components"
+                "too small, a measurement is wrong, or the camera bends the block; see Stated sigmas against residuals"
             )
         return (
             f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): some sigma is "
-            "stated too large; see variance_components"
+            "stated too large; see Stated sigmas against residuals"
         )
 
 

@@ -146,6 +146,27 @@ class Stiffness:
         return np.sqrt(np.diag(self.ground)[6 + len(self.own) :])
 
     @property
+    def _placed(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return variances, covariances with the mean of their axis, and axes of the coordinates that are looked at."""
+        count = len(self.own)
+        axis = np.concatenate([np.tile(np.arange(3), count // 3), np.full(len(self.ground) - 6 - count, 2)])
+        return np.diag(self.ground)[6:], self.ground[np.arange(6, len(self.ground)), axis], axis
+
+    @property
+    def absolute_sigma_m(self) -> FloatArray:
+        """Return root mean squares (3,) of the sigmas over the block, as far as they come from the cameras: east, north
+        (in middle and corners), up (there and at the heights looked at), m."""
+        variance, _, axis = self._placed
+        return np.sqrt([np.mean(variance[axis == k]) for k in range(3)])
+
+    @property
+    def relative_sigma_m(self) -> FloatArray:
+        """Return the same (3,) of the differences from the mean shift of the block: its shape, without the datum."""
+        variance, with_mean, axis = self._placed
+        relative = variance - 2.0 * with_mean + np.diag(self.ground)[axis]
+        return np.sqrt([max(float(np.mean(relative[axis == k])), 0.0) for k in range(3)])
+
+    @property
     def summary(self) -> FloatArray:
         """Return sigma in height in the middle, root mean square over the block, sigma of the dome (3,), m."""
         variance = np.diag(self.ground)
@@ -201,6 +222,8 @@ def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places
         np.zeros((len(problem.block.cameras), PARAMETERS)),
         np.full(3, np.nan),
         np.full(3, np.nan),
+        stiff.absolute_sigma_m,
+        stiff.relative_sigma_m,
     )
 
 

@@ -110,7 +110,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     note = {"side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2], "flying_height_m": known.flying_height_m}
     write_json(folder / "grid.json", {**asdict(grid), **note})
     size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
-    return {**size, "gsd_m": round(known.gsd_m, 4), "levels": len(levels)}
+    return {**size, "levels": len(levels)}
 
 
 def _matched(

@@ -24,6 +24,7 @@ from photogram.survey import Block, FloatArray, IntArray
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
 WEAK_SCALE = 0.01
+POSITION_WEAK = "The position of the block is known to"
 WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
 MOST_NAMED = 5  # photographs, in sentences of their own
 STEEP = 0.9  # upward part of an axis that is called vertical
@@ -191,7 +192,7 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     shift = float(np.sqrt(max(value[-1], 0.0)))
     if shift > WEAK_SHIFT * distance_m:
         sentences.append(
-            f"The position of the block is known to {shift:.3g} m only (1 sigma), {distance_m:.3g} m from what it "
+            f"{POSITION_WEAK} {shift:.3g} m only (1 sigma), {distance_m:.3g} m from what it "
             "shows: better control points or GNSS positions would hold it"
         )
     return sentences

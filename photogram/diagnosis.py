@@ -18,6 +18,8 @@ from scipy.stats import t as student
 
 from photogram.camera import PARAMETER_NAMES, Camera
 from photogram.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
+from photogram.determinacy import POSITION_WEAK
+from photogram.placing import Placing, datum_sentence, placing
 from photogram.residual_patterns import ResidualPattern, residual_patterns
 from photogram.survey import Adjustment, Deformation, FloatArray
 
@@ -26,6 +28,8 @@ HALF = 0.7  # correlation beyond which half of the variance of a quantity comes 
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.01
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell hardly anything
+HELPS = 0.95  # of a sigma, to which a remedy must bring it to be of use
+HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which what a held calibration hides is worth a word
 
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
@@ -37,6 +41,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
     }
 )
 _WORDS = {"focal_px": "focal length", "cx_px": "principal point in x", "cy_px": "principal point in y"}
+_PIXELS = ("focal_px", "cx_px", "cy_px", "b1", "b2")
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,12 @@ class Remedy:
     sigma_height_after_m: float
     sigma_dome_before_m: float
     sigma_dome_after_m: float
+
+    @property
+    def helps(self) -> bool:
+        """Return whether heights or dome become noticeably better known by it."""
+        heights = self.sigma_height_after_m < HELPS * self.sigma_height_before_m
+        return heights or self.sigma_dome_after_m < HELPS * self.sigma_dome_before_m
 
     @property
     def sentence(self) -> str:
@@ -96,6 +107,7 @@ class Diagnosis:
     focal_height: Mapping[str, FocalHeight]
     patterns: Mapping[str, ResidualPattern]
     dome: Dome
+    placing: Placing | None
     warnings: tuple[str, ...]
     remedies: tuple[Remedy, ...]
     undetermined: tuple[str, ...]
@@ -200,18 +212,9 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             f"The block may be bent to a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
             f"without its measurements showing it, where tie points are intersected to {precise:.3f} m"
         )
-    height = float(np.sqrt(known.covariance[GROUND.stop - 1, GROUND.stop - 1]))
-    if height > precise:
-        sentences.append(
-            f"All heights together are known to {height:.3f} m (1 sigma), where tie points are intersected to "
-            f"{precise:.3f} m: what control points and GNSS leave open of the datum"
-        )
-    tilt = float(np.sqrt(np.diag(known.covariance)[SLOPES].max()))
-    if tilt > precise:
-        sentences.append(
-            f"The block may be tilted by {tilt:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) without "
-            f"its measurements showing it, where tie points are intersected to {precise:.3f} m"
-        )
+    placed = datum_sentence(known)
+    if placed is not None:
+        sentences.append(placed)
     correlation = correlations(known.covariance)
     for c, camera in enumerate(cameras):
         at, turn = parameters_of(c, len(cameras)), rotations_of(c)
@@ -233,7 +236,7 @@ def hidden(known: Deformation) -> list[str]:
     if not np.isfinite(freed).all() or not len(known.height_sigma_m):
         return []
     now, then = float(np.sqrt(np.mean(known.height_sigma_m**2))), float(freed[1])
-    if not then**2 - now**2 > precise**2:
+    if not (then**2 - now**2 > precise**2 and then > HIDDEN_TIMES * now):
         return []
     return [
         f"Parameters of the calibration are held, which no sigma shows: were they uncertain as those of an ordinary "
@@ -269,6 +272,11 @@ def _names(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
     return names
 
 
+def _units(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
+    """Return the units of the parameters in the order of their names, each with a space before it."""
+    return [" px" if p in _PIXELS else "" for _ in cameras for p in PARAMETER_NAMES] + [" m"] * (3 * len(flights))
+
+
 def undetermined(
     known: Deformation, cameras: Sequence[Camera], flights: Sequence[str], offset_sigma_m: FloatArray
 ) -> list[str]:
@@ -278,21 +286,30 @@ def undetermined(
         return []
     prior = np.concatenate([*(c.sigmas for c in cameras), np.tile(offset_sigma_m, len(flights))])
     start = parameters_of(0, len(cameras)).start
-    names, sigma = _names(cameras, flights), np.sqrt(np.diag(known.covariance))
+    names, units = _names(cameras, flights), _units(cameras, flights)
+    sigma = np.sqrt(np.diag(known.covariance))
     told = np.divide(sigma[start:], prior, out=np.zeros_like(prior), where=np.isfinite(prior) & (prior > 0))
-    sentences = [
-        f"hardly told: {names[k]}, known to {prior[k]:.3g} before, to {sigma[start + k]:.3g} now"
+    weak = [
+        f"{names[k]} (± {sigma[start + k]:.3g}{units[k]}; stated ± {prior[k]:.3g}{units[k]})"
         for k in np.flatnonzero(told > TOLD)
     ]
-    freed, after = known.freed_prior.ravel(), known.freed_sigma.ravel()
+    sentences = [f"hardly determined by the measurements, so that the stated values stand: {', '.join(weak)}"] * bool(
+        weak
+    )
+    freed, after = known.freed_prior.copy(), known.freed_sigma.ravel()
+    # a focal length that was settled is uncertain in every figure: nothing is hidden by it
+    freed[[c for c, camera in enumerate(cameras) if camera.considered_focal_sigma_px > 0], 0] = 0.0
+    freed = freed.ravel()
     if freed.any():
-        untold = [f"{names[k]} (to {after[k]:.3g})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]]
+        untold = [
+            f"{names[k]} (to {after[k]:.3g}{units[k]})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]
+        ]
         sentences.append(
             f"held at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
             + (
-                f"freed, the photographs would hardly tell {', '.join(untold)}"
+                f"freed, the photographs would hardly determine {', '.join(untold)}"
                 if untold
-                else "freed, they would be told"
+                else "freed, the photographs would determine them"
             )
         )
     words, size = {start + k: name for k, name in enumerate(names)}, f"over {known.radius_m:.0f} m"
@@ -303,7 +320,7 @@ def undetermined(
         words[CENTRES.start + k] = f"{axis} of the projection centres"
     return sentences + [
         f"change together (correlation {r:.2f}), so that they cannot be told apart: "
-        + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{'' if k in _lens(start, cameras) else ' m'})" for k in group)
+        + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{' m' if k < start else units[k - start]})" for k in group)
         for group, r in _groups(known, words, start, cameras)
     ]
 
@@ -349,10 +366,12 @@ def diagnose(result: Adjustment) -> Diagnosis:
     """Return what a block is weak in, and what would help."""
     known, block = result.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
+    weak = weaknesses(known, block.cameras, result.flights)
+    placed = datum_sentence(known)
     warnings = (
-        list(result.warnings)
+        [w for w in result.warnings if placed is None or not w.startswith(POSITION_WEAK)]
         + hidden(known)
-        + weaknesses(known, block.cameras, result.flights)
+        + weak
         + unmodelled(patterns, known)
     )
     if dome.significant:
@@ -366,6 +385,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
         focal_heights(known, block.cameras, result.flights),
         patterns,
         dome,
+        placing(known),
         tuple(warnings),
         tuple(remedies_of(known)),
         tuple(undetermined(known, block.cameras, result.flights, block.gnss_offset_sigma_m)),

@@ -21,7 +21,7 @@ from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.frames import crs_in_words
-from photogram.page_files import disbelieved, run_facts, write_report
+from photogram.page_files import disbelieved, discard_prints, run_facts, write_report
 from photogram.printable import file_stem
 from photogram.records import Run
 from photogram.report.gnss_numbers import gnss_numbers
@@ -71,11 +71,14 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     products: list[str] = []
     result = run.adjustment()
     outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
-    steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures, _numbers)
+    discard_prints(results)
+    steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures)
     for number, step in enumerate(steps):
-        progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
+        progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
         products += step(outcome)
-    progress(len(steps), len(steps), "")
+    progress(len(steps), len(steps) + 1, "numbers")
+    products += _numbers(outcome, products)
+    progress(len(steps) + 1, len(steps) + 1, "")
     return {"products": products}
 
 
@@ -154,7 +157,8 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
     return products
 
 
-def _numbers(outcome: _Outcome) -> list[str]:
+def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
+    """Write the report over everything; ``products`` are the files that were written before it."""
     run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
     stages = (
@@ -199,4 +203,4 @@ def _numbers(outcome: _Outcome) -> list[str]:
     value |= surface
     sparse = None if "dense" in surface else run.surface()
     figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons()) + drawn
-    return write_report(run.project, value, figures, outcome.folder) + pictures
+    return write_report(run.project, value, figures, outcome.folder, products + pictures) + pictures

@@ -29,6 +29,7 @@ from photogram.report.surface_figures import (
     surface_figures,
     write_surface_pictures,
 )
+from photogram.report.thumbnails import thumbnails
 from photogram.surface_stages import matched, surface_layers
 from photogram.workspace import read_json
 
@@ -138,4 +139,4 @@ def report_surface(
         value["dense"] = dense_numbers(dense, ground)
         drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)
     names = write_surface_pictures(results / "pictures", drawn)
-    return value, surface_figures(drawn), [f"pictures/{name}" for name in names]
+    return value, surface_figures(drawn) + thumbnails(orthophoto, run.surface()), [f"pictures/{name}" for name in names]

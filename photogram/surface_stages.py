@@ -115,7 +115,8 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
     return {
         "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
-        "measured": int(counts[MEASURED]), "filled": int(counts[FILLED]), "least_correlation": round(least, 3),
+        "measured_of_grid": int(counts[MEASURED]), "filled_of_grid": int(counts[FILLED]),
+        "least_correlation": round(least, 3),
     }  # fmt: skip
 
 

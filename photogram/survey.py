@@ -409,7 +409,9 @@ class Deformation:
     parameters were freed and those that they would have after the adjustment, 0 for the others;
     ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``. ``pattern_sigma_m`` (3,) is
     what an error of the camera model as large as the pattern of the residuals does to b, c and d, NaN where nothing is
-    known of it.
+    known of it. ``absolute_sigma_m`` and ``relative_sigma_m`` (3,) east, north, up are root mean squares, over places
+    of the block, of what the cameras do to a point there: as such, and after the mean shift of all points is taken off,
+    which leaves the shape of the block without its datum.
     """
 
     centre_world_m: FloatArray
@@ -424,6 +426,8 @@ class Deformation:
     freed_sigma: FloatArray
     freed_height_sigma_m: FloatArray
     pattern_sigma_m: FloatArray
+    absolute_sigma_m: FloatArray
+    relative_sigma_m: FloatArray
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:
@@ -432,7 +436,8 @@ class Deformation:
         given = np.zeros((0, 0)) if given_parameters is None else given_parameters
         return Deformation(
             nothing[:2], float("nan"), np.zeros((0, 0)), nothing, np.zeros(0), given, np.zeros(0, np.str_),
-            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing, nothing,
+            np.zeros((0, 2, 3)), np.zeros_like(given), np.zeros_like(given), nothing, nothing, nothing,
+            nothing,
         )  # fmt: skip
 
     @property

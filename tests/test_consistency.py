@@ -80,7 +80,7 @@ def test_a_survey_that_is_worse_than_it_says_is_told_so() -> None:
     assert found is not None
     assert not found.consistent
     assert found.p < 0.001
-    assert "times as large as predicted (chi²" in found.sentence
+    assert "times as large as predicted (χ² =" in found.sentence
     assert "p below 0.001" in found.sentence
     modest = replace(good, block=replace(good.block, control_points=replace(points, sigma_m=20.0 * points.sigma_m)))
     found = predicted_against_achieved(modest)

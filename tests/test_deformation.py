@@ -102,6 +102,46 @@ def test_modes_are_those_of_the_whole_linear_system() -> None:
     assert np.count_nonzero(np.diag(modes)[parameters_of(0, 1)]) == np.count_nonzero(SIGMAS) < PARAMETERS
 
 
+def test_relative_sigmas_are_those_of_differences_from_the_mean_shift() -> None:
+    """From the whole linear system: points less the mean of those that stand for the block, their own noise off."""
+    problem, state = small()
+    covariance, place = whole(problem, state)
+    places = places_of(problem, state)
+    assert places is not None
+    stiff = stiffness(problem, state, covariances(problem, state), places)
+    mean = rows_of_modes(problem, state, place, len(covariance))[GROUND]
+    looked_at = [places.points[i] for i in (places.middle, *places.corners)]
+    rows = np.zeros((len(looked_at), 3, len(covariance)))
+    for n, point in enumerate(looked_at):
+        rows[n, :, place[key(TIE_POINT, int(point))].start + np.arange(3)] = np.eye(3)
+    own, count = stiff.own.diagonal().reshape(-1, 3).mean(axis=0), len(places.points)
+    for k in (0, 1):
+        absolute, relative = rows[:, k], rows[:, k] - mean[k]
+        variance = [np.mean(np.diag(r @ covariance @ r.T)) for r in (absolute, relative)]
+        # the own noise of points, which is in their mean too, here as if all had that of those looked at
+        variance -= own[k] * np.array([1.0, 1.0 - 1.0 / count])
+        np.testing.assert_allclose([stiff.absolute_sigma_m[k], stiff.relative_sigma_m[k]], np.sqrt(variance), rtol=0.06)
+
+
+def test_relative_sigmas_leave_the_datum_out() -> None:
+    """GNSS alone, and an offset known to 10 m: heights as such are worthless, the shape is as good as before."""
+    plan = replace(PLAN, control_points=0, flights=1)
+    found = []
+    for offset_m in (0.1, 10.0):
+        problem, state = small(plan=plan)
+        block = replace(problem.block, gnss_offset_sigma_m=np.full(3, offset_m))
+        problem = replace(problem, block=block)
+        places = places_of(problem, state)
+        assert places is not None
+        stiff = stiffness(problem, state, factored(problem, state), places)
+        found.append((stiff.absolute_sigma_m, stiff.relative_sigma_m))
+    (_, shape), (far, same) = found
+    assert (far > 9.9).all()
+    assert (far < 10.5).all()
+    np.testing.assert_allclose(same, shape, rtol=1e-3)
+    assert (same < 0.5).all()
+
+
 def test_a_function_of_one_tie_point_is_its_own_covariance() -> None:
     problem, state = small(2)
     found = covariances(problem, state)

@@ -6,6 +6,7 @@ The data are not part of the repository; the tests are skipped where ``../shared
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,13 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data" / "dtu_phantom4"
 P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_0002_0100.JPG": 0.418}
 NEXT_MARK_PX = {"100_0002_0067.JPG": 1.1, "100_0002_0068.JPG": 4.8, "100_0002_0100.JPG": 3.0}
+
+DOCUMENTS = {
+    "README.md": ("focal", "p3p"),
+    "examples/dtu_phantom4/README.md": ("focal", "counts", "sigma0", "p3p"),
+    "docs/assignment.md": ("focal", "counts", "sigma0"),
+}
+"""Which figures of the founding survey each page prints."""
 
 pytestmark = [
     pytest.mark.survey,
@@ -91,6 +99,7 @@ def test_founding_survey(
         assert error_deg < 4 * np.linalg.norm(photograph["sigma_attitude_deg"]), name
         assert error_deg < 0.1, name
 
+    check_documentation(report)
     assert report["adjustment"]["converged"]
     nmad_m = {name: cloud["nmad_m"] for name, cloud in report["clouds"].items()}
     assert nmad_m["adjusted"] <= 0.05
@@ -102,6 +111,32 @@ def test_founding_survey(
     # three photographs with four points each: the control itself is known to 0.05 m
     assert mean_m["adjusted"] < 0.05
     check_dense_surface(project.parent / "results/dsm.tif", report["dense"])
+
+
+def signed(values: list[float]) -> str:
+    return ", ".join(f"{v:+.3f}".replace("-", "−") for v in values)
+
+
+def check_documentation(report: Json) -> None:
+    """The figures that the documentation prints of this survey are those of this run."""
+    camera, adjustment = report["cameras"]["phantom4"], report["adjustment"]
+    focal = f"{camera['focal_px']:.2f} px ± {camera['sigma']['focal_px']:.2f} px"
+    counts = f"| tie points, observations | {adjustment['tie_points']}, {adjustment['observations']} |"
+    sigma0 = f"| sigma0 | {adjustment['sigma0']:.3f} |"
+    resections = [p["resection"] for p in report["photographs"].values()]
+    p3p = ", ".join(f"{r['gnss_difference_m']:.3f}" for r in resections) + " m |"
+    page = {name: (ROOT / name).read_text(encoding="utf-8") for name in DOCUMENTS}
+    for name, expected in DOCUMENTS.items():
+        said = {"focal": focal, "counts": counts, "sigma0": sigma0, "p3p": p3p}
+        assert [said[key] for key in expected if said[key] not in page[name]] == [], name
+        assert set(re.findall(r"36\d\d\.\d\d px ± \d\.\d\d px", page[name])) == {focal}, name
+    for resection in resections:
+        refined = resection["refined"]
+        row = f"| {refined['gnss_difference_m']:.3f} m | {signed(refined['gnss_difference_map_m'])} m |"
+        assert row in page["docs/assignment.md"]
+    offset = adjustment["gnss_offsets"]["1"]
+    sigma = ", ".join(f"{s:.3f}" for s in offset["sigma_m"])
+    assert f"{signed(offset['offset_m'])} m ± {sigma} m |" in page["docs/assignment.md"]
 
 
 def check_dense_surface(path: Path, numbers: Json) -> None:

@@ -117,7 +117,12 @@ def test_an_estimated_offset_is_tested_and_one_beyond_its_prior_warned_of(block:
     assert flight["estimated"]
     assert flight["significant"]
     assert flight["offset_m"][0] == pytest.approx(-0.5, abs=0.15)
-    assert "takes no effect" in flight["sentence"]
+    assert "it is estimated and removed" in flight["sentence"]
+
+    other = replace(shifted(block, np.array([0.0, 0.0, 71.0])), gnss_offset_sigma_m=np.full(3, 100.0))
+    numbers = gnss_numbers(adjust(other, SETTINGS))
+    assert "estimated and removed, but no antenna makes so much" in numbers["flights"]["1"]["sentence"]
+    assert numbers["flights"]["1"]["sentence"] in numbers["warnings"]
 
     far = replace(shifted(block, np.array([0.0, 0.0, -44.0])), gnss_offset_sigma_m=np.array([1.0, 1.0, 1.0]))
     numbers = gnss_numbers(adjust(far, SETTINGS))

@@ -9,11 +9,14 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from photogram.errors import ReportError
+from photogram.report.identity import grouped
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 
@@ -25,7 +28,7 @@ from selenium.webdriver import Chrome  # noqa: E402
 Json = dict[str, Any]
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
-TABLES = 21
+TABLES = 22
 SMALLEST_PX = 12.0
 
 
@@ -92,7 +95,7 @@ def test_every_picture_is_drawn_and_every_table_is_filled(browser: Chrome, pages
         """return [...document.images].map(i => i.complete && i.naturalWidth > 100
             && i.getBoundingClientRect().height > 100)"""
     )
-    assert pictures == [True] * 12
+    assert pictures == [True] * 14
     rows = browser.execute_script(
         "return [...document.querySelectorAll('table')].map(t => [t.id, t.tBodies.length && t.tBodies[0].rows.length])"
     )
@@ -132,6 +135,45 @@ def test_page_fits_the_screen_and_can_be_read(
     assert lines >= 1.4 * 16
 
 
+@NAMES
+def test_at_400_px_nothing_is_cut_and_no_column_is_a_letter_wide(
+    browser: Chrome, pages: dict[str, Path], name: str
+) -> None:
+    """Pictures stand whole within the window; tables of words are read from top to bottom, not sideways."""
+    show(browser, pages[name], 400)
+    pictures = browser.execute_script(
+        "return [...document.images].map(i => i.getBoundingClientRect()).map(r => [r.left, r.right, r.width])"
+    )
+    assert len(pictures) == 14
+    assert all(left >= 0 and right <= 400 for left, right, _ in pictures), pictures
+    assert min(width for *_, width in pictures) > 100
+    tables = browser.execute_script(
+        """return [...document.querySelectorAll('table.texts')].map(t => [t.id, t.closest('.scroll').scrollWidth
+            - t.closest('.scroll').clientWidth, Math.min(...[...t.querySelectorAll('tbody td, tbody th')]
+            .map(c => c.getBoundingClientRect().width))])"""
+    )
+    assert len(tables) >= 3
+    for table, beyond, narrowest in tables:
+        assert beyond <= 0, table
+        assert narrowest > 200, table
+
+
+@NAMES
+@pytest.mark.parametrize(("width_px", "height_px"), [(1280, 900), (400, 900)])
+def test_the_first_screen_says_how_good_the_survey_is(
+    browser: Chrome, pages: dict[str, Path], name: str, width_px: int, height_px: int
+) -> None:
+    """Verdict, both figures with their targets, what to do and the pictures stand above the fold."""
+    show(browser, pages[name], width_px)
+    bottom = browser.execute_script(
+        """return ['.judgement', '.targets', '.to-do', '.thumbs'].map(
+            s => document.querySelector('#verdict ' + s).getBoundingClientRect().bottom)"""
+    )
+    assert all(0 < b <= height_px for b in bottom), bottom
+    said = browser.execute_script("return document.querySelector('.judgement').innerText")
+    assert re.search(r"check point|predicted", said)
+
+
 def test_verdict_is_told_by_word_and_shape_with_contrast(browser: Chrome, pages: dict[str, Path]) -> None:
     """Not by colour alone; and the word stands out from its ground by 4.5 to 1 (WCAG 2.2, 1.4.3)."""
     for scheme in ("light", "dark"):
@@ -142,8 +184,8 @@ def test_verdict_is_told_by_word_and_shape_with_contrast(browser: Chrome, pages:
             """return [...document.querySelectorAll('.grade')].map(g => [g.innerText.trim(),
                 getComputedStyle(g).color, getComputedStyle(g).backgroundColor])"""
         )
-        assert len(grades) == 11
-        assert {text for text, *_ in grades} <= {"● Good", "▲ Attention", "■ Bad", "○ Not tested"}
+        assert len(grades) == 12  # the verdict on the whole, and eleven lights
+        assert {text for text, *_ in grades} <= {"● Good", "◆ Good, few points", "▲ Attention", "■ Bad", "○ Not tested"}
         assert len({text for text, *_ in grades}) >= 3
         for text, ink, ground in grades:
             assert contrast(ink, ground) >= 4.5, (scheme, text)
@@ -182,7 +224,7 @@ def check_pages(document: bytes, browser: Chrome) -> None:
     reader = pypdf.PdfReader(io.BytesIO(document))
     for page in reader.pages:
         assert (float(page.mediabox.width), float(page.mediabox.height)) == pytest.approx(A4_PT, abs=2)
-    assert 5 <= len(reader.pages) <= 20
+    assert 5 <= len(reader.pages) <= 24
     texts = [unicodedata.normalize("NFKC", page.extract_text()) for page in reader.pages]
     whole = compact("".join(texts))
     cells = browser.execute_script(
@@ -200,3 +242,30 @@ def test_browser_prints_the_page_as_pdf(browser: Chrome, pages: dict[str, Path],
     print_pdf(pages["small survey"], target)
     show(browser, pages["small survey"], 1200)
     check_pages(target.read_bytes(), browser)
+
+
+def test_every_printed_page_says_what_it_belongs_to(full_report: Json, tmp_path: Path) -> None:
+    """Survey, client, identifier, date, version and page n of m, on each; also with names that mean to break out."""
+    report = deepcopy(full_report)
+    report["survey"] |= {"name": 'Pit "7" </style>{}', "client": "Müller & Söhne"}
+    page, target = tmp_path / "report.html", tmp_path / "report.pdf"
+    page.write_text(report_page(report, []), encoding="utf-8")
+    print_pdf(page, target)
+    texts = [compact(p.extract_text()) for p in pypdf.PdfReader(target).pages]
+    assert len(texts) >= 4
+    identifier, processed, version = grouped(report["report_id"]), report["processed"], report["photogram"]
+    for n, text in enumerate(texts, 1):
+        for words in (
+            'Pit "7" </style>{}', "Müller & Söhne", f"Report {identifier}, processed {processed}, photogram {version}",
+            f"Page {n} of {len(texts)}",
+        ):  # fmt: skip
+            assert compact(words) in text, (n, words)
+
+
+def test_a_browser_that_prints_no_margins_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    old = tmp_path / "chromium"
+    old.write_text("#!/bin/sh\necho Chromium 120.0.1\n")
+    old.chmod(0o755)
+    monkeypatch.setenv("CHROME", str(old))
+    with pytest.raises(ReportError, match=r"is version 120.* 131 or newer"):
+        print_pdf(tmp_path / "report.html", tmp_path / "report.pdf")

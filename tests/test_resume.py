@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from photogram.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
+from photogram.report.identity import VOLATILE
 from photogram.stages import Stage
 from photogram.workspace import Workspace
 
@@ -68,7 +70,7 @@ def killed_at(survey: Path, *moments: str) -> None:
 
 def without_seconds(value: Any) -> Any:
     if isinstance(value, dict):
-        return {k: without_seconds(v) for k, v in value.items() if k not in {"seconds", "peak_memory_bytes"}}
+        return {k: without_seconds(v) for k, v in value.items() if k not in VOLATILE - {"report_id"}}
     return [without_seconds(v) for v in value] if isinstance(value, list) else value
 
 
@@ -80,7 +82,8 @@ def contents(results: Path) -> dict[str, Any]:
         if name == "report.json":
             found[name] = without_seconds(json.loads(path.read_text()))
         elif name == "report.html":
-            found[name] = path.read_text(encoding="utf-8").partition('<section id="computation">')[0]
+            page = path.read_text(encoding="utf-8").partition('<section id="computation">')[0]
+            found[name] = re.sub(r"processed \d{4}-\d{2}-\d{2}", "", page)
         else:
             assert path.suffix in PRODUCTS, name
             found[name] = path.read_bytes()

@@ -6,7 +6,6 @@ made anew whenever that changes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from photogram.asprs import (
-    MINIMUM_POINTS,
     STANDARD,
     Accuracy,
     ReportSettings,
@@ -25,20 +23,26 @@ from photogram.asprs import (
     statement_v,
     systematic,
 )
-from photogram.report.traffic_lights import AXES, number, traffic_lights
+from photogram.report.identity import report_id
+from photogram.report.overall import overall
+from photogram.report.ranked_warnings import ranked_warnings
+from photogram.report.traffic_lights import AXES, traffic_lights
 
 Json = dict[str, Any]
 CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
 
 
 def complete(report: Mapping[str, Any], settings: ReportSettings) -> Json:
-    """Return the report with `survey`, `asprs`, `discarded`, `warnings` and `summary` made from its other figures."""
+    """Return the report with `survey`, `asprs`, `discarded`, `warnings`, `summary`, `verdict` and `report_id` made from
+    its other figures."""
     whole = dict(report)
     whole["survey"] = {**(report.get("survey") or {}), **_named(settings)}
     whole["asprs"] = asprs_numbers(report["control_points"], settings)
     whole["discarded"] = discarded(whole)
-    whole["warnings"] = warnings(whole)
+    whole["warnings"] = ranked_warnings(whole)
     whole["summary"] = [asdict(light) for light in traffic_lights(whole)]
+    whole["verdict"] = overall(whole)
+    whole["report_id"] = report_id(whole)
     return whole
 
 
@@ -157,69 +161,4 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     for name, cloud in report["clouds"].items():
         reason = "taken away by the statistical outlier filter before the comparison"
         add(f"points of the {CLOUDS.get(name, name)} cloud", int(cloud.get("removed_by_sor") or 0), reason)
-    return found
-
-
-# ---- warnings ------------------------------------------------------------------------------------------------------
-
-
-def warnings(report: Mapping[str, Any]) -> list[Json]:
-    """Return what a reader must not overlook, from all parts of a report: `{part, sentence}`, the gravest first."""
-    found: list[Json] = []
-
-    def add(part: str, *sentences: str) -> None:
-        found.extend({"part": part, "sentence": s} for s in sentences if s)
-
-    if not report["adjustment"]["converged"]:
-        add("adjustment", "the adjustment did not converge: use nothing of this result")
-    heights = report.get("heights") or {}
-    add("heights", *_sentences(heights.get("warnings")))
-    if heights and heights.get("output") is None:
-        add("heights", str(heights.get("sentence") or ""))
-    add("blunders", *_sentences(report.get("blunders")), *_sentences([report.get("blunders_effect") or ""]))
-    add("suspects", *_sentences(report.get("suspects")))
-    asprs = report["asprs"]
-    add("check points", *asprs["blunders"], *asprs["systematic"], *asprs["survey"])
-    add("check points", *_too_few(asprs))
-    predicted = report.get("predicted_against_achieved") or {}
-    if predicted.get("consistent") is False:
-        add("prediction", predicted.get("sentence") or "differences of check points contradict their predicted sigmas")
-    add("geometry", *_sentences((report.get("diagnosis") or {}).get("warnings")))
-    add("geometry", *_sentences((report.get("diagnosis") or {}).get("undetermined")))
-    add("surface", *_sentences((report.get("dense") or {}).get("warnings")))
-    add("GNSS", *_sentences((report.get("gnss") or {}).get("warnings")))
-    add("stated sigmas", *_sentences(list((report.get("variance_components") or {}).values())))
-    add("photographs", *_block(report["block"]))
-    for name, camera in report["cameras"].items():
-        # what the project holds by itself is no news
-        told = [parameter for parameter in camera.get("held") or {} if camera["prior_sigma"].get(parameter) != 0]
-        if told:
-            add("calibration", f"camera {name}: the photographs hardly tell {', '.join(told)}: what was given stands")
-    return found
-
-
-def _sentences(values: object) -> list[str]:
-    """Return the sentences of a list of texts, or of entries that each have one."""
-    rows = values if isinstance(values, list) else []
-    return [str(row.get("sentence") or "") if isinstance(row, Mapping) else str(row) for row in rows]
-
-
-def _too_few(asprs: Mapping[str, Any]) -> list[str]:
-    n_h, n_v = asprs["n_h"], asprs["n_v"]
-    if n_h == n_v == 0:
-        return ["no check points: the accuracy of this survey is predicted, not tested"]
-    few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
-    return [f"{' and '.join(few)}: the standard asks for {MINIMUM_POINTS} check points or more"] if few else []
-
-
-def _block(block: Mapping[str, Any]) -> list[str]:
-    found, missing = [], block["photographs"] - block["registered"]
-    if missing:
-        found.append(f"{missing} of {block['photographs']} photographs are not in the result")
-    sizes = block["component_sizes"]
-    if len(sizes) > 1:
-        found.append(f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)")
-    share = number((block.get("overlap") or {}).get("share_2_or_more"))
-    if math.isfinite(share) and share < 0.9:
-        found.append(f"{1 - share:.0%} of the ground is seen by fewer than two photographs")
     return found

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from photogram.camera import PARAMETER_NAMES
-from photogram.diagnosis import Diagnosis, diagnose
+from photogram.diagnosis import REMEDIES, Diagnosis, diagnose
 from photogram.resection import Resection
 from photogram.resection_difference import resection_differences
 from photogram.survey import Adjustment
@@ -58,9 +58,13 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             "radius_m": _finite(result.deformation.radius_m),
         },
         "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
+        "placing": None if found.placing is None else {k: _finite(v) for k, v in asdict(found.placing).items()},
         "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
         "warnings": list(found.warnings),
-        "remedies": [{**asdict(remedy), "sentence": remedy.sentence} for remedy in found.remedies],
+        "remedies": [
+            {**asdict(remedy), "title": REMEDIES[remedy.what], "helps": remedy.helps, "sentence": remedy.sentence}
+            for remedy in found.remedies
+        ],
         "undetermined": list(found.undetermined),
         "resections": [
             {

@@ -21,6 +21,8 @@ Notes = Sequence[Mapping[str, Any]]
 
 BEYOND_PRIOR = 3.29
 """An offset of more prior sigmas contradicts its prior."""
+LARGE_OFFSET_M = 5.0
+"""An offset beyond what antennas, base stations and receivers without corrections usually make."""
 
 _AXES = ("easting", "northing", "height")
 
@@ -72,7 +74,12 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
             "times its sigma: look for another height system, base station or lever arm, or give a larger "
             "gnss.offset_sigma_m."
         )
-    return f"{sentence}: the base station, the lever arm or the height system; it is estimated and takes no effect."
+    if np.max(np.abs(offset)) > LARGE_OFFSET_M:
+        return (
+            f"{sentence}: it is estimated and removed, but no antenna makes so much: look for another height system "
+            "(heights in the project file), a wrong base station or wrong control points."
+        )
+    return f"{sentence}: the base station, the lever arm or the height system; it is estimated and removed."
 
 
 def _held_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: FloatArray, test: OffsetTest) -> str:
@@ -251,7 +258,10 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
     sentence = f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part together"
     sentence += f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."
     doubtful = [
-        f["sentence"] for f in flights.values() if f["significant"] and (f["beyond_prior"] or not f["estimated"])
+        f["sentence"]
+        for f in flights.values()
+        if f["significant"]
+        and (f["beyond_prior"] or not f["estimated"] or np.max(np.abs(f["offset_m"])) > LARGE_OFFSET_M)
     ]
     return {
         "sentence": sentence,

@@ -10,20 +10,43 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from photogram.report.completion import axis_roles
+from photogram.report.identity import grouped
+from photogram.report.overall import length
 from photogram.report.traffic_lights import AXES, number
+from photogram.report.wording import (
+    capitalised,
+    css_string,
+    matching_settings,
+    memory,
+    plain,
+    probability,
+    rich,
+    share,
+    signed,
+    small,
+    whole,
+)
+from photogram.report.wording import (
+    fixed as fixed,
+)
 
 Json = dict[str, Any]
 
-GRADES = {"good": ("●", "Good"), "attention": ("▲", "Attention"), "bad": ("■", "Bad"), "unknown": ("○", "Not tested")}
+GRADES = {
+    "good": ("●", "Good"),
+    "few": ("◆", "Good, few points"),
+    "attention": ("▲", "Attention"),
+    "bad": ("■", "Bad"),
+    "unknown": ("○", "Not tested"),
+}
+PAGE_FONT = Markup('"Source Sans 3", "Segoe UI", "Helvetica Neue", Arial, "Liberation Sans", sans-serif')
 MAXIMUM_PHOTOGRAPHS = 60
 MAXIMUM_MARKS = 40
 MAXIMUM_SURFACE_CHECKS = 20
 STRONG, VERY_STRONG = 0.8, 0.95
-NO_FIGURE = "–"
-THIN_SPACE = "\u202f"
 STAGE_TITLES = {
     "photographs": "Photographs read",
     "features": "Features",
@@ -75,8 +98,15 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         plain=plain,
         small=small,
         probability=probability,
+        capitalised=capitalised,
+        css_string=css_string,
+        grouped=grouped,
+        sigma_length=length,
+        matching_settings=matching_settings,
     )
-    environment.globals.update(grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES)
+    environment.globals.update(
+        grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES, page_font=PAGE_FONT
+    )
     template = environment.get_template("report.html.jinja")
     control = _ground_rows(report, "control", "left out")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
@@ -94,79 +124,9 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         calibration=_calibration(report),
         stages=_stages(report),
         surface_checks=_surface_checks(report),
+        lights=_lights(report),
+        deliverables=_deliverables(report),
     )
-
-
-# ---- how figures are written ---------------------------------------------------------------------------------------
-
-
-def fixed(value: object, digits: int = 3) -> str:
-    """Write a number with so many decimals, its thousands apart; an en dash where there is none."""
-    figure = number(value)
-    if not math.isfinite(figure):
-        return NO_FIGURE
-    text = f"{figure:,.{digits}f}".replace(",", THIN_SPACE)
-    return "−" + text[1:] if text.startswith("-") and float(f"{figure:.{digits}f}") else text.lstrip("-")
-
-
-def signed(value: object, digits: int = 3) -> str:
-    """Write a number as `fixed` does, with its sign."""
-    figure = number(value)
-    return "+" + fixed(figure, digits) if round(figure, digits) > 0 else fixed(figure, digits)
-
-
-def small(value: object, significant: int = 4) -> str:
-    """Write a number of unknown size with so many digits, as powers of ten where that is shorter."""
-    figure = number(value)
-    if not math.isfinite(figure):
-        return NO_FIGURE
-    text = f"{figure:.{significant}g}"
-    mantissa, _, exponent = text.partition("e")
-    return (mantissa + (f"·10^{int(exponent)}" if exponent else "")).replace("-", "−")
-
-
-def whole(value: object) -> str:
-    """Write a count, its thousands apart."""
-    return fixed(value, 0)
-
-
-def share(value: object) -> str:
-    """Write a part of one in per cent."""
-    figure = number(value)
-    return f"{100 * figure:.0f}{THIN_SPACE}%" if math.isfinite(figure) else NO_FIGURE
-
-
-def probability(value: object, equals: str = "") -> str:
-    """Write a probability; of one that is tiny, only that it is."""
-    figure = number(value)
-    return "< 0.001" if figure < 0.001 else f"{equals}{fixed(figure)}"
-
-
-def memory(value: object) -> str:
-    """Write bytes in MiB."""
-    return fixed(number(value) / 2**20, 0)
-
-
-def rich(text: object) -> Markup:
-    """Write RMSE_H and its kind with a subscript."""
-    written = str(escape(text))
-    for letter in ("H1", "H2", "V1", "V2", "3D", "H", "V", "x", "y"):
-        written = written.replace(f"RMSE_{letter}", f"RMSE<sub>{letter}</sub>")
-    return Markup(written)
-
-
-def plain(value: object) -> str:
-    """Write a value of any kind as text: entries of a block as `name: value`, lists with commas."""
-    if isinstance(value, Mapping):
-        entries = ((str(k).replace("_", " "), v) for k, v in value.items())
-        return "; ".join(f"{k} ({plain(v)})" if isinstance(v, Mapping) else f"{k}: {plain(v)}" for k, v in entries)
-    if isinstance(value, list | tuple):
-        return ", ".join(plain(v) for v in value)
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return small(value)
-    return NO_FIGURE if value is None else str(value)
 
 
 # ---- what the tables hold ------------------------------------------------------------------------------------------
@@ -256,6 +216,32 @@ def _surface_checks(report: Mapping[str, Any]) -> list[Json]:
     if len(rows) <= MAXIMUM_SURFACE_CHECKS:
         return list(rows)
     return sorted(rows, key=lambda row: -abs(number(row["difference_m"])))[:MAXIMUM_SURFACE_CHECKS]
+
+
+def _lights(report: Mapping[str, Any]) -> list[Json]:
+    """Return the lights of the summary, all that nothing tests as one at the end."""
+    lights = [dict(light) for light in report["summary"]]
+    dark = [light for light in lights if light["grade"] == "unknown"]
+    if len(dark) < 2:
+        return lights
+    reasons: dict[str, list[str]] = {}
+    for light in dark:
+        reasons.setdefault(str(light["finding"]).removeprefix("not tested: "), []).append(str(light["subject"]))
+    finding = "; ".join(f"{', '.join(subjects)}: {reason}" for reason, subjects in reasons.items())
+    one = {
+        "subject": f"{len(dark)} of {len(lights)} questions",
+        "grade": "unknown",
+        "finding": finding,
+        "rule": "not tested is no good mark: it says that nobody knows",
+    }
+    return [*(light for light in lights if light["grade"] != "unknown"), one]
+
+
+def _deliverables(report: Mapping[str, Any]) -> Json:
+    """Return the files that are listed, and how many pictures there are beside them."""
+    listed = report.get("deliverables") or []
+    files = [entry for entry in listed if not str(entry["file"]).startswith("pictures/")]
+    return {"files": files, "pictures": len(listed) - len(files)}
 
 
 def _photographs(report: Mapping[str, Any]) -> Json:

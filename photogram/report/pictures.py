@@ -171,11 +171,9 @@ def shaded_surface(path: Path, raster: Raster, title: str) -> None:
     save_picture(surface_figure(raster, title), path)
 
 
-def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> Figure:
-    """Draw a surface lit from the north-west, tinted by height, with a colour bar; cells without data stay grey.
-
-    The map is ``widest_in`` inches wide at most.
-    """
+def shaded_relief(raster: Raster) -> tuple[FloatArray, ScalarMappable, float]:
+    """Return a surface lit from the north-west and tinted by height (rows, columns, 4), 0 to 1, alpha 0 without data;
+    what tints it; and the size of its cells, m, of which a picture has few enough."""
     values, cell_m = _thinned(raster)
     known = np.isfinite(values)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
@@ -185,13 +183,21 @@ def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> F
     colours = tint.to_rgba(filled)[..., :3]
     light = LightSource(azdeg=315, altdeg=45)
     shaded = light.shade_rgb(colours, filled, blend_mode="soft", vert_exag=2.5, dx=cell_m, dy=cell_m)
-    rows, columns = values.shape
+    return np.dstack([shaded, known.astype(np.float64)]), tint, cell_m
+
+
+def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> Figure:
+    """Draw a surface lit from the north-west, tinted by height, with a colour bar; cells without data stay grey.
+
+    The map is ``widest_in`` inches wide at most.
+    """
+    picture, tint, cell_m = shaded_relief(raster)
+    rows, columns = picture.shape[:2]
     east, south = raster.west_map_m + columns * cell_m, raster.north_map_m - rows * cell_m
 
     width = float(np.clip(18 / 17 * widest_in * columns / rows, 3.0, widest_in))
     figure = new_figure(width + 1.6, max(width * rows / columns, 2.0) + 0.9)
     axes = figure.add_subplot(facecolor="#dddddd")
-    picture = np.dstack([shaded, known.astype(np.float64)])
     axes.imshow(picture, extent=(raster.west_map_m, east, south, raster.north_map_m), interpolation="nearest")
     map_axes(axes)
     axes.set_title(title, fontsize=12)

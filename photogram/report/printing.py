@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -34,6 +35,8 @@ OFFLINE = (
     "--disable-sync",
 )
 TIMEOUT_S = 180
+OLDEST = 131
+"""Chromium's first version that prints what stands at the margins of each page."""
 
 
 def find_browser() -> str | None:
@@ -42,6 +45,16 @@ def find_browser() -> str | None:
     if named:
         return shutil.which(named)
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def browser_version(browser: str) -> int:
+    """Return the main version of a browser, 0 where it does not say."""
+    try:
+        said = subprocess.run([browser, "--version"], capture_output=True, text=True, timeout=30, check=False).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        return 0  # printing itself will fail, and say why
+    found = re.search(r"\b(\d{2,4})\.\d", said)
+    return int(found[1]) if found else 0
 
 
 def browser_options(profile: Path) -> list[str]:
@@ -57,6 +70,10 @@ def print_pdf(page: Path, target: Path) -> None:
     remedy = f"open {page} in a browser and print it there, or set CHROME to a Chromium, Chrome or Edge"
     if browser is None:
         raise ReportError(f"no browser found to print the report with: {remedy}")
+    if 0 < (version := browser_version(browser)) < OLDEST:
+        raise ReportError(
+            f"{browser} is version {version}: headers and page numbers need Chromium {OLDEST} or newer: {remedy}"
+        )
     with tempfile.TemporaryDirectory(prefix="photogram-", ignore_cleanup_errors=True) as profile:
         options = [*browser_options(Path(profile)), "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}"]
         command = [browser, *options, page.absolute().as_uri()]

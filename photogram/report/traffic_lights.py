@@ -10,8 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from photogram.asprs import MINIMUM_POINTS
+
 Report = Mapping[str, Any]
-Grade = Literal["good", "attention", "bad", "unknown"]
+Grade = Literal["good", "few", "attention", "bad", "unknown"]
 
 AXES = ("easting", "northing", "height")
 FEW_POINTS = 5
@@ -84,27 +86,27 @@ def _against_target(
     target, name = report["asprs"][f"target_rmse_{letter}_m"], f"RMSE_{letter.upper()}"
     if target is not None:
         rule = (
-            f"good: {name} within the target of {target:.3f} m, from 30 points or more; attention: within it, from "
-            "fewer; bad: beyond it"
+            f"good: {name} within the target of {target:.3f} m, from {MINIMUM_POINTS} points or more; few points: "
+            "within it, from fewer; bad: beyond it"
         )
     else:
         best, worst = PLAN_GSD if where == "plan" else HEIGHT_GSD
         rule = (
-            f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; attention: within "
-            f"{worst:g} GSD, or fewer points; bad: beyond"
+            f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; few points: the "
+            f"same from fewer; attention: within {worst:g} GSD; bad: beyond"
         )
     if not math.isfinite(rmse):
         return Light(subject, "unknown", f"not tested: {untested}", rule)
     finding = f"{name} {rmse:.3f} m, n = {n}"
     if target is not None:
         within = rmse <= target
-        grade: Grade = "bad" if not within else "good" if n >= 30 else "attention"
+        grade: Grade = "bad" if not within else "good" if n >= MINIMUM_POINTS else "few"
         return Light(subject, grade, f"{finding}; target {target:.3f} m", rule)
     gsd = number(report["block"].get("gsd_m"))
     if not gsd > 0:
         return Light(subject, "unknown", f"{finding}; nothing to judge it by", rule)
     ratio = rmse / gsd
-    grade = "bad" if ratio > worst else "good" if ratio <= best and n >= FEW_POINTS else "attention"
+    grade = "bad" if ratio > worst else "attention" if ratio > best else "good" if n >= FEW_POINTS else "few"
     return Light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
 
 
@@ -169,12 +171,13 @@ def _control(report: Report) -> Light:
 def _sigma0(report: Report) -> Light:
     low, high, worst = SIGMA0
     rule = (
-        f"good: sigma0 from {low:g} to {high:g}; attention: below (stated sigmas too large) or to {worst:g}; bad: above"
+        f"good: sigma0 to {high:g} (below {low:g} stated sigmas are too large, and predicted ones on the safe side); "
+        f"attention: to {worst:g}; bad: above"
     )
     value = number(report["adjustment"]["sigma0"])
     if not math.isfinite(value):
         return Light("Stated sigmas", "unknown", "no redundancy, no sigma0", rule)
-    grade: Grade = "bad" if value > worst else "good" if low <= value <= high else "attention"
+    grade: Grade = "bad" if value > worst else "good" if value <= high else "attention"
     said = "stated sigmas too large: predicted sigmas are on the safe side" if value < low else ""
     said = "stated sigmas too small: predicted sigmas are too small as well" if value > high else said
     return Light("Stated sigmas", grade, f"sigma0 {value:.2f}{'; ' if said else ''}{said}", rule)
@@ -226,8 +229,8 @@ def _geometry(report: Report) -> Light:
     best, worst = OVERLAP
     rule = (
         f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height told apart "
-        f"(correlation below {CORRELATION:g}), no pattern in the residuals; attention: {worst:.0%}, or one of these; "
-        "bad: less"
+        f"(correlation below {CORRELATION:g}) and as given, no pattern in residuals; attention: {worst:.0%}, or one of "
+        "these; bad: less"
     )
     overlap, diagnosis = report["block"].get("overlap"), report.get("diagnosis") or {}
     if overlap is None:
@@ -238,6 +241,8 @@ def _geometry(report: Report) -> Light:
         faults.append(f"doming of {number(dome.get('measured_m')):+.3f} m")
     if abs(correlation) > CORRELATION:
         faults.append(f"focal length and heights correlate by {correlation:.2f}")
+    decided = [name for name, camera in report["cameras"].items() if camera.get("focal_length")]
+    faults += [f"the photographs contradict the given focal length of {name}" for name in decided]
     for name, pattern in (diagnosis.get("residual_pattern") or {}).items():
         if pattern["significant"]:
             faults.append(f"residuals in {name} have a pattern of {pattern['pattern_px']:.2g} px")

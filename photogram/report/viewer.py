@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.files.described_points import DescribedCloud
 from photogram.report.completion import axis_roles
+from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
 from photogram.report.page import fixed, templates
@@ -58,6 +59,8 @@ def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str,
     return environment.get_template("view.html.jinja").render(
         title=survey.get("name") or "Photogrammetric survey",
         version=report["photogram"],
+        belongs_to=grouped(report.get("report_id")),
+        processed=report.get("processed") or "",
         system=_system(report),
         scene=scene,
         arrays=arrays,

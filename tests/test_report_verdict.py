@@ -1,0 +1,290 @@
+"""The first screen of a report: the verdict on the whole, few and ranked warnings, and what ties its parts together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from photogram.asprs import ReportSettings
+from photogram.page_files import deliverables, discard_undelivered
+from photogram.report.completion import complete
+from photogram.report.identity import grouped, report_id
+from photogram.report.overall import length, overall
+from photogram.report.page import report_page
+from photogram.report.wording import capitalised, css_string, matching_settings
+from photogram.workspace import write_json
+
+Json = dict[str, Any]
+GNSS_ONLY = {
+    "absolute_plan_m": 2.1, "absolute_height_m": 10.05, "relative_plan_m": 0.02, "relative_height_m": 0.031,
+    "shift_plan_m": 2.1, "shift_height_m": 10.04, "tilt_m": 0.02, "radius_m": 50.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bare(finished_survey: Path) -> Json:
+    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+
+
+def checked(report: Json, error_m: float, count: int, **targets: float) -> Json:
+    """A report with so many check points, each off by ``error_m`` in plan and in height."""
+    new = deepcopy(report)
+    template = next(p for p in report["control_points"] if p["role"] == "check")
+    point = {**template, "residual_m": [error_m, 0.0, error_m], "surveyed_sigma_m": [0.0] * 3}
+    new["control_points"] = [p for p in report["control_points"] if p["role"] == "control"]
+    new["control_points"] += [{**point, "name": f"C{i}"} for i in range(count)]
+    return complete(new, ReportSettings(**targets))
+
+
+TARGETS = {"target_rmse_h_m": 0.05, "target_rmse_v_m": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("error_m", "count", "targets", "grade", "sentence"),
+    [
+        (0.04, 30, TARGETS, "good", "Meets its targets at 30 independent check points."),
+        (0.04, 8, TARGETS, "few", "Meets its targets at 8 independent check points."),
+        (0.04, 1, {"target_rmse_v_m": 0.05}, "few",
+         "Meets its target in height at 1 independent check point; in plan nothing is tested against a target."),
+        (0.06, 30, TARGETS, "bad", "Misses its target in plan (RMSE 6.0\u202fcm, target 5.0\u202fcm) and in height"),
+        (0.06, 8, {"target_rmse_v_m": 0.05, "target_rmse_h_m": 0.1}, "bad", "Misses its target in height (RMSE 6.0"),
+        (0.0001, 8, {}, "good", "RMSE of 0.0\u202fcm in plan and 0.0\u202fcm in height at 8 independent check points"),
+        (5.0, 8, {}, "bad", "RMSE of 5.0\u202fm in plan and 5.0\u202fm in height at 8 independent check points"),
+    ],
+)  # fmt: skip
+def test_verdict_on_check_points(
+    bare: Json, error_m: float, count: int, targets: dict[str, float], grade: str, sentence: str
+) -> None:
+    verdict = checked(bare, error_m, count, **targets)["verdict"]
+    assert verdict["sentence"].startswith(sentence)
+    # what is red beside the check points takes a good mark away, and is named
+    assert verdict["grade"] == ("attention" if verdict["also"] and grade in ("good", "few") else grade)
+
+
+def test_verdict_of_a_survey_that_nothing_tests_tells_the_datum_from_the_shape(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["diagnosis"]["placing"] = GNSS_ONLY
+    verdict = checked(report, 0.0, 0)["verdict"]
+    assert verdict["grade"] == "unknown"
+    assert verdict["sentence"].replace("\u202f", " ") == (
+        "Accuracy predicted, not tested: ± 2.0 cm in plan and ± 3.1 cm in height relative to each other, ± 2.1 m in "
+        "plan and ± 10 m in height absolute (1 sigma)."
+    )
+    assert "survey five check points or more, best thirty" in verdict["to_do"]
+    report["diagnosis"]["placing"] = {**GNSS_ONLY, "absolute_plan_m": 0.021, "absolute_height_m": 0.033}
+    assert "relative" not in checked(report, 0.0, 0)["verdict"]["sentence"]
+
+
+def test_red_beside_good_check_points_is_said(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["blunders"] = [{"kind": "control point", "sentence": "control point G01: exchanged"}]
+    verdict = checked(report, 0.04, 30, **TARGETS)["verdict"]
+    assert verdict["grade"] == "attention"
+    assert "Blunders" in verdict["also"]
+    assert verdict["to_do"][0] == "it is left out: check it where it was measured"
+
+
+def test_a_survey_that_did_not_converge_is_bad_whatever_its_check_points(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["adjustment"]["converged"] = False
+    completed = checked(report, 0.0, 30, **TARGETS)
+    assert completed["verdict"]["grade"] == "bad"
+    assert completed["verdict"]["sentence"].startswith("The adjustment did not converge")
+
+
+def test_figures_of_the_first_screen_are_those_of_the_report(bare: Json) -> None:
+    report = checked(bare, 0.04, 8, **TARGETS)
+    plan, height = overall(report)["figures"]
+    assert (plan["rmse_m"], plan["n"], plan["target_m"]) == (report["asprs"]["rmse_h_m"], 8, 0.05)
+    assert height["rmse_m"] == pytest.approx((height["fit_m"] ** 2 + height["survey_m"] ** 2) ** 0.5)
+    text = report_page(report, [])
+    assert text.index('id="verdict"') < text.index('id="summary"')
+    assert "Good, few points" in text
+
+
+# ---- warnings --------------------------------------------------------------------------------------------------------
+
+
+def said(report: Json, severity: str = "") -> list[str]:
+    return [w["sentence"] for w in report["warnings"] if severity in ("", w["severity"])]
+
+
+def test_warnings_are_ranked_and_many_of_one_kind_are_one(bare: Json) -> None:
+    report = checked(bare, 0.5, 12, **TARGETS)
+    assert [w["severity"] for w in report["warnings"]] == sorted(
+        (w["severity"] for w in report["warnings"]), key=["bad", "attention", "note"].index
+    )
+    blunders = [s for s in said(report, "bad") if "three times the target" in s]
+    assert len(blunders) == 1
+    assert "so are 23 more coordinates" in blunders[0]
+
+
+def test_what_changes_nothing_is_no_warning(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["diagnosis"]["undetermined"] = ["hardly determined by the measurements: GNSS offset in height (± 10 m)"]
+    factors = {"tie_points": 1.1, "gnss_plan": 0.2, "marks": 1.6}
+    groups = {
+        name: {"significant": True, "sigma_factor": factor, "stated_sigma": 2.0, "unit": "px"}
+        for name, factor in factors.items()
+    }
+    report["variance_components"] = groups
+    report = checked(report, 0.01, 30, **TARGETS)
+    assert not [s for s in said(report) if "hardly" in s]
+    assert not [s for s in said(report) if "tie points" in s]
+    assert [s for s in said(report, "attention") if "marks (stated 2 px, found 3.2 px)" in s]
+    assert [s for s in said(report, "note") if "GNSS positions in plan (stated 2 px, found 0.4 px)" in s]
+
+
+def test_a_focal_length_that_the_photographs_contradict_comes_first(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["cameras"]["simulated"]["focal_length"] = (
+        "its source gives 2311.3 ± 118.0 px, the photographs want 2827.0 ± 7.5 px: calibrate the camera, or add "
+        "oblique photographs"
+    )
+    report["diagnosis"]["warnings"] = ["The focal length of simulated is known to 191 px only", "another"]
+    completed = checked(report, 0.01, 30, **TARGETS)
+    first = completed["warnings"][0]
+    assert first["severity"] == "bad"
+    assert "the photographs want 2827.0" in first["sentence"]
+    assert first["remedy"] == "calibrate the camera, or add oblique photographs"
+    assert "another" in said(completed)
+    assert not [s for s in said(completed) if "191 px" in s]
+    assert completed["verdict"]["to_do"][0] == first["remedy"]
+
+
+def test_the_datum_comes_before_what_follows_from_it_and_says_what_helps(bare: Json) -> None:
+    report = deepcopy(bare)
+    report["diagnosis"]["warnings"] = ["The scale is weak", "The block as a whole may be shifted by 10.045 m in height"]
+    remedy = {"sigma_dome_before_m": 0.03, "sigma_dome_after_m": 0.03, "sigma_height_before_m": 10.0, "sentence": ""}
+    report["diagnosis"]["remedies"] = [
+        {**remedy, "what": "a", "title": "One strip more", "helps": False, "sigma_height_after_m": 9.99},
+        {**remedy, "what": "b", "title": "RTK instead of these", "helps": True, "sigma_height_after_m": 0.08},
+    ]
+    completed = checked(report, 0.01, 30, **TARGETS)
+    geometry = [w for w in completed["warnings"] if w["part"] == "geometry"]
+    assert geometry[0]["sentence"].startswith("The block as a whole")
+    assert geometry[0]["remedy"] == "RTK instead of these would bring sigma of heights from 10.000 to 0.080 m"
+    text = report_page(completed, [])
+    assert "RTK instead of these" in text
+    assert "One strip more" not in text
+
+
+def test_lights_that_nothing_tests_are_one_row(bare: Json) -> None:
+    report = checked(bare, 0.0, 0)
+    dark = [light for light in report["summary"] if light["grade"] == "unknown"]
+    assert len(dark) >= 2
+    text = report_page(report, [])
+    assert text.count("Not tested</span>") == 2  # of the verdict, and of the row
+    assert all(light["subject"] in text for light in dark)
+
+
+# ---- wording ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (length(0.0213), "2.1\u202fcm"), (length(0.1), "10\u202fcm"), (length(2.04), "2.0\u202fm"),
+        (length(10.05), "10\u202fm"), (length(None), "unknown"),
+        (capitalised("heights are off."), "Heights are off"), (capitalised("k2 is held"), "k2 is held"),
+        (capitalised("gnss.offset is"), "gnss.offset is"),
+        (matching_settings({"contrast_dn": 30.0}), "contrast that halves it 30 grey values"),
+        (css_string('a"; } body { x', 90), '"a\\000022\\00003b \\00007d body \\00007b x"'),
+        (css_string("</style>\n\\", 90), '"\\00003c\\00002fstyle\\00003e \\00005c"'),
+        (css_string("x" * 20, 10), '"xxxxxxxxx\\002026"'), (grouped("0123456789abcdef"), "0123-4567-89ab-cdef"),
+    ],
+)  # fmt: skip
+def test_words_are_written_as_they_should_be(written: str, expected: str) -> None:
+    assert written == expected
+
+
+# ---- one identifier for what belongs together ------------------------------------------------------------------------
+
+
+def test_identifier_follows_the_contents_and_nothing_else(bare: Json) -> None:
+    same = deepcopy(bare)
+    same["seconds"] = dict.fromkeys(same["seconds"], 1e6)
+    same["adjustment"]["seconds"] = 3.0
+    same["peak_memory_bytes"], same["processed"], same["report_id"] = {}, "1999-12-31", "other"
+    assert report_id(same) == report_id(bare) == bare["report_id"]
+    assert len(bare["report_id"]) == 16
+    other = deepcopy(bare)
+    other["deliverables"][0]["sha256"] = "0" * 64
+    assert report_id(other) != report_id(bare)
+    assert complete(bare, ReportSettings(name="another"))["report_id"] != bare["report_id"]
+
+
+def test_page_and_json_carry_the_identifier_and_the_date(finished_survey: Path, bare: Json) -> None:
+    text = (finished_survey / "results/report.html").read_text(encoding="utf-8")
+    assert text.count(grouped(bare["report_id"])) >= 3
+    assert f'content="{bare["report_id"]}"' in text
+    assert date.fromisoformat(bare["processed"]) <= date.today()
+    assert f"processed {bare['processed']}" in text
+
+
+def test_deliverables_are_all_files_with_their_checksums(finished_survey: Path, bare: Json) -> None:
+    results = finished_survey / "results"
+    listed = {entry["file"]: entry for entry in bare["deliverables"]}
+    files = {p.relative_to(results).as_posix() for p in results.rglob("*") if p.is_file()}
+    assert set(listed) == files - {"report.json", "report.html"}
+    assert deliverables(results, list(listed)) == bare["deliverables"]
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert listed["dsm.tif"]["sha256"] in text
+
+
+def test_the_view_carries_the_identifier_and_the_date(
+    adjusted_survey: Path, bare: Json, photogram: Callable[..., Any]
+) -> None:
+    assert photogram("view", adjusted_survey / "results").code == 0
+    text = (adjusted_survey / "results/view.html").read_text(encoding="utf-8")
+    assert f"Report {grouped(bare['report_id'])}, processed {bare['processed']}" in text
+
+
+def test_a_print_does_not_outlive_the_results(
+    adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
+) -> None:
+    results, project = adjusted_survey / "results", adjusted_survey / "project.yaml"
+    for name in ("report.pdf", "view.html"):
+        (results / name).write_text("of before")
+    assert photogram("report", project).code == 0  # the same report: its print stays
+    assert (results / "report.pdf").exists()
+    edit(project, lambda values: values.update(report={"target_rmse_v_m": 0.001}))
+    assert photogram("report", project).code == 0
+    assert not (results / "report.pdf").exists()
+    assert not (results / "view.html").exists()
+
+
+def test_what_a_run_does_not_make_any_more_is_removed_and_nobody_elses_file(tmp_path: Path) -> None:
+    (tmp_path / "pictures").mkdir()
+    names = ("dense.laz", "pictures/matches_a.png", "dsm.tif", "orthophoto.tif")
+    for name in names:
+        (tmp_path / name).write_text(f"made: {name}")
+    outside = tmp_path.parent / f"{tmp_path.name}_outside.txt"
+    outside.write_text("precious")
+    listed = deliverables(tmp_path, names)
+    listed.append(
+        {"file": f"../{outside.name}", "bytes": 8, "sha256": deliverables(tmp_path.parent, [outside.name])[0]["sha256"]}
+    )
+    write_json(tmp_path / "report.json", {"deliverables": listed})
+    (tmp_path / "orthophoto.tif").write_text("put there by somebody")
+    (tmp_path / "mine.txt").write_text("mine")
+    discard_undelivered(tmp_path, ["dsm.tif"])
+    left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
+    assert left == {"dsm.tif", "orthophoto.tif", "mine.txt", "report.json"}
+    assert outside.read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"deliverables": 3}', '{"deliverables": [1, {"file": 2}, {"file": "x"}]}']
+)
+def test_a_damaged_report_of_before_removes_nothing(tmp_path: Path, text: str) -> None:
+    (tmp_path / "report.json").write_text(text)
+    (tmp_path / "x").write_text("x")
+    discard_undelivered(tmp_path, [])
+    assert (tmp_path / "x").exists()
