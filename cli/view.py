@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
-import json
 import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated
 
 import typer
 
 from photogram.cli.app import app
-from photogram.cli.terminal import console
-from photogram.errors import ReportError
+from photogram.cli.terminal import bars, console
+from photogram.errors import PhotogramError, ReportError
 from photogram.files.atomic import replacing
 from photogram.files.described_points import read_described
+from photogram.files.previews import previews
 from photogram.page_files import NUMBERS
+from photogram.pipeline import load_project
+from photogram.report.view_record import ViewRecord, view_record
 from photogram.report.viewer import view_page
 
 VIEW = "view.html"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
+PROJECT = "project.yaml"
 DEFAULT_POINTS = 1_500_000
-NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
-"""Keys of report.json that the page shows."""
+LARGEST_REPORT = 500_000_000
+"""Bytes of a report.json: a thousand times that of a survey of 500 photographs."""
 
 Results = Annotated[Path, typer.Argument(help="Folder of results, with report.json.", show_default=False)]
 Points = Annotated[int, typer.Option(min=1000, max=20_000_000, help="Show at most so many points, evenly chosen.")]
 Cloud = Annotated[
     Path | None, typer.Option(help="Another cloud of the survey: .las or .laz in its map grid.", show_default=False)
 ]
+Photographs = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of the photographs, for small pictures of them; without it project.yaml above the results says.",
+        show_default=False,
+    ),
+]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
-def _report(folder: Path) -> dict[str, Any]:
-    """Return report.json of a folder of results. Raises ReportError where there is none, or where it is damaged or
-    something else."""
+def _report(folder: Path) -> ViewRecord:
+    """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
+    is damaged or something else."""
     if not folder.is_dir():
         raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
     path = folder / NUMBERS
@@ -42,13 +54,16 @@ def _report(folder: Path) -> dict[str, Any]:
         hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
     try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as fault:
-        raise ReportError(f"{path}: damaged ({fault}): make it again with photogram adjust") from fault
-    missing = [key for key in NEEDED if key not in numbers] if isinstance(numbers, dict) else list(NEEDED)
-    if missing:
-        raise ReportError(f"{path}: no report of photogram, {missing[0]} is not in it: run photogram adjust again")
-    return dict(numbers)
+        size = path.stat().st_size
+        text = path.read_bytes() if size <= LARGEST_REPORT else b""
+    except OSError as fault:
+        raise ReportError(f"{path}: cannot be read ({fault.strerror}): check the disk and its permissions") from fault
+    if size > LARGEST_REPORT:
+        raise ReportError(f"{path}: {size / 1e6:.0f} MB are no report of photogram: run photogram adjust again")
+    try:
+        return view_record(text)
+    except ReportError as fault:
+        raise ReportError(f"{path}: {fault}: run photogram adjust again") from fault
 
 
 def _cloud(folder: Path) -> Path:
@@ -58,12 +73,56 @@ def _cloud(folder: Path) -> Path:
     return found
 
 
+def _paths(results: Path, names: list[str], folder: Path | None) -> Mapping[str, Path]:
+    """Return where photographs lie: in the folder that was named, else where the project above the results has them."""
+    if folder is not None:
+        if not folder.is_dir():
+            raise ReportError(f"{folder}: there is no such folder: name the folder of the photographs")
+        return {name: folder / name for name in names if (folder / name).is_file()}
+    project = results.absolute().parent / PROJECT
+    if not project.is_file():
+        return {}
+    try:
+        survey = load_project(project)
+    except PhotogramError as fault:
+        console.print(f"No pictures of photographs, {project} cannot be used: {fault}", soft_wrap=True, markup=False)
+        return {}
+    if survey.results.resolve() != results.resolve():
+        return {}
+    there = {photograph.name: photograph.path for photograph in survey.photographs}
+    return {name: there[name] for name in names if name in there and there[name].is_file()}
+
+
+def _pictures(results: Path, record: ViewRecord, folder: Path | None) -> Mapping[str, bytes]:
+    """Return small pictures of the registered photographs, and say of how many there are none."""
+    names = list(record.registered)
+    paths = _paths(results, names, folder)
+    if not paths:
+        console.print("No pictures of photographs: --photographs names their folder", soft_wrap=True)
+        return MappingProxyType({})
+    with bars() as progress:
+        task = progress.add_task("Pictures", total=len(paths), text="")
+        made, absent = previews(paths, lambda done, _: progress.update(task, completed=done))
+    if len(made) < len(names):
+        why = next(iter(absent.values()), "their files are not there")
+        said = f"Pictures of {len(made)} of {len(names)} photographs; of the others none: {why}"
+        console.print(said, soft_wrap=True, markup=False)
+    return made
+
+
 @app.command()
-def view(results: Results, points: Points = DEFAULT_POINTS, cloud: Cloud = None, show: Open = False) -> None:
+def view(
+    results: Results,
+    points: Points = DEFAULT_POINTS,
+    cloud: Cloud = None,
+    photographs: Photographs = None,
+    show: Open = False,
+) -> None:
     """Write view.html: cloud, photographs, control and check points in 3-D, in one file that needs no network."""
-    report = _report(results)
+    record = _report(results)
     path = cloud or _cloud(results)
-    page = view_page(read_described(path), report, path.name, points)
+    points_shown = read_described(path)
+    page = view_page(points_shown, record, path.name, points, _pictures(results, record, photographs))
     target = results / VIEW
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")

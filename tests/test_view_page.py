@@ -19,7 +19,9 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from photogram.files.described_points import DescribedCloud, read_described
+from photogram.files.previews import previews
 from photogram.report.printing import find_browser
+from photogram.report.view_record import view_record
 from photogram.report.viewer import view_page
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
@@ -50,9 +52,14 @@ def cloud(finished_survey: Path) -> DescribedCloud:
 
 
 @pytest.fixture(scope="module")
-def page(full_report: Json, cloud: DescribedCloud, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(
+    full_report: Json, cloud: DescribedCloud, finished_survey: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     path = tmp_path_factory.mktemp("view") / "view.html"
-    path.write_text(view_page(cloud, full_report, "dense.laz", 100_000), encoding="utf-8")
+    paths = {p.name: p for p in sorted((finished_survey / "photographs").glob("*.JPG"))}
+    pictures, _ = previews(paths, lambda *_: None)
+    text = view_page(cloud, view_record(json.dumps(full_report)), "dense.laz", 100_000, pictures)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -111,7 +118,11 @@ def said(browser: Chrome) -> dict[str, str]:
 
 
 def metres(text: str) -> float:
-    return float(text.removesuffix(" m").replace("−", "-"))
+    return float(text.removesuffix(" m").split(" ± ")[0].replace("−", "-"))
+
+
+def sigma_metres(text: str) -> float:
+    return float(text.removesuffix(" m").split(" ± ")[1])
 
 
 def coordinates(card: dict[str, str]) -> list[float]:

@@ -21,6 +21,7 @@ from photogram.errors import ProjectError
 from photogram.files.described_points import DescribedCloud, read_described
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.thinning import even_choice
+from photogram.report.view_record import ViewRecord, view_record
 from photogram.report.viewer import reported_camera, view_page
 
 PLACES = hnp.arrays(
@@ -93,6 +94,10 @@ def described(n: int = 400) -> DescribedCloud:
     return DescribedCloud(place, rng.integers(0, 256, (n, 3)).astype(np.uint8), figures)
 
 
+def recorded(report: dict[str, Any]) -> ViewRecord:
+    return view_record(json.dumps(report))
+
+
 def part(page: str, name: str) -> str:
     return re.search(rf'<script type="[^"]+" id="{name}">(.*?)</script>', page, re.S)[1]  # type: ignore[index]
 
@@ -103,7 +108,7 @@ def scene_of(page: str) -> dict[str, Any]:
 
 def test_page_holds_the_points_it_was_given(full_report: dict[str, Any]) -> None:
     cloud = described()
-    page = view_page(cloud, full_report, "dense.laz", 10_000)
+    page = view_page(cloud, recorded(full_report), "dense.laz", 10_000)
     scene = scene_of(page)
     steps = np.frombuffer(base64.b64decode(part(page, "points")), "<u2").reshape(-1, 4)
     looks = np.frombuffer(base64.b64decode(part(page, "looks")), "u1").reshape(-1, 4)
@@ -122,7 +127,7 @@ def test_page_holds_the_points_it_was_given(full_report: dict[str, Any]) -> None
 
 
 def test_page_says_how_many_points_of_how_many_it_shows(full_report: dict[str, Any]) -> None:
-    page = view_page(described(5000), full_report, "dense.laz", 1000)
+    page = view_page(described(5000), recorded(full_report), "dense.laz", 1000)
     scene = scene_of(page)
     assert scene["shown"] <= 1000
     assert scene["total"] == 5000
@@ -131,16 +136,17 @@ def test_page_says_how_many_points_of_how_many_it_shows(full_report: dict[str, A
 
 def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> None:
     """The corner rays, projected by the camera model, fall on the corners of the format."""
-    scene = scene_of(view_page(described(), full_report, "dense.laz", 1000))
+    scene = scene_of(view_page(described(), recorded(full_report), "dense.laz", 1000))
     photographs = full_report["photographs"]
     assert [p["name"] for p in scene["photographs"]] == [n for n, p in photographs.items() if p["registered"]]
     assert len(scene["photographs"]) < len(photographs)  # one is not registered
     for shown in scene["photographs"]:
         given = photographs[shown["name"]]
         c = full_report["cameras"][given["camera"]]
+        camera = reported_camera(recorded(full_report).cameras[given["camera"]])
         R = np.array(given["rotation_camera_from_map"])
         rays = np.array(shown["rays"]) @ R.T
-        pixel = project(reported_camera(c), Pose(np.eye(3), np.zeros(3)), rays)
+        pixel = project(camera, Pose(np.eye(3), np.zeros(3)), rays)
         u, v = c["width_px"] - 0.5, c["height_px"] - 0.5
         np.testing.assert_allclose(pixel, [[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]], atol=1e-3)
         place = np.array(shown["centre_m"]) + scene["origin_map_m"]
@@ -149,7 +155,7 @@ def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> No
 
 def test_page_asks_nothing_of_any_host(full_report: dict[str, Any]) -> None:
     full_report = {**full_report, "survey": {**full_report["survey"], "name": "</script><b>Quarry"}}
-    page = view_page(described(), full_report, "dense.laz", 1000)
+    page = view_page(described(), recorded(full_report), "dense.laz", 1000, {"sim_0001.JPG": b"picture"})
     assert "</script><b>Quarry" not in page
     shown = re.sub(r"<script type=.*?</script>", "", page, flags=re.S)
     assert not re.search(r"(?:https?:)?//[\w.]+\.\w+|\bsrc=|url\(", shown.replace("// ", ""))

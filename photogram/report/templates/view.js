@@ -1,6 +1,7 @@
 // The page itself: what is shown, what is chosen, what is said of it.
 
 const $ = id => document.getElementById(id);
+const HOME_TILTS = [0.87, 0.8, 0.7, 0.6, 0.5, 0.4]; // from straight down, rad
 
 class View {
   constructor(canvas, gl) {
@@ -17,16 +18,18 @@ class View {
     this.chosen = null;
     this.measuring = false;
     this.measured = [];
+    this.errors = new Errors(this.scene);
     this.panel = new Panel(this);
     this.hands = new Hands(canvas, this);
     this.bounds();
     this.measureCanvas();
     new ResizeObserver(() => this.resized()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.signs());
-    this.stand(0, 0.96);
+    this.home();
     this.fromAddress();
     this.signs();
     this.still(0);
+    this.hands.focus();
   }
 
   // How near and far one may go, and the ball that holds everything.
@@ -39,28 +42,59 @@ class View {
     this.middle = low.map((value, k) => (value + high[k]) / 2);
     this.radius = Math.hypot(...low.map((value, k) => high[k] - value)) / 2 + 2 * scene.frustum_m;
     this.eye.nearest = Math.max(2 * scene.spacing_m, 1e-4 * this.radius);
-    this.eye.farthest = 12 * this.radius;
-    this.corners = [0, 1, 2, 3, 4, 5, 6, 7].map(k => [0, 1, 2].map(a => (k >> a & 1 ? scene.core_high_m : scene.core_low_m)[a]));
-    this.frame = [...this.corners, ...centres];
+    this.eye.box = [low, high];
+    this.everything = [...scene.outline_m, ...centres];
   }
 
   // ---- where one stands ----
 
-  stand(azimuth, tilt) {
+  stand(azimuth, tilt, points) {
     Object.assign(this.eye, { azimuth, tilt });
     const narrow = this.eye.width < 736, side = id => $(id).getBoundingClientRect();
-    const margin = { left: 20, right: narrow || !$("panel").open ? 20 : this.eye.width - side("panel").left + 20,
-      top: side("title").bottom + 24, bottom: this.eye.height - side("keysheet").top + 16 };
-    this.eye.fit(tilt === 0 ? this.corners : this.frame, margin);
+    const margin = { left: 20, right: narrow || !$("panel").open ? 36 : this.eye.width - side("panel").left + 20,
+      top: side("title").bottom + 12, bottom: this.eye.height - side("keysheet").top + 12 };
+    this.eye.fit(points, margin);
+  }
+
+  // From the south, onto the ground that was surveyed: photographs are seen as far as they are in the picture.
+  // As oblique as still fills the height of the picture: a narrow screen looks more steeply down.
+  home() {
+    for (const tilt of HOME_TILTS) {
+      this.stand(0, tilt, this.scene.outline_m);
+      if (this.eye.filled > 0.8) return;
+    }
   }
 
   go(where) {
     const { eye } = this, from = eye.state();
-    if (where === "oblique") eye.tilt = 0.96;
+    if (where === "home") this.home();
+    if (where === "oblique") eye.tilt = HOME_TILTS[0];
     if (where === "top") [eye.tilt, eye.azimuth] = [0, 0];
     if (where === "north") eye.azimuth = 0;
-    if (where === "whole") this.stand(eye.azimuth, eye.tilt);
+    if (where === "whole") this.stand(eye.azimuth, eye.tilt, this.everything);
     this.fly(from, eye.state());
+  }
+
+  // What the hand comes nearer to: the ground under the pixel; over the sky what is in the middle, or nearest to it.
+  ground(x, y) {
+    const { eye, cloud } = this, middle = [eye.width / 2, eye.height / 2], now = performance.now();
+    const kept = this.kept;
+    if (kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8) {
+      kept.time = now;
+      return kept.place;
+    }
+    const hit = cloud.under(eye, x, y, this.size()) || cloud.under(eye, ...middle, this.size());
+    const place = hit ? cloud.place(hit.index) : cloud.nearestTo(eye, ...middle);
+    this.kept = { x, y, time: now, place };
+    return place;
+  }
+
+  zoom(factor, x = this.eye.width / 2, y = this.eye.height / 2) {
+    const { eye } = this, place = this.ground(x, y), seen = eye.project(place);
+    eye.zoomAbout(place, factor);
+    const inside = seen && seen[0] > 0 && seen[1] > 0 && seen[0] < eye.width && seen[1] < eye.height;
+    // ground that has left the picture comes back into it
+    if (!inside && factor < 1) eye.target = place.map((value, k) => value + factor * (eye.target[k] - value));
   }
 
   fly(from, to) {
@@ -96,6 +130,7 @@ class View {
     [eye.width, eye.height] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     canvas.width = Math.max(1, Math.round(eye.width * ratio));
     canvas.height = Math.max(1, Math.round(eye.height * ratio));
+    eye.farthest = 5 * this.radius * Math.max(1, eye.height / eye.width);
   }
 
   resized() {
@@ -126,6 +161,7 @@ class View {
   // Something has moved: draw soon, as much of the cloud as can be drawn in time.
   moved() {
     clearTimeout(this.timer);
+    this.panel.tip(null);
     if (this.asked) return;
     this.asked = true;
     requestAnimationFrame(now => {
@@ -165,6 +201,7 @@ class View {
       this.draw(1);
       const hit = this.cloud.under(this.eye, this.eye.width / 2, this.eye.height / 2, this.size());
       if (hit && hit.depth > 0) this.eye.rest(hit.depth);
+      this.hover(this.hands.pointer);
       this.toAddress();
     }, wait);
   }
