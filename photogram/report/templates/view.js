@@ -79,7 +79,8 @@ class View {
   ground(x, y) {
     const { eye, cloud } = this, middle = [eye.width / 2, eye.height / 2], now = performance.now();
     const kept = this.kept;
-    if (kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8) {
+    const still = kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8;
+    if (kept && (still || this.hands.held.size === 2)) {
       kept.time = now;
       return kept.place;
     }
@@ -226,19 +227,28 @@ class View {
   // ---- what is under the pointer ----
 
   // The sign or photograph within a few pixels, the nearest first.
-  signAt(x, y) {
+  signAt(x, y, reach = 1) {
     const shown = this.panel.shown(), { scene, eye } = this;
     const things = [
       ...scene.points.filter(p => shown[p.role]).map(point => ({ point, place: local(scene, point.surveyed_map_m), reach: 12 })),
-      ...(shown.photographs ? scene.photographs : []).map(photograph => ({ photograph, place: photograph.centre_m, reach: 10 })),
+      ...(shown.photographs ? scene.photographs : []).map(photograph => ({ photograph, place: photograph.centre_m, ...this.body(photograph) })),
     ];
     let best = null;
     for (const thing of things) {
       const seen = eye.project(thing.place);
-      const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) / thing.reach : Infinity;
+      const away = seen ? apart([x, y], seen, thing.end || seen) / (reach * thing.reach) : Infinity;
       if (away <= 1 && (!best || away < best.away)) best = { ...thing, away };
     }
     return best;
+  }
+
+  // Of a frustum on the screen: the middle of its open side, and how far about its axis it is clicked on.
+  body(photograph) {
+    const { scene, eye } = this, corners = photograph.rays.map(ray => eye.project(along(photograph.centre_m, ray, scene.frustum_m)));
+    if (corners.includes(null)) return { reach: 10 };
+    const end = [0, 1].map(k => corners.reduce((sum, corner) => sum + corner[k] / 4, 0));
+    const half = Math.min(...corners.map(corner => Math.hypot(corner[0] - end[0], corner[1] - end[1])));
+    return { end, reach: clamp(half, 10, 60) };
   }
 
   hover(at) {
@@ -247,8 +257,8 @@ class View {
     this.canvas.classList.toggle("measuring", this.measuring);
   }
 
-  pick(x, y) {
-    let thing = this.signAt(x, y);
+  pick(x, y, reach = 1) {
+    let thing = this.signAt(x, y, reach);
     if (!thing && this.panel.shown().cloud) {
       const hit = this.cloud.under(this.eye, x, y, this.size());
       if (hit) thing = { cloud: this.cloud.figures(hit.index), place: this.cloud.place(hit.index) };
@@ -308,6 +318,13 @@ class View {
     this.panel.setParallel(facts.get("parallel") === "1");
     this.panel.setMode(this.modes.includes(facts.get("colour")) ? facts.get("colour") : this.mode);
   }
+}
+
+// Distance of a pixel from the line between two others.
+function apart(at, from, to) {
+  const [dx, dy] = [to[0] - from[0], to[1] - from[1]], square = dx * dx + dy * dy;
+  const share = square > 0 ? clamp(((at[0] - from[0]) * dx + (at[1] - from[1]) * dy) / square, 0, 1) : 0;
+  return Math.hypot(at[0] - from[0] - share * dx, at[1] - from[1] - share * dy);
 }
 
 function fault(title, text) {

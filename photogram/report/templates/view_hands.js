@@ -16,7 +16,8 @@ class Hands {
     on("dblclick", event => view.centre(...this.at(event)));
     // keys act where the picture has the focus, and where nothing has it
     document.addEventListener("keydown", event => {
-      if (event.target === canvas || event.target === document.body || event.target === document.documentElement) this.key(event);
+      const anywhere = event.key === "Escape";
+      if (anywhere || event.target === canvas || event.target === document.body || event.target === document.documentElement) this.key(event);
     });
     // a control that was used with the mouse gives the focus back; one used with keys keeps it
     document.addEventListener("click", event => {
@@ -44,6 +45,7 @@ class Hands {
     this.focus();
     if (!this.held.size) this.travelled = 0;
     this.held.set(event.pointerId, this.at(event));
+    this.view.kept = null;
     this.moving = event.button === 1 || event.button === 2 || event.shiftKey || event.ctrlKey;
     this.canvas.classList.add("held");
     this.view.stop();
@@ -82,7 +84,7 @@ class Hands {
     if (this.held.size) return;
     this.canvas.classList.remove("held");
     if (event.type === "pointerup" && this.travelled < 4) {
-      if (event.button === 0) this.view.pick(...this.at(event));
+      if (event.button === 0) this.view.pick(...this.at(event), event.pointerType === "touch" ? 1.8 : 1);
     } else {
       this.view.still();
     }

@@ -206,7 +206,7 @@ class Panel {
       const p = thing.photograph, rows = this.coordinates(map);
       if (p.sigma_m) rows.push(["Sigmas E, N, H, m", this.three(p.sigma_m)]);
       rows.push(["ω, φ, κ, °", this.three(p.angles_deg)], ["Tie points", String(p.tie_points)], ["Camera", p.camera]);
-      const none = this.pictures.some || !this.pictures.source(p.name) ? [] : ["No picture of it in this page."];
+      const none = this.pictures.some && !this.pictures.source(p.name) ? ["No picture of it in this page."] : [];
       this.card(p.name, rows, ["Adjusted projection centre. On the ground: where the corners of the photograph meet the mean height.", ...none]);
       this.picture(p, null);
     } else {
