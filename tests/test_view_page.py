@@ -377,7 +377,7 @@ def test_keys_act_without_a_click_and_home_comes_back(browser: Chrome, page: Pat
     show(browser, page)
     assert browser.execute_script("return document.activeElement.id") == "picture"
     first = address(browser)
-    for key, then in (("t", "tilt=0&"), ("2", "colour=height")):
+    for key, then in (("2", "colour=height"), ("1", "colour=colour"), ("t", "tilt=0&")):
         fresh_key(browser, key)
         wait_until(browser, f"location.hash.includes('{then}')")
     browser.execute_script("document.getElementById('whole').click()")

@@ -1,7 +1,7 @@
 // The page itself: what is shown, what is chosen, what is said of it.
 
 const $ = id => document.getElementById(id);
-const HOME_TILTS = [0.87, 0.8, 0.7, 0.6, 0.5, 0.4]; // from straight down, rad
+const HOME_TILTS = [0.87, 0.78, 0.69, 0.6]; // from straight down, rad
 
 class View {
   constructor(canvas, gl) {
@@ -82,20 +82,18 @@ class View {
     const still = kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8;
     if (kept && (still || this.hands.held.size === 2)) {
       kept.time = now;
-      return kept.place;
+      return kept;
     }
-    const hit = cloud.under(eye, x, y, this.size()) || cloud.under(eye, ...middle, this.size());
+    const under = cloud.under(eye, x, y, this.size()), hit = under || cloud.under(eye, ...middle, this.size());
     const place = hit ? cloud.place(hit.index) : cloud.nearestTo(eye, ...middle);
-    this.kept = { x, y, time: now, place };
-    return place;
+    return this.kept = { x, y, time: now, place, under: Boolean(under) };
   }
 
   zoom(factor, x = this.eye.width / 2, y = this.eye.height / 2) {
-    const { eye } = this, place = this.ground(x, y), seen = eye.project(place);
+    const { eye } = this, { place, under } = this.ground(x, y);
     eye.zoomAbout(place, factor);
-    const inside = seen && seen[0] > 0 && seen[1] > 0 && seen[0] < eye.width && seen[1] < eye.height;
-    // ground that has left the picture comes back into it
-    if (!inside && factor < 1) eye.target = place.map((value, k) => value + factor * (eye.target[k] - value));
+    // over the sky the ground comes into the middle
+    if (!under && factor < 1) eye.target = place.map((value, k) => value + factor * (eye.target[k] - value));
   }
 
   fly(from, to) {
