@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Mapping
 from os.path import isdir
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 from rich.markup import escape
 
 from photogram.cli.terminal import console, steps
-from photogram.errors import ReportError
+from photogram.errors import PhotogramError, ReportError
 from photogram.files.atomic import replacing
 from photogram.files.described_points import read_described
-from photogram.page_files import NUMBERS
-from photogram.report.reading import making_of, read_report
+from photogram.files.previews import previews
+from photogram.files.reading import read_whole
+from photogram.page_files import NUMBERS, VIEW
+from photogram.pipeline import load_project
+from photogram.report.reading import MOST_BYTES
+from photogram.report.view_record import ViewRecord, view_record
 from photogram.report.viewer import view_page
 
-VIEW = "view.html"
+PROJECT = "project.yaml"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 
 
-def _report(folder: Path) -> dict[str, Any]:
-    """Return report.json of a folder of results. Raises ReportError where there is none, or where it is damaged or
-    something else."""
+def _report(folder: Path) -> ViewRecord:
+    """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
+    is damaged or something else."""
     if not isdir(folder):
         raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
     path = folder / NUMBERS
@@ -31,7 +36,10 @@ def _report(folder: Path) -> dict[str, Any]:
         below = folder / "results"
         hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
-    return read_report(path)
+    try:
+        return view_record(read_whole(path, MOST_BYTES))
+    except ReportError as fault:
+        raise ReportError(f"{path}: {fault}: run photogram adjust again") from fault
 
 
 def _cloud(folder: Path) -> Path:
@@ -41,17 +49,53 @@ def _cloud(folder: Path) -> Path:
     return found
 
 
-def run(results: Path, points: int, cloud: Path | None, show: bool) -> None:
+def _paths(results: Path, names: list[str], folder: Path | None) -> Mapping[str, Path]:
+    """Return where photographs lie: in the folder that was named, else where the project above the results has them."""
+    if folder is not None:
+        if not folder.is_dir():
+            raise ReportError(f"{folder}: there is no such folder: name the folder of the photographs")
+        return {name: folder / name for name in names if (folder / name).is_file()}
+    project = results.absolute().parent / PROJECT
+    if not project.is_file():
+        return {}
+    try:
+        survey = load_project(project)
+    except PhotogramError as fault:
+        console.print(f"No pictures of photographs, {project} cannot be used: {fault}", soft_wrap=True, markup=False)
+        return {}
+    if survey.results.resolve() != results.resolve():
+        return {}
+    there = {photograph.name: photograph.path for photograph in survey.photographs}
+    return {name: there[name] for name in names if name in there and there[name].is_file()}
+
+
+def _pictures(results: Path, record: ViewRecord, folder: Path | None) -> Mapping[str, bytes]:
+    """Return small pictures of the registered photographs, and say of how many there are none."""
+    names = list(record.registered)
+    paths = _paths(results, names, folder)
+    if not paths:
+        console.print("No pictures of photographs: --photographs names their folder", soft_wrap=True)
+        return MappingProxyType({})
+    with steps("Pictures", len(paths)) as progress:
+        made, absent = previews(paths, lambda done, total: progress(done, total, ""))
+    if len(made) < len(names):
+        why = next(iter(absent.values()), "their files are not there")
+        said = f"Pictures of {len(made)} of {len(names)} photographs; of the others none: {why}"
+        console.print(said, soft_wrap=True, markup=False)
+    return made
+
+
+def run(results: Path, points: int, cloud: Path | None, photographs: Path | None, show: bool) -> None:
     """Write the page of a folder of results, and open it if asked for."""
-    report = _report(results)
+    record = _report(results)
     path = cloud or _cloud(results)
     target = results / VIEW
+    pictures = _pictures(results, record, photographs)
     with steps("3-D view") as progress:
         progress(0, 3, f"reading {path.name}")
         described = read_described(path)
         progress(1, 3, f"thinning and packing {path.name}")
-        with making_of(results / NUMBERS):
-            page = view_page(described, report, path.name, points)
+        page = view_page(described, record, path.name, points, pictures)
         progress(2, 3, f"writing {VIEW}")
         with replacing(target) as temporary:
             temporary.write_text(page, encoding="utf-8")

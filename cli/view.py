@@ -20,9 +20,15 @@ def view(
     cloud: Annotated[
         Path | None, typer.Option(help="Another cloud of the survey, LAS or LAZ in its map grid.", show_default=False)
     ] = None,
+    photographs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Image folder, for thumbnails; default: that of project.yaml above the results.", show_default=False
+        ),
+    ] = None,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write view.html: point cloud, photographs, control and check points in 3-D, one file that works offline."""
     from photogram.cli.run_view import run
 
-    run(results, points, cloud, show)
+    run(results, points, cloud, photographs, show)

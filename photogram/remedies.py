@@ -33,6 +33,7 @@ from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.reduced import SingularError
 from photogram.factors.reprojection import Observations
 from photogram.factors.state import State
+from photogram.ground_errors import ground_errors
 from photogram.held_parameters import with_held_freed
 from photogram.registration import registered_block
 from photogram.residual_patterns import pattern_sigmas_m
@@ -247,8 +248,11 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
         better = with_rtk(problem, state)
         tried["rtk"] = None if better is None else _predicted(better, state, places)
     after = {name: s.summary for name, s in tried.items() if s is not None}
+    ground_place_world_m, ground_covariance_m2 = ground_errors(problem, state, found, places)
     return replace(
         with_held_freed(known, problem, state, places),
         remedy=np.array(list(after), dtype=np.str_),
         remedy_sigma_m=np.array([[stiff.summary, summary] for summary in after.values()]),
+        ground_place_world_m=ground_place_world_m,
+        ground_covariance_m2=ground_covariance_m2,
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from photogram.block_files import BlockFiles
-from photogram.dense_surface import FILLED
+from photogram.dense_surface import FILLED, MEASURED
 from photogram.files.atomic import replacing
 from photogram.files.dense_points import CHUNK_CELLS, DensePoints, points_of_cells, write_dense_laz
 from photogram.files.rasters import picture_on_grid
@@ -30,7 +30,7 @@ from photogram.report.surface_figures import (
     write_surface_pictures,
 )
 from photogram.report.thumbnails import thumbnails
-from photogram.surface_stages import matched, surface_layers
+from photogram.surface_stages import MatchedHeights, matched, surface_layers
 from photogram.workspace import read_json
 
 PRODUCTS = {
@@ -119,6 +119,23 @@ def dense_surface(run: Run) -> DenseSurface | None:
     )  # fmt: skip
 
 
+_SAMPLED_CELLS = 4_000_000  # that a median is taken of, about
+
+
+def matching_sigma_m(run: Run) -> float | None:
+    """Return the median standard deviation of the matched heights by themselves, without what photographs and
+    calibration do to all of them; None where nothing was measured."""
+    layers, heights = surface_layers(run), MatchedHeights.of(run)
+    step = max(layers.grid.rows * layers.grid.columns // _SAMPLED_CELLS, 1)
+    found = []
+    for window in layers.windows:
+        measured = layers.read(window, "source")[0] == MEASURED
+        found.append(heights.blocks.read(window, "sigma_m")[0][measured][::step])
+    sigma = np.concatenate(found)
+    sigma = sigma[np.isfinite(sigma)]
+    return float(np.median(sigma)) if len(sigma) else None
+
+
 def report_surface(
     run: Run, numbers: dict[str, Any], results: Path
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
@@ -136,7 +153,7 @@ def report_surface(
     if left_out.is_file():
         value["orthophoto"] = dict(read_json(left_out))
     if dense is not None:
-        value["dense"] = dense_numbers(dense, ground)
+        value["dense"] = {**dense_numbers(dense, ground), "matching_sigma_m": matching_sigma_m(run)}
         drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)
     names = write_surface_pictures(results / "pictures", drawn)
     return value, surface_figures(drawn) + thumbnails(orthophoto, run.surface()), [f"pictures/{name}" for name in names]

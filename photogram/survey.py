@@ -411,7 +411,8 @@ class Deformation:
     what an error of the camera model as large as the pattern of the residuals does to b, c and d, NaN where nothing is
     known of it. ``absolute_sigma_m`` and ``relative_sigma_m`` (3,) east, north, up are root mean squares, over places
     of the block, of what the cameras do to a point there: as such, and after the mean shift of all points is taken off,
-    which leaves the shape of the block without its datum.
+    which leaves the shape of the block without its datum. ``ground_place_world_m`` (Q, 3) are places over the block,
+    ``ground_covariance_m2`` (3 Q, 3 Q) the joint covariance of what the cameras do to the ground there.
     """
 
     centre_world_m: FloatArray
@@ -428,6 +429,8 @@ class Deformation:
     pattern_sigma_m: FloatArray
     absolute_sigma_m: FloatArray
     relative_sigma_m: FloatArray
+    ground_place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    ground_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:

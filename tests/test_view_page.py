@@ -19,7 +19,9 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from photogram.files.described_points import DescribedCloud, read_described
+from photogram.files.previews import previews
 from photogram.report.printing import find_browser
+from photogram.report.view_record import view_record
 from photogram.report.viewer import view_page
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
@@ -50,9 +52,14 @@ def cloud(finished_survey: Path) -> DescribedCloud:
 
 
 @pytest.fixture(scope="module")
-def page(full_report: Json, cloud: DescribedCloud, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(
+    full_report: Json, cloud: DescribedCloud, finished_survey: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     path = tmp_path_factory.mktemp("view") / "view.html"
-    path.write_text(view_page(cloud, full_report, "dense.laz", 100_000), encoding="utf-8")
+    paths = {p.name: p for p in sorted((finished_survey / "photographs").glob("*.JPG"))}
+    pictures, _ = previews(paths, lambda *_: None)
+    text = view_page(cloud, view_record(json.dumps(full_report)), "dense.laz", 100_000, pictures)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -111,7 +118,11 @@ def said(browser: Chrome) -> dict[str, str]:
 
 
 def metres(text: str) -> float:
-    return float(text.removesuffix(" m").replace("−", "-"))
+    return float(text.removesuffix(" m").split(" ± ")[0].replace("−", "-"))
+
+
+def sigma_metres(text: str) -> float:
+    return float(text.removesuffix(" m").split(" ± ")[1])
 
 
 def coordinates(card: dict[str, str]) -> list[float]:
@@ -320,3 +331,234 @@ def test_page_says_so_where_the_browser_cannot_draw(browser: Chrome, page: Path)
         assert "WebGL 2" in browser.execute_script(said)
     finally:
         browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", made)
+
+
+# ---- what a first look meets -----------------------------------------------------------------------------------------
+
+
+def fresh_key(browser: Chrome, key: str) -> None:
+    """Press a key without giving anything the focus."""
+    for event in ("keyDown", "keyUp"):
+        browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": event, "key": key})
+
+
+def wheel(browser: Chrome, x: float, y: float, delta: float) -> None:
+    facts = {"type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": delta}
+    browser.execute_cdp_cmd("Input.dispatchMouseEvent", facts)
+
+
+def cloud_share(browser: Chrome, size: tuple[int, int] = WIDE) -> float:
+    image = picture(browser, size)
+    return float(np.mean(np.any(image != image[-3, size[0] // 2], axis=2)))
+
+
+def pixels_of(browser: Chrome, cloud: DescribedCloud, size: tuple[int, int]) -> NDArray[np.float64]:
+    view = address(browser)
+    return np.array([expected_pixel(place, view, size) for place in cloud.position_map_m])
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW])
+def test_first_view_is_filled_by_the_ground_from_the_south(
+    browser: Chrome, page: Path, cloud: DescribedCloud, size: tuple[int, int]
+) -> None:
+    show(browser, page, size)
+    view = address(browser)
+    assert float(view["azimuth"]) == 0
+    assert 20 < float(view["tilt"]) < 60
+    inner = np.percentile(pixels_of(browser, cloud, size), [1, 99], axis=0)
+    assert np.all(inner > 0)
+    assert np.all(inner < size)
+    wide, high = np.ptp(inner, axis=0)
+    free = size[0] - (310 if size == WIDE else 56)
+    assert wide > 0.75 * free or high > 0.6 * size[1]
+
+
+def test_keys_act_without_a_click_and_home_comes_back(browser: Chrome, page: Path) -> None:
+    show(browser, page)
+    assert browser.execute_script("return document.activeElement.id") == "picture"
+    first = address(browser)
+    for key, then in (("2", "colour=height"), ("1", "colour=colour"), ("t", "tilt=0&")):
+        fresh_key(browser, key)
+        wait_until(browser, f"location.hash.includes('{then}')")
+    browser.execute_script("document.getElementById('whole').click()")
+    time.sleep(0.5)
+    fresh_key(browser, "h")
+    wait_until(browser, f"location.hash.includes('tilt={first['tilt']}&')")
+    again = address(browser)
+    assert {k: again[k] for k in ("azimuth", "tilt")} == {k: first[k] for k in ("azimuth", "tilt")}
+    assert float(again["distance"]) == pytest.approx(float(first["distance"]), rel=0.01)
+    fresh_key(browser, "?")
+    wait_until(browser, "document.getElementById('help').open")
+
+
+def test_a_button_that_was_clicked_on_leaves_the_keys_to_the_picture(browser: Chrome, page: Path) -> None:
+    show(browser, page)
+    x, y = browser.execute_script(
+        "const b = document.getElementById('top').getBoundingClientRect();"
+        "return [b.x + b.width / 2, b.y + b.height / 2]"
+    )
+    click(browser, x, y)
+    wait_until(browser, "location.hash.includes('tilt=0&')")
+    assert browser.execute_script("return document.activeElement.id") == "picture"
+    browser.execute_script("document.getElementById('top').focus()")
+    before = address(browser)
+    fresh_key(browser, "ArrowLeft")  # a control that has the focus by Tab keeps its keys
+    time.sleep(0.5)
+    assert address(browser) == before
+
+
+def test_the_wheel_over_the_sky_comes_to_the_ground_and_stays_near(browser: Chrome, page: Path) -> None:
+    show(browser, page)
+    press(browser, "w")
+    time.sleep(0.6)
+    for _ in range(30):
+        wheel(browser, 480, 3, -300)
+    time.sleep(1.2)
+    nearest = address(browser)
+    assert cloud_share(browser) > 0
+    assert browser.execute_script("return picture.dataset.drawn") == "all"
+    press(browser, "Enter")
+    assert said(browser)["title"]  # something is in the middle, or near it
+    for _ in range(60):
+        wheel(browser, 480, 3, 300)
+    time.sleep(1.2)
+    farthest = address(browser)
+    assert float(farthest["distance"]) > 5 * float(nearest["distance"])
+    assert cloud_share(browser) > 2e-3  # still to be seen
+    assert browser.execute_script("return document.getElementById('tip').hidden")
+
+
+def test_a_name_does_not_stay_where_its_sign_has_left(browser: Chrome, page: Path, full_report: Json) -> None:
+    show(browser, page)
+    press(browser, "t")
+    time.sleep(0.6)
+    view = address(browser)
+    pixels = [expected_pixel(np.array(p["surveyed_map_m"]), view, WIDE) for p in full_report["control_points"]]
+    x, y = next(p for p in pixels if in_sight(*p))
+    browser.execute_cdp_cmd("Input.dispatchMouseEvent", {"type": "mouseMoved", "x": x, "y": y})
+    wait_until(browser, "!document.getElementById('tip').hidden")
+    press(browser, "ArrowUp")
+    fresh_key(browser, "ArrowRight")
+    wait_until(browser, "document.getElementById('tip').hidden")
+
+
+def test_a_distance_tells_its_sigma_and_what_it_holds(browser: Chrome, page: Path, full_report: Json) -> None:
+    show(browser, page)
+    press(browser, "T")
+    time.sleep(0.6)
+    found = browser.execute_script(
+        """const scene = JSON.parse(document.getElementById('scene').textContent), errors = new Errors(scene);
+        const cloud = new Cloud(scene), all = [...Array(scene.shown).keys()];
+        const ends = [0, 1, 2, 3].map(k => { const i = all[Math.floor(k * (scene.shown - 1) / 3)];
+          return { cloud: cloud.figures(i), place: cloud.place(i) }; });
+        const points = scene.points.slice(0, 2).map(point => ({ point, place: local(scene, point.surveyed_map_m) }));
+        return { grid: scene.errors, origin: scene.origin_map_m, ends,
+          joint: errors.distance(ends[0], ends[3]), same: errors.distance(ends[0], ends[0]),
+          surveyed: errors.distance(...points), mixed: errors.distance(ends[0], points[0]) };"""
+    )
+    grid, (a, *_, b) = found["grid"], found["ends"]
+    (sigma_a, factor_a), (sigma_b, factor_b) = (at_nodes(grid, np.array(end["place"])) for end in (a, b))
+
+    def own(end: Json, sigma: NDArray[np.float64]) -> float:
+        total, shared, usual = end["cloud"]["sigma_m"] ** 2, sigma[2] ** 2, grid["own_m"][1]
+        return float(min(usual**2, total) if shared > 0.8 * total and usual is not None else max(total - shared, 0))
+
+    height = np.sqrt(np.sum((factor_a - factor_b)[2] ** 2) + own(a, sigma_a) + own(b, sigma_b))
+    assert found["joint"]["kind"] == "joint"
+    assert found["joint"]["sigma"][1] == pytest.approx(height, rel=1e-6)
+    assert found["same"]["sigma"][1] == pytest.approx(np.sqrt(2 * own(a, sigma_a)), rel=1e-6)
+    assert found["joint"]["sigma"][1] < np.hypot(a["cloud"]["sigma_m"], b["cloud"]["sigma_m"]) * 1.5
+    one, other = (full_report["control_points"][k]["surveyed_sigma_m"] for k in (0, 1))
+    assert found["surveyed"]["kind"] == "surveyed"
+    assert found["surveyed"]["sigma"][1] == pytest.approx(np.hypot(one[2], other[2]))
+    assert found["mixed"]["kind"] == "alone"
+    press(browser, "m")
+    view = address(browser)
+    pixels = [expected_pixel(np.array(p["surveyed_map_m"]), view, WIDE) for p in full_report["control_points"]]
+    ends = [p for p in pixels if in_sight(*p)]
+    click(browser, *ends[0])
+    click(browser, *ends[-1])
+    wait_until(browser, "said.innerText.includes('In plan')")
+    card = said(browser)
+    assert 0 < sigma_metres(card["Height difference"]) < 1
+    assert 0 < sigma_metres(card["Slope distance"]) < 1
+    assert "1 sigma" in browser.execute_script("return said.innerText")
+
+
+def at_nodes(grid: Json, place: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sigmas (3,) and factor (3, R) at a place, bilinear: a second implementation."""
+    n = grid["nodes"]
+    u, v = (float(np.clip((place[k] - grid["low_m"][k]) / grid["step_m"][k], 0, n - 1)) for k in (0, 1))
+    c, r = min(int(u), n - 2), min(int(v), n - 2)
+    p, q = u - c, v - r
+    weights = {(0, 0): (1 - p) * (1 - q), (0, 1): p * (1 - q), (1, 0): (1 - p) * q, (1, 1): p * q}
+    return tuple(  # type: ignore[return-value]
+        sum(w * np.array(grid[key][(r + i) * n + c + j]) for (i, j), w in weights.items())
+        for key in ("sigma_m", "factor_m")
+    )
+
+
+def test_a_photograph_and_a_place_show_their_picture(browser: Chrome, page: Path, full_report: Json) -> None:
+    show(browser, page)
+    name = next(n for n, p in full_report["photographs"].items() if p["registered"])
+    press(browser, "w")
+    time.sleep(0.6)
+    x, y = expected_pixel(np.array(full_report["photographs"][name]["position_map_m"]), address(browser), WIDE)
+    click(browser, x, y)
+    card = said(browser)
+    shown = full_report["photographs"][card["title"]]
+    assert card["Tie points"] == str(shown["tie_points"])
+    given = [float(v.replace("−", "-")) for v in card["Sigmas E, N, H, m"].split()]
+    assert given == pytest.approx(shown["sigma_m"], abs=6e-4)
+    wait_until(browser, "said.querySelector('img').complete")
+    assert browser.execute_script("return said.querySelector('img').naturalWidth") == 320
+    browser.execute_script("document.getElementById('show-photographs').click()")
+    press(browser, "T")
+    time.sleep(0.6)
+    point = next(
+        p for p in full_report["control_points"]
+        if in_sight(*expected_pixel(np.array(p["surveyed_map_m"]), address(browser), WIDE))
+    )  # fmt: skip
+    click(browser, *expected_pixel(np.array(point["surveyed_map_m"]), address(browser), WIDE))
+    wait_until(browser, "said.querySelector('figure i')")
+    text, left, top = browser.execute_script(
+        "const i = said.querySelector('figure i');"
+        "return [said.querySelector('figcaption button').textContent, i.style.left, i.style.top]"
+    )
+    photograph = full_report["photographs"][text]
+    camera = full_report["cameras"][photograph["camera"]]
+    title = said(browser)["title"]
+    place = next(p for p in full_report["control_points"] if title.startswith(f"{p['name']}, "))["surveyed_map_m"]
+    seen = np.array(photograph["rotation_camera_from_map"]) @ np.subtract(place, photograph["position_map_m"])
+    pixel = camera["focal_px"] * seen[:2] / seen[2] + camera["principal_point_px"]
+    marked = np.array([float(left[:-1]) * camera["width_px"], float(top[:-1]) * camera["height_px"]]) / 100
+    assert np.abs(marked - pixel).max() < 0.03 * camera["width_px"]  # but for the distortion
+
+
+def test_fingers_turn_and_pinch(browser: Chrome, page: Path) -> None:
+    show(browser, page, NARROW)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+
+    def touch(kind: str, *places: tuple[int, int]) -> None:
+        points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(places)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+
+    try:
+        first = address(browser)
+        touch("Start", (150, 360))
+        for k in range(1, 6):
+            touch("Move", (150 + 16 * k, 360))
+        touch("End")
+        time.sleep(0.8)
+        turned = address(browser)
+        assert turned["azimuth"] != first["azimuth"]
+        touch("Start", (180, 360), (220, 360))
+        for k in range(1, 6):
+            touch("Move", (180 - 16 * k, 360), (220 + 16 * k, 360))
+        touch("End")
+        time.sleep(0.8)
+        nearer = address(browser)
+        assert float(nearer["distance"]) < 0.6 * float(turned["distance"])
+        assert cloud_share(browser, NARROW) > 0.05
+    finally:
+        browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import shutil
@@ -15,12 +16,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from PIL import Image
 
 from photogram.camera import Pose, project
-from photogram.errors import ProjectError
+from photogram.errors import ProjectError, ReportError
 from photogram.files.described_points import DescribedCloud, read_described
+from photogram.files.previews import previews
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.thinning import even_choice
+from photogram.report.view_record import ViewRecord, view_record
 from photogram.report.viewer import reported_camera, view_page
 
 PLACES = hnp.arrays(
@@ -93,6 +97,10 @@ def described(n: int = 400) -> DescribedCloud:
     return DescribedCloud(place, rng.integers(0, 256, (n, 3)).astype(np.uint8), figures)
 
 
+def recorded(report: dict[str, Any]) -> ViewRecord:
+    return view_record(json.dumps(report))
+
+
 def part(page: str, name: str) -> str:
     return re.search(rf'<script type="[^"]+" id="{name}">(.*?)</script>', page, re.S)[1]  # type: ignore[index]
 
@@ -103,7 +111,7 @@ def scene_of(page: str) -> dict[str, Any]:
 
 def test_page_holds_the_points_it_was_given(full_report: dict[str, Any]) -> None:
     cloud = described()
-    page = view_page(cloud, full_report, "dense.laz", 10_000)
+    page = view_page(cloud, recorded(full_report), "dense.laz", 10_000)
     scene = scene_of(page)
     steps = np.frombuffer(base64.b64decode(part(page, "points")), "<u2").reshape(-1, 4)
     looks = np.frombuffer(base64.b64decode(part(page, "looks")), "u1").reshape(-1, 4)
@@ -122,7 +130,7 @@ def test_page_holds_the_points_it_was_given(full_report: dict[str, Any]) -> None
 
 
 def test_page_says_how_many_points_of_how_many_it_shows(full_report: dict[str, Any]) -> None:
-    page = view_page(described(5000), full_report, "dense.laz", 1000)
+    page = view_page(described(5000), recorded(full_report), "dense.laz", 1000)
     scene = scene_of(page)
     assert scene["shown"] <= 1000
     assert scene["total"] == 5000
@@ -131,16 +139,17 @@ def test_page_says_how_many_points_of_how_many_it_shows(full_report: dict[str, A
 
 def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> None:
     """The corner rays, projected by the camera model, fall on the corners of the format."""
-    scene = scene_of(view_page(described(), full_report, "dense.laz", 1000))
+    scene = scene_of(view_page(described(), recorded(full_report), "dense.laz", 1000))
     photographs = full_report["photographs"]
     assert [p["name"] for p in scene["photographs"]] == [n for n, p in photographs.items() if p["registered"]]
     assert len(scene["photographs"]) < len(photographs)  # one is not registered
     for shown in scene["photographs"]:
         given = photographs[shown["name"]]
         c = full_report["cameras"][given["camera"]]
+        camera = reported_camera(recorded(full_report).cameras[given["camera"]])
         R = np.array(given["rotation_camera_from_map"])
         rays = np.array(shown["rays"]) @ R.T
-        pixel = project(reported_camera(c), Pose(np.eye(3), np.zeros(3)), rays)
+        pixel = project(camera, Pose(np.eye(3), np.zeros(3)), rays)
         u, v = c["width_px"] - 0.5, c["height_px"] - 0.5
         np.testing.assert_allclose(pixel, [[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]], atol=1e-3)
         place = np.array(shown["centre_m"]) + scene["origin_map_m"]
@@ -149,7 +158,7 @@ def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> No
 
 def test_page_asks_nothing_of_any_host(full_report: dict[str, Any]) -> None:
     full_report = {**full_report, "survey": {**full_report["survey"], "name": "</script><b>Quarry"}}
-    page = view_page(described(), full_report, "dense.laz", 1000)
+    page = view_page(described(), recorded(full_report), "dense.laz", 1000, {"sim_0001.JPG": b"picture"})
     assert "</script><b>Quarry" not in page
     shown = re.sub(r"<script type=.*?</script>", "", page, flags=re.S)
     assert not re.search(r"(?:https?:)?//[\w.]+\.\w+|\bsrc=|url\(", shown.replace("// ", ""))
@@ -157,6 +166,153 @@ def test_page_asks_nothing_of_any_host(full_report: dict[str, Any]) -> None:
 
 def test_bytes_are_little_endian() -> None:
     assert base64.b64decode(as_text(np.array([1, 256], dtype=">u2"))) == b"\x01\x00\x00\x01"
+
+
+def test_picture_of_every_photograph_within_the_bytes_allowed(finished_survey: Path) -> None:
+    paths = {p.name: p for p in sorted((finished_survey / "photographs").glob("*.JPG"))}
+    steps: list[int] = []
+    made, absent = previews(paths, lambda done, _: steps.append(done))
+    assert (sorted(made), absent, steps) == (sorted(paths), {}, [0, 1, 2, 3])
+    assert {Image.open(io.BytesIO(jpeg)).size for jpeg in made.values()} == {(320, 240)}
+    assert previews(paths, lambda *_: None)[0] == made  # the same bytes again
+    less, _ = previews(paths, lambda *_: None, maximum_bytes=10_000)
+    assert 2_000 < sum(map(len, less.values())) <= 10_000
+    assert len(less) == 4
+    none, why = previews(paths, lambda *_: None, maximum_bytes=100)
+    assert none == {}
+    assert set(why) == set(paths)
+    assert "too many for one page" in why["sim_0001.JPG"]
+
+
+def test_a_damaged_photograph_has_no_picture_and_its_neighbours_have(finished_survey: Path, tmp_path: Path) -> None:
+    whole = finished_survey / "photographs" / "sim_0001.JPG"
+    broken = tmp_path / "broken.JPG"
+    broken.write_bytes(whole.read_bytes()[:3000])
+    made, absent = previews({"whole": whole, "broken": broken, "gone": tmp_path / "gone.JPG"}, lambda *_: None)
+    assert list(made) == ["whole"]
+    assert "broken.JPG" in absent["broken"]
+    assert "gone.JPG" in absent["gone"]
+
+
+def test_first_view_is_of_the_ground_without_its_outermost_points() -> None:
+    rng = np.random.default_rng(8)
+    place = rng.uniform(0, [90, 70, 5], (20_000, 3)) + np.array([602_300.0, 5_794_100.0, 110.0])
+    place[:20] += np.array([900.0, 500.0, 80.0])  # specks far off
+    report = json.dumps({"photogram": "1", "crs": "", "cameras": {}, "photographs": {}, "control_points": []})
+    scene = scene_of(view_page(DescribedCloud(place, None, {}), view_record(report), "dense.laz", 30_000))
+    outline = np.array(scene["outline_m"])
+    assert 8 <= len(outline) <= 60
+    np.testing.assert_allclose(np.ptp(outline, axis=0), [90, 70, 5], atol=2.5)
+
+
+def test_page_names_the_report_that_it_belongs_to(full_report: dict[str, Any]) -> None:
+    marked = {**full_report, "report_id": "0123456789abcdef", "processed": "2026-07-01"}
+    assert '<p class="system">Report 0123-4567-89ab-cdef, processed 2026-07-01</p>' in view_page(
+        described(), recorded(marked), "dense.laz", 1000
+    )
+    without = {k: v for k, v in full_report.items() if k not in ("report_id", "processed")}
+    assert "processed" not in re.sub(
+        "<script.*</script>", "", view_page(described(), recorded(without), "a", 1000), flags=re.S
+    )
+
+
+# ---- reports that are none -----------------------------------------------------------------------------------------
+
+_NONSENSE: list[Any] = [
+    None,
+    True,
+    -1,
+    1e308,
+    float("nan"),
+    10**400,
+    "text",
+    [],
+    {},
+    [[[]]],
+    "\ud800",
+    [None, None, None],
+]
+
+
+def mutated(report: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """The report with one value, anywhere, replaced by nonsense, or taken away."""
+    report = json.loads(json.dumps(report))
+    part: Any = report
+    while True:
+        keys = list(part) if isinstance(part, dict) else list(range(len(part)))
+        key = keys[rng.integers(len(keys))]
+        deeper = isinstance(part[key], dict | list) and len(part[key]) and rng.random() < 0.85
+        if not deeper:
+            break
+        part = part[key]
+    if rng.random() < 0.3:
+        del part[key]
+    else:
+        part[key] = _NONSENSE[rng.integers(len(_NONSENSE))]
+    return dict(report)
+
+
+def test_any_damage_of_a_report_is_a_page_or_a_sentence(full_report: dict[str, Any]) -> None:
+    shown = {
+        k: full_report[k] for k in ("photogram", "crs", "cameras", "photographs", "control_points", "survey", "heights")
+    }
+    shown["diagnosis"] = {
+        "ground_errors": full_report["diagnosis"]["ground_errors"],
+        "intersection_sigma_m": [0.02, 0.02, 0.1],
+    }
+    shown["photographs"] = dict(list(shown["photographs"].items())[:2])
+    shown["control_points"] = shown["control_points"][:2]
+    rng, cloud, refusals = np.random.default_rng(11), described(50), []
+    for _ in range(120):
+        text = json.dumps(mutated(shown, rng))
+        try:
+            assert view_page(cloud, view_record(text), "dense.laz", 1000).startswith("<!DOCTYPE html>")
+        except ReportError as fault:
+            refusals.append(str(fault))
+    assert len(refusals) > 15
+    assert max(map(len, refusals)) < 400
+    assert not any("\n" in said for said in refusals)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "damaged (EOF"),
+        (b"\xff\xfe", "damaged"),
+        ("[" * 100_000, "damaged"),
+        ('{"a":' * 1_000 + "1" + "}" * 1_000, "damaged"),
+        ("", "damaged"),
+        ("null", "no report of photogram"),
+        ("[1, 2]", "no report of photogram"),
+        ('{"asset": {"version": "2.0"}, "scenes": []}', "no report of photogram, photogram is not in it"),
+        ('{"type": "FeatureCollection", "features": []}', "no report of photogram"),
+    ],
+)
+def test_texts_that_are_no_report(text: str | bytes, said: str) -> None:
+    with pytest.raises(ReportError, match=re.escape(said)):
+        view_record(text)
+
+
+def test_a_damaged_value_is_named(full_report: dict[str, Any]) -> None:
+    report = json.loads(json.dumps(full_report))
+    report["photographs"]["sim_0002.JPG"]["position_map_m"][1] = "north"
+    with pytest.raises(ReportError, match=r"damaged, photographs\.sim_0002\.JPG\.position_map_m\.1: .*found 'north'"):
+        recorded(report)
+    report = json.loads(json.dumps(full_report))
+    report["photographs"]["sim_0002.JPG"]["camera"] = "another"
+    with pytest.raises(ReportError, match="its camera 'another' is none of the cameras"):
+        recorded(report)
+    report = json.loads(json.dumps(full_report))
+    report["photographs"]["sim_0002.JPG"]["rotation_camera_from_map"] = None
+    with pytest.raises(ReportError, match="registered, but rotation_camera_from_map"):
+        recorded(report)
+
+
+def test_a_cloud_of_another_survey_is_refused(full_report: dict[str, Any]) -> None:
+    cloud = described()
+    away = DescribedCloud(cloud.position_map_m - [0, 90_000, 0], cloud.colour, cloud.figures)
+    with pytest.raises(ReportError, match=r"dense\.laz: the cloud lies 90 km from every photograph"):
+        view_page(away, recorded(full_report), "dense.laz", 1000)
 
 
 # ---- the command and its faults ------------------------------------------------------------------------------------
@@ -237,6 +393,34 @@ def test_view_prefers_the_dense_cloud(photogram: Any, finished_survey: Path, tmp
     chosen = folder / "points_adjusted.laz"
     assert photogram("view", folder, "--cloud", chosen, "--points", 1000).code == 0
     assert scene_of((folder / "view.html").read_text(encoding="utf-8"))["total"] == sparse["total"]
+
+
+def pictures_of(folder: Path) -> dict[str, str]:
+    return dict(json.loads(part((folder / "view.html").read_text(encoding="utf-8"), "pictures")))
+
+
+def test_pictures_come_from_the_project_or_from_the_folder_that_is_named(
+    photogram: Any, adjusted_survey: Path, tmp_path: Path
+) -> None:
+    names = [f"sim_000{k}.JPG" for k in range(1, 5)]
+    assert photogram("view", adjusted_survey / "results").code == 0
+    first = (adjusted_survey / "results/view.html").read_bytes()
+    assert sorted(pictures_of(adjusted_survey / "results")) == names
+    assert photogram("view", adjusted_survey / "results").code == 0
+    assert (adjusted_survey / "results/view.html").read_bytes() == first
+    alone = tmp_path / "alone"
+    shutil.copytree(adjusted_survey / "results", alone)
+    without = photogram("view", alone)
+    assert without.code == 0
+    assert "--photographs names their folder" in without.out
+    assert pictures_of(alone) == {}
+    (adjusted_survey / "photographs/sim_0003.JPG").unlink()
+    some = photogram("view", alone, "--photographs", adjusted_survey / "photographs")
+    assert "Pictures of 3 of 4 photographs" in some.out
+    assert sorted(pictures_of(alone)) == [n for n in names if n != "sim_0003.JPG"]
+    wrong = photogram("view", alone, "--photographs", tmp_path / "nowhere")
+    assert wrong.code == 1
+    assert "nowhere: there is no such folder" in wrong.err
 
 
 def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: Path) -> None:

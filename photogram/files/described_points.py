@@ -55,9 +55,12 @@ def read_described(path: Path) -> DescribedCloud:
     points = read_las(path)
     if len(points) == 0:
         raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+    position = np.asarray(points.xyz, dtype=np.float64)
+    if not np.isfinite(position).all():
+        raise ProjectError(f"point cloud {path}: positions in it are not finite, it is damaged: export it again")
     known = {name.casefold().replace("_", " "): name for name in points.point_format.extra_dimension_names}
     figures = {name: np.asarray(points[known[name]]) for name in FIGURES if name in known}
     if "confidence" in figures and np.issubdtype(figures["confidence"].dtype, np.integer):
         figures["confidence"] = figures["confidence"] / 100.0
     figures = {name: values.astype(np.float64) for name, values in figures.items()}
-    return DescribedCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), figures)
+    return DescribedCloud(position, las_colour(points), figures)

@@ -10,9 +10,10 @@ import numpy as np
 
 from photogram.camera import PARAMETER_NAMES
 from photogram.diagnosis import REMEDIES, Diagnosis, diagnose
+from photogram.ground_errors import factor_of_differences
 from photogram.resection import Resection
 from photogram.resection_difference import resection_differences
-from photogram.survey import Adjustment
+from photogram.survey import Adjustment, FloatArray
 
 Json = dict[str, Any]
 
@@ -34,6 +35,28 @@ def _cameras(result: Adjustment, found: Diagnosis) -> Json:
             "correlation": found.correlation[camera.name][np.ix_(free, free)].tolist(),
         }
     return numbers
+
+
+def _rounded(values: FloatArray, digits: int) -> list[Any]:
+    return list(np.round(values, digits).tolist())
+
+
+def ground_error_numbers(result: Adjustment) -> Json | None:
+    """Return what photographs and calibration do to the ground at places over the block, easting, northing, height;
+    None where there are too few tie points to say."""
+    frame, known = result.block.frame, result.deformation
+    places, covariance = known.ground_place_world_m, known.ground_covariance_m2
+    if not len(places):
+        return None
+    axes = [frame.rotation_world_from_map(place) for place in places]
+    factor = factor_of_differences(covariance)
+    blocks = [covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(places))]
+    variance = np.array([np.diag(R.T @ block @ R) for R, block in zip(axes, blocks, strict=True)])
+    return {
+        "position_map_m": _rounded(frame.map_from_world(places), 3),
+        "sigma_m": _rounded(np.sqrt(variance), 6),
+        "factor_m": _rounded(np.array([R.T @ part for R, part in zip(axes, factor, strict=True)]), 5),
+    }
 
 
 def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> Json:
@@ -60,6 +83,7 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
         "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
         "placing": None if found.placing is None else {k: _finite(v) for k, v in asdict(found.placing).items()},
         "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
+        "ground_errors": ground_error_numbers(result),
         "warnings": list(found.warnings),
         "remedies": [
             {**asdict(remedy), "title": REMEDIES[remedy.what], "helps": remedy.helps, "sentence": remedy.sentence}

@@ -5,8 +5,9 @@ Positions stand in it relative to a local origin, as packed by `packing`; a hand
 
 from __future__ import annotations
 
-import math
+import base64
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
@@ -15,14 +16,16 @@ from jinja2 import StrictUndefined
 from scipy.spatial import cKDTree
 
 from photogram.camera import Camera, image_plane_or_nan
+from photogram.errors import ReportError
 from photogram.files.described_points import DescribedCloud
-from photogram.report.completion import axis_roles
+from photogram.report.distances import error_grid
 from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
 from photogram.report.page import fixed, templates
 from photogram.report.pictures import round_length
 from photogram.report.thinning import even_choice
+from photogram.report.view_record import CameraRecord, ViewRecord
 from photogram.survey import FloatArray
 
 Json = dict[str, Any]
@@ -31,48 +34,82 @@ COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
 UNKNOWN_CONFIDENCE = 255
 
 _SPACING_SAMPLE = 4000  # points whose nearest neighbour is looked for, about
+_DIRECTIONS = 48  # in which the outline of the ground is sought
+_FARTHEST_M = 20_000.0  # of a cloud from the photographs that it is said to come from
 _WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
 
 
-def view_page(cloud: DescribedCloud, report: Mapping[str, Any], cloud_name: str, maximum_points: int) -> str:
+def view_page(
+    cloud: DescribedCloud,
+    record: ViewRecord,
+    cloud_name: str,
+    maximum_points: int,
+    pictures: Mapping[str, bytes] = MappingProxyType({}),
+) -> str:
     """Return the page of a cloud and of what report.json says of photographs and ground points.
 
-    Shows at most ``maximum_points`` of the cloud, evenly thinned. ``cloud_name`` is the file that the cloud came from.
+    Shows at most ``maximum_points`` of the cloud, evenly thinned. ``cloud_name`` is the file that the cloud came from,
+    ``pictures`` small JPEGs of photographs by name. Raises ReportError where cloud and report are far apart.
     """
+    _check_together(cloud.position_map_m, record, cloud_name)
     total = len(cloud)
     shown = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
     scene, arrays = _cloud(shown)
     origin = np.array(scene["origin_map_m"])
-    photographs = _photographs(report, origin)
+    photographs = _photographs(record, origin)
+    in_plan = scene["sigma_plan_step_m"] is not None
     scene |= {
         "file": cloud_name,
         "total": total,
         "photographs": photographs,
         "frustum_m": _frustum_m(photographs, scene["extent_m"]),
-        "points": _ground_points(report),
-        "exaggeration": _exaggeration(report, scene["extent_m"]),
+        "points": _ground_points(record),
+        "exaggeration": _exaggeration(record, scene["extent_m"]),
         "maps": {name: _colour_map(title) for name, title in COLOUR_MAPS.items()},
+        "errors": error_grid(record, origin, np.array(scene["low_m"]), np.array(scene["high_m"]), in_plan),
     }
+    encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
     environment = templates(StrictUndefined)
     environment.filters.update(whole=lambda n: fixed(n, 0))
-    survey = report.get("survey") or {}
     return environment.get_template("view.html.jinja").render(
-        title=survey.get("name") or "Photogrammetric survey",
-        version=report["photogram"],
-        belongs_to=grouped(report.get("report_id")),
-        processed=report.get("processed") or "",
-        system=_system(report),
+        title=(record.survey and record.survey.name) or "Photogrammetric survey",
+        version=record.photogram,
+        system=_system(record),
         scene=scene,
         arrays=arrays,
+        pictures=encoded,
+        identity=_identity(record),
     )
 
 
-def _system(report: Mapping[str, Any]) -> str:
+def _identity(record: ViewRecord) -> str:
+    """Return which report the page belongs to, empty where report.json does not say."""
+    number, day = record.report_id or "", f"processed {record.processed}" if record.processed else ""
+    groups = grouped(number)
+    return ", ".join(part for part in (f"report {groups}" if groups else "", day) if part)
+
+
+def _check_together(position_map_m: FloatArray, record: ViewRecord, cloud_name: str) -> None:
+    """Raise ReportError where photographs and ground points lie nowhere near the cloud."""
+    places = [p.position_map_m for p in record.registered.values()] + [p.surveyed_map_m for p in record.control_points]
+    if not places:
+        return
+    known = np.array(places)
+    low, high = position_map_m.min(axis=0), position_map_m.max(axis=0)
+    apart = np.linalg.norm(np.maximum(np.maximum(low - known, known - high), 0.0), axis=1)
+    if apart.min() > _FARTHEST_M:
+        raise ReportError(
+            f"{cloud_name}: the cloud lies {apart.min() / 1000:.0f} km from every photograph and ground point of "
+            f"report.json: give a cloud of this survey in its map grid, {record.crs}"
+        )
+
+
+def _system(record: ViewRecord) -> str:
     """Return the reference system of all coordinates in words."""
-    name = (report.get("survey") or {}).get("crs_name")
-    grid = f"{name} ({report['crs']})" if name and name != report["crs"] else str(report["crs"])
+    name = record.survey and record.survey.crs_name
+    grid = f"{name} ({record.crs})" if name and name != record.crs else record.crs
     kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
-    output = (report.get("heights") or {}).get("output")
+    output = record.heights and record.heights.output
     return f"{grid}, {kind.get(str(output), 'heights in the system in which the project gives them')}"
 
 
@@ -114,6 +151,7 @@ def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
         "high_m": (position.max(axis=0) - packed.origin_map_m).tolist(),
         "core_low_m": (core_low_m - packed.origin_map_m).tolist(),
         "core_high_m": (core_high_m - packed.origin_map_m).tolist(),
+        "outline_m": _outline(position - packed.origin_map_m).tolist(),
         "ground_m": float(np.median(height) - packed.origin_map_m[2]),
         "extent_m": max(float(np.linalg.norm((core_high_m - core_low_m)[:2])), 1e-3),
         "spacing_m": _spacing_m(position),
@@ -126,6 +164,18 @@ def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
         "confidence": confidence is not None,
     }
     return scene, arrays
+
+
+def _outline(place_m: FloatArray) -> FloatArray:
+    """Return points (K, 3) of the cloud (N, 3) around what a first look should show: its hull in plan without the
+    outermost points, and the highest and lowest of the others."""
+    low, high = np.percentile(place_m, [0.5, 99.5], axis=0)
+    core = place_m[np.all((place_m >= low) & (place_m <= high), axis=1)]
+    core = core if len(core) else place_m
+    angle = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+    ends = np.argmax(core[:, :2] @ np.vstack([np.cos(angle), np.sin(angle)]), axis=0)
+    index = np.unique([*ends, np.argmin(core[:, 2]), np.argmax(core[:, 2])])
+    return np.asarray(core[index])
 
 
 def _range(values: FloatArray, low: float, high: float) -> list[float] | None:
@@ -155,22 +205,22 @@ def _colour_map(name: str) -> list[list[int]]:
 # ---- photographs and ground points ---------------------------------------------------------------------------------
 
 
-def reported_camera(camera: Mapping[str, Any]) -> Camera:
+def reported_camera(camera: CameraRecord) -> Camera:
     """Return a camera of report.json as a camera model, without its name and sigmas."""
     return Camera(
         "",
-        camera["width_px"],
-        camera["height_px"],
-        camera["focal_px"],
-        np.array(camera["principal_point_px"]),
-        radial=np.array(camera["radial"]),
-        tangential=np.array(camera["tangential"]),
-        affinity=np.array(camera["affinity"]),
-        model=camera["model"],
+        camera.width_px,
+        camera.height_px,
+        camera.focal_px,
+        np.array(camera.principal_point_px),
+        radial=np.array(camera.radial),
+        tangential=np.array(camera.tangential),
+        affinity=np.array(camera.affinity),
+        model=camera.model,
     )
 
 
-def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
+def _corner_rays(camera: CameraRecord) -> FloatArray:
     """Return rays (4, 3) to the corners of the format in the camera frame, from the top left clockwise, depth 1.
 
     A field of view wider than a frustum can show, and corners at which the distortion cannot be undone, are drawn
@@ -186,21 +236,20 @@ def _corner_rays(camera: Mapping[str, Any]) -> FloatArray:
     return np.column_stack([ideal / wide, np.ones(4)])
 
 
-def _photographs(report: Mapping[str, Any], origin_map_m: FloatArray) -> list[Json]:
+def _photographs(record: ViewRecord, origin_map_m: FloatArray) -> list[Json]:
     """Return the registered photographs: centre relative to the origin, rays to the corners in the map, and sigmas."""
-    rays = {name: _corner_rays(camera) for name, camera in report["cameras"].items()}
+    rays = {name: _corner_rays(camera) for name, camera in record.cameras.items()}
     return [
         {
             "name": name,
-            "camera": photograph["camera"],
-            "centre_m": (np.array(photograph["position_map_m"]) - origin_map_m).tolist(),
-            "rays": (rays[photograph["camera"]] @ np.array(photograph["rotation_camera_from_map"])).tolist(),
-            "sigma_m": _finite(photograph["sigma_m"]),
-            "angles_deg": photograph["omega_phi_kappa_deg"],
-            "tie_points": photograph["tie_points"],
+            "camera": photograph.camera,
+            "centre_m": (np.array(photograph.position_map_m) - origin_map_m).tolist(),
+            "rays": (rays[photograph.camera] @ np.array(photograph.rotation_camera_from_map)).tolist(),
+            "sigma_m": _all_known(photograph.sigma_m),
+            "angles_deg": photograph.omega_phi_kappa_deg,
+            "tie_points": photograph.tie_points,
         }
-        for name, photograph in report["photographs"].items()
-        if photograph.get("registered", True)
+        for name, photograph in record.registered.items()
     ]
 
 
@@ -211,32 +260,32 @@ def _frustum_m(photographs: list[Json], extent_m: float) -> float:
     return float(np.clip(0.4 * apart, 0.008 * extent_m, 0.05 * extent_m))
 
 
-def _ground_points(report: Mapping[str, Any]) -> list[Json]:
+def _ground_points(record: ViewRecord) -> list[Json]:
     """Return control and check points with their surveyed positions in the map, residuals and sigmas."""
     return [
         {
-            "name": point["name"],
-            "role": point["role"],
-            "axis_roles": list(axis_roles(point)),
-            "surveyed_map_m": point["surveyed_map_m"],
-            "residual_m": _finite(point.get("residual_m")),
-            "sigma_m": _finite(point.get("sigma_m")),
-            "surveyed_sigma_m": _finite(point.get("surveyed_sigma_m")),
+            "name": point.name,
+            "role": point.role,
+            "axis_roles": point.axis_roles or [point.role] * 3,
+            "surveyed_map_m": point.surveyed_map_m,
+            "residual_m": _all_known(point.residual_m),
+            "sigma_m": _all_known(point.sigma_m),
+            "surveyed_sigma_m": _all_known(point.surveyed_sigma_m),
         }
-        for point in report["control_points"]
+        for point in record.control_points
     ]
 
 
-def _finite(values: list[float] | None) -> list[float] | None:
+def _all_known(values: list[float | None] | None) -> list[float] | None:
     """Return three figures, None where one of them is missing."""
-    known = values is not None and all(v is not None and math.isfinite(v) for v in values)
-    return values if known else None
+    known = [v for v in values or () if v is not None]
+    return known if len(known) == 3 else None
 
 
-def _exaggeration(report: Mapping[str, Any], extent_m: float) -> float:
+def _exaggeration(record: ViewRecord, extent_m: float) -> float:
     """Return the round enlargement that draws a large but usual residual or sigma as a fortieth of the survey."""
-    points = report["control_points"]
-    vectors = [v for p in points for v in (_finite(p.get("residual_m")), _finite(p.get("sigma_m"))) if v]
+    points = record.control_points
+    vectors = [v for p in points for v in (_all_known(p.residual_m), _all_known(p.sigma_m)) if v]
     size = np.linalg.norm(np.array(vectors).reshape(-1, 3), axis=1)
     if not len(size) or not size.max() > 0:
         return 1.0

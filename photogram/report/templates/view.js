@@ -1,6 +1,7 @@
 // The page itself: what is shown, what is chosen, what is said of it.
 
 const $ = id => document.getElementById(id);
+const HOME_TILTS = [0.87, 0.78, 0.69, 0.6]; // from straight down, rad
 
 class View {
   constructor(canvas, gl) {
@@ -17,16 +18,18 @@ class View {
     this.chosen = null;
     this.measuring = false;
     this.measured = [];
+    this.errors = new Errors(this.scene);
     this.panel = new Panel(this);
     this.hands = new Hands(canvas, this);
     this.bounds();
     this.measureCanvas();
     new ResizeObserver(() => this.resized()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.signs());
-    this.stand(0, 0.96);
+    this.home();
     this.fromAddress();
     this.signs();
     this.still(0);
+    this.hands.focus();
   }
 
   // How near and far one may go, and the ball that holds everything.
@@ -39,28 +42,58 @@ class View {
     this.middle = low.map((value, k) => (value + high[k]) / 2);
     this.radius = Math.hypot(...low.map((value, k) => high[k] - value)) / 2 + 2 * scene.frustum_m;
     this.eye.nearest = Math.max(2 * scene.spacing_m, 1e-4 * this.radius);
-    this.eye.farthest = 12 * this.radius;
-    this.corners = [0, 1, 2, 3, 4, 5, 6, 7].map(k => [0, 1, 2].map(a => (k >> a & 1 ? scene.core_high_m : scene.core_low_m)[a]));
-    this.frame = [...this.corners, ...centres];
+    this.eye.box = [low, high];
+    this.everything = [...scene.outline_m, ...centres];
   }
 
   // ---- where one stands ----
 
-  stand(azimuth, tilt) {
+  stand(azimuth, tilt, points) {
     Object.assign(this.eye, { azimuth, tilt });
     const narrow = this.eye.width < 736, side = id => $(id).getBoundingClientRect();
-    const margin = { left: 20, right: narrow || !$("panel").open ? 20 : this.eye.width - side("panel").left + 20,
-      top: side("title").bottom + 24, bottom: this.eye.height - side("keysheet").top + 16 };
-    this.eye.fit(tilt === 0 ? this.corners : this.frame, margin);
+    const margin = { left: 20, right: narrow || !$("panel").open ? 36 : this.eye.width - side("panel").left + 20,
+      top: side("title").bottom + 12, bottom: this.eye.height - side("keysheet").top + 12 };
+    this.eye.fit(points, margin);
+  }
+
+  // From the south, onto the ground that was surveyed: photographs are seen as far as they are in the picture.
+  // As oblique as still fills the height of the picture: a narrow screen looks more steeply down.
+  home() {
+    for (const tilt of HOME_TILTS) {
+      this.stand(0, tilt, this.scene.outline_m);
+      if (this.eye.filled > 0.8) return;
+    }
   }
 
   go(where) {
     const { eye } = this, from = eye.state();
-    if (where === "oblique") eye.tilt = 0.96;
+    if (where === "home") this.home();
+    if (where === "oblique") eye.tilt = HOME_TILTS[0];
     if (where === "top") [eye.tilt, eye.azimuth] = [0, 0];
     if (where === "north") eye.azimuth = 0;
-    if (where === "whole") this.stand(eye.azimuth, eye.tilt);
+    if (where === "whole") this.stand(eye.azimuth, eye.tilt, this.everything);
     this.fly(from, eye.state());
+  }
+
+  // What the hand comes nearer to: the ground under the pixel; over the sky what is in the middle, or nearest to it.
+  ground(x, y) {
+    const { eye, cloud } = this, middle = [eye.width / 2, eye.height / 2], now = performance.now();
+    const kept = this.kept;
+    const still = kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8;
+    if (kept && (still || this.hands.held.size === 2)) {
+      kept.time = now;
+      return kept;
+    }
+    const under = cloud.under(eye, x, y, this.size()), hit = under || cloud.under(eye, ...middle, this.size());
+    const place = hit ? cloud.place(hit.index) : cloud.nearestTo(eye, ...middle);
+    return this.kept = { x, y, time: now, place, under: Boolean(under) };
+  }
+
+  zoom(factor, x = this.eye.width / 2, y = this.eye.height / 2) {
+    const { eye } = this, { place, under } = this.ground(x, y);
+    eye.zoomAbout(place, factor);
+    // over the sky the ground comes into the middle
+    if (!under && factor < 1) eye.target = place.map((value, k) => value + factor * (eye.target[k] - value));
   }
 
   fly(from, to) {
@@ -96,6 +129,7 @@ class View {
     [eye.width, eye.height] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     canvas.width = Math.max(1, Math.round(eye.width * ratio));
     canvas.height = Math.max(1, Math.round(eye.height * ratio));
+    eye.farthest = 5 * this.radius * Math.max(1, eye.height / eye.width);
   }
 
   resized() {
@@ -126,6 +160,7 @@ class View {
   // Something has moved: draw soon, as much of the cloud as can be drawn in time.
   moved() {
     clearTimeout(this.timer);
+    this.panel.tip(null);
     if (this.asked) return;
     this.asked = true;
     requestAnimationFrame(now => {
@@ -165,6 +200,7 @@ class View {
       this.draw(1);
       const hit = this.cloud.under(this.eye, this.eye.width / 2, this.eye.height / 2, this.size());
       if (hit && hit.depth > 0) this.eye.rest(hit.depth);
+      this.hover(this.hands.pointer);
       this.toAddress();
     }, wait);
   }
@@ -189,19 +225,28 @@ class View {
   // ---- what is under the pointer ----
 
   // The sign or photograph within a few pixels, the nearest first.
-  signAt(x, y) {
+  signAt(x, y, reach = 1) {
     const shown = this.panel.shown(), { scene, eye } = this;
     const things = [
       ...scene.points.filter(p => shown[p.role]).map(point => ({ point, place: local(scene, point.surveyed_map_m), reach: 12 })),
-      ...(shown.photographs ? scene.photographs : []).map(photograph => ({ photograph, place: photograph.centre_m, reach: 10 })),
+      ...(shown.photographs ? scene.photographs : []).map(photograph => ({ photograph, place: photograph.centre_m, ...this.body(photograph) })),
     ];
     let best = null;
     for (const thing of things) {
       const seen = eye.project(thing.place);
-      const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) / thing.reach : Infinity;
+      const away = seen ? apart([x, y], seen, thing.end || seen) / (reach * thing.reach) : Infinity;
       if (away <= 1 && (!best || away < best.away)) best = { ...thing, away };
     }
     return best;
+  }
+
+  // Of a frustum on the screen: the middle of its open side, and how far about its axis it is clicked on.
+  body(photograph) {
+    const { scene, eye } = this, corners = photograph.rays.map(ray => eye.project(along(photograph.centre_m, ray, scene.frustum_m)));
+    if (corners.includes(null)) return { reach: 10 };
+    const end = [0, 1].map(k => corners.reduce((sum, corner) => sum + corner[k] / 4, 0));
+    const half = Math.min(...corners.map(corner => Math.hypot(corner[0] - end[0], corner[1] - end[1])));
+    return { end, reach: clamp(half, 10, 60) };
   }
 
   hover(at) {
@@ -210,8 +255,8 @@ class View {
     this.canvas.classList.toggle("measuring", this.measuring);
   }
 
-  pick(x, y) {
-    let thing = this.signAt(x, y);
+  pick(x, y, reach = 1) {
+    let thing = this.signAt(x, y, reach);
     if (!thing && this.panel.shown().cloud) {
       const hit = this.cloud.under(this.eye, x, y, this.size());
       if (hit) thing = { cloud: this.cloud.figures(hit.index), place: this.cloud.place(hit.index) };
@@ -271,6 +316,13 @@ class View {
     this.panel.setParallel(facts.get("parallel") === "1");
     this.panel.setMode(this.modes.includes(facts.get("colour")) ? facts.get("colour") : this.mode);
   }
+}
+
+// Distance of a pixel from the line between two others.
+function apart(at, from, to) {
+  const [dx, dy] = [to[0] - from[0], to[1] - from[1]], square = dx * dx + dy * dy;
+  const share = square > 0 ? clamp(((at[0] - from[0]) * dx + (at[1] - from[1]) * dy) / square, 0, 1) : 0;
+  return Math.hypot(at[0] - from[0] - share * dx, at[1] - from[1] - share * dy);
 }
 
 function fault(title, text) {

@@ -32,6 +32,26 @@ class Cloud {
     };
   }
 
+  // Some of the points, evenly chosen, in metres of the local frame: unpacked once.
+  sample() {
+    if (this.some) return this.some;
+    const share = Math.min(1, 20000 / this.scene.shown), places = [];
+    for (const [, , , first, count] of this.scene.blocks)
+      for (let k = first; k < first + Math.max(1, count * share) && k < first + count; k++) places.push(this.place(k));
+    return this.some = places;
+  }
+
+  // Of some points the one that is seen nearest to a pixel of the page.
+  nearestTo(eye, x, y) {
+    let best = null, least = Infinity;
+    for (const place of this.sample()) {
+      const seen = eye.project(place);
+      const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) : Infinity;
+      if (away < least) [best, least] = [place, away];
+    }
+    return best || this.sample()[0];
+  }
+
   // The point under a pixel of the page: of those within a few pixels the one in front, or nearly in front and nearest to
   // the pixel. `size` is the diameter in metres and the largest in pixels that points are drawn with.
   under(eye, x, y, size) {

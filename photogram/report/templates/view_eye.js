@@ -11,6 +11,14 @@ class Eye {
     this.distance = 1;
     this.parallel = false;
     this.width = this.height = 1;
+    this.nearest = 0;
+    this.farthest = Infinity;
+    this.box = [[-Infinity, -Infinity, -Infinity], [Infinity, Infinity, Infinity]];
+  }
+
+  // Keep the target within the survey: nobody gets lost in the sky.
+  confine() {
+    this.target = this.target.map((value, k) => clamp(value, this.box[0][k], this.box[1][k]));
   }
 
   // focal length in pixels of the page
@@ -56,14 +64,17 @@ class Eye {
     const ahead = [Math.sin(this.azimuth), Math.cos(this.azimuth), 0];
     const along = dy * scale / Math.max(Math.cos(this.tilt), 0.3);
     this.target = this.target.map((value, k) => value - dx * scale * right[k] + along * ahead[k]);
+    this.confine();
   }
 
-  // Come nearer by a factor below one; what lies under the pixel stays there.
-  zoom(factor, x = this.width / 2, y = this.height / 2) {
-    const limited = clamp(this.distance * factor, this.nearest, this.farthest) / this.distance;
-    const [dx, dy] = [x - this.width / 2, y - this.height / 2];
-    this.pan(-dx * (1 - limited), -dy * (1 - limited));
+  // Come nearer to a place by a factor below one, or go away from it: it stays at its pixel, and is never passed.
+  zoomAbout(place, factor) {
+    let limited = clamp(this.distance * factor, this.nearest, this.farthest) / this.distance;
+    const depth = this.seen(place)[2];
+    if (!this.parallel && limited < 1) limited = Math.min(1, Math.max(limited, depth > 0 ? this.nearest / depth : 1));
+    this.target = place.map((value, k) => value + limited * (this.target[k] - value));
     this.distance *= limited;
+    this.confine();
   }
 
   // Put the target on what is seen in the middle, without changing the picture.
@@ -97,6 +108,7 @@ class Eye {
       box = boxOf(points.map(p => this.project(p)));
       const middle = [margin.left + room[0] / 2, margin.top + room[1] / 2];
       this.slide(middle[0] - (box[0] + box[2]) / 2, middle[1] - (box[1] + box[3]) / 2);
+      this.filled = (box[3] - box[1]) / room[1]; // share of the height
     }
   }
 

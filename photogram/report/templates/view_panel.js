@@ -1,5 +1,12 @@
 // Controls, legend, scale and cards: everything of the page that is text.
 
+const SIGMA_NOTES = {
+  joint: "± 1 sigma, predicted: matching of both points, and errors of photographs and calibration as far as they do not share them. The datum drops out.",
+  shape: "± 1 sigma, predicted: errors of photographs and calibration as far as the places do not share them. The cloud states no sigmas, so the matching is not in it.",
+  surveyed: "± 1 sigma, from the stated sigmas of both points, as if they were independent.",
+  alone: "± 1 sigma, from the sigmas of both ends, the datum with them, as if they were independent: too large where they share errors.",
+  none: "No sigma: the files state none for one of the ends.",
+};
 const MODE_TITLES = { height: "Height, m", sigma: "Sigma of the height, m", confidence: "Confidence, 0 to 1" };
 
 class Panel {
@@ -8,7 +15,8 @@ class Panel {
     const { scene } = view, digits = scene.step_m < 0.001 ? 4 : 3;
     this.digits = digits;
     $("panel").open = innerWidth >= 736;
-    for (const name of ["oblique", "top", "whole"]) $(name).onclick = () => view.go(name);
+    this.pictures = new Pictures(scene);
+    for (const name of ["home", "oblique", "top", "whole"]) $(name).onclick = () => view.go(name);
     $("compass").onclick = () => view.go("north");
     $("measure").onclick = () => view.measure(!view.measuring);
     $("size").oninput = () => this.setSize();
@@ -19,6 +27,12 @@ class Panel {
     this.places();
     this.setSize();
     this.labels = scene.points.map(point => this.label(point));
+  }
+
+  help() {
+    $("panel").open = $("help").open = true;
+    $("help").scrollIntoView();
+    $("help").querySelector("summary").focus();
   }
 
   shown() {
@@ -187,14 +201,46 @@ class Panel {
       if (sigma !== null) rows.push(["Sigma of height", this.metres(sigma)]);
       if (confidence !== null) rows.push(["Confidence", confidence.toFixed(2)]);
       this.card("Point of the cloud", rows, []);
+      this.pictureOf(thing.place);
     } else if (thing.photograph) {
       const p = thing.photograph, rows = this.coordinates(map);
       if (p.sigma_m) rows.push(["Sigmas E, N, H, m", this.three(p.sigma_m)]);
       rows.push(["ω, φ, κ, °", this.three(p.angles_deg)], ["Tie points", String(p.tie_points)], ["Camera", p.camera]);
-      this.card(p.name, rows, ["Adjusted projection centre. On the ground: where the corners of the photograph meet the mean height."]);
+      const none = this.pictures.some && !this.pictures.source(p.name) ? ["No picture of it in this page."] : [];
+      this.card(p.name, rows, ["Adjusted projection centre. On the ground: where the corners of the photograph meet the mean height.", ...none]);
+      this.picture(p, null);
     } else {
       this.sayPoint(thing.point);
+      this.pictureOf(thing.place);
     }
+  }
+
+  // The picture of a photograph in the card, with a mark at shares of its width and height.
+  picture(photograph, mark) {
+    const source = this.pictures.source(photograph.name);
+    if (!source) return;
+    const figure = document.createElement("figure"), frame = document.createElement("div"), image = new Image();
+    image.src = source;
+    image.alt = mark ? `${photograph.name}, which shows this place` : `Photograph ${photograph.name}`;
+    frame.append(image);
+    figure.append(frame);
+    if (mark) {
+      const ring = document.createElement("i"), words = document.createElement("button");
+      [ring.style.left, ring.style.top] = mark.map(share => `${(100 * share).toFixed(2)}%`);
+      frame.append(ring);
+      words.type = "button";
+      words.textContent = photograph.name;
+      words.onclick = () => this.view.choose({ photograph, place: photograph.centre_m });
+      const caption = document.createElement("figcaption");
+      caption.append("In ", words, ", nearest to its middle; something may stand in front.");
+      figure.append(caption);
+    }
+    $("said").querySelector("h2").after(figure);
+  }
+
+  pictureOf(place) {
+    const best = this.pictures.best(place);
+    if (best) this.picture(best.photograph, best.at);
   }
 
   sayPoint(point) {
@@ -216,9 +262,15 @@ class Panel {
     }
     const [e, n, h] = [0, 1, 2].map(k => ends[1].place[k] - ends[0].place[k]), plan = Math.hypot(e, n);
     const bearing = (Math.atan2(e, n) * 180 / Math.PI + 360) % 360;
-    const rows = [["In plan", this.metres(plan)], ["Height difference", this.metres(h)], ["Slope distance", this.metres(Math.hypot(plan, h))],
+    const found = this.view.errors.distance(...ends), values = [plan, h, Math.hypot(plan, h)];
+    const said = values.map((value, k) => (found ? `${minus(value.toFixed(this.digits))} ± ${found.sigma[k].toFixed(this.digits)} m` : this.metres(value)));
+    const rows = [["In plan", said[0]], ["Height difference", said[1]], ["Slope distance", said[2]],
       ["Grid bearing", `${bearing.toFixed(3)}°`], ["Slope", `${minus((Math.atan2(h, plan) * 180 / Math.PI).toFixed(2))}°`]];
-    this.card("Distance", rows, ["In the map grid, without its scale factor and heights reduced. Click two more, or Esc."]);
+    const clouds = ends.filter(end => end.cloud), cells = clouds.length && clouds.every(end => end.cloud.plan_m === null);
+    const notes = [SIGMA_NOTES[found ? found.kind : "none"], "In the map grid, its scale factor not taken off. Click two more, or Esc."];
+    if (found && cells) notes.splice(1, 0, `Points stand in the middle of cells, ${this.view.scene.spacing_m.toPrecision(2)} m apart: in plan, how well they meet what you mean is not in ±.`);
+    else if (found) notes.splice(1, 0, "How well you clicked is not in ±.");
+    this.card("Distance", rows, notes);
   }
 }
 

@@ -1,0 +1,67 @@
+"""What view.html knows of the errors of distances: those of photographs and calibration on a grid over the cloud.
+
+An error that two places share drops out of the distance between them: the grid holds L (3, R) at its nodes, and the
+difference of the errors at i and j has the covariance (L_i − L_j)(L_i − L_j)ᵀ, see photogram.ground_errors.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.spatial import QhullError
+
+from photogram.report.view_record import ViewRecord
+from photogram.survey import FloatArray
+
+NODES = 9
+"""Of the grid, along each side."""
+
+_DIGITS = 6  # of a metre
+
+
+def error_grid(
+    record: ViewRecord, origin_map_m: FloatArray, low_m: FloatArray, high_m: FloatArray, in_plan: bool
+) -> dict[str, Any] | None:
+    """Return the grid over the cloud, whose corners are given relative to the origin; None where nothing is known.
+
+    ``sigma_m`` (nodes, 3) is the standard deviation of the ground without what its points scatter by themselves, nodes
+    east by east within north by north; ``factor_m`` (nodes, 3, R) its factor for differences. ``own_m`` is what points
+    of the cloud scatter by themselves in the median, in plan and in height, None where that is not known: tie points
+    where the cloud tells sigmas ``in_plan``, else the dense surface.
+    """
+    errors = record.diagnosis and record.diagnosis.ground_errors
+    if not errors or not errors.position_map_m:
+        return None
+    places = np.array(errors.position_map_m)[:, :2] - origin_map_m[:2]
+    values = np.concatenate([np.array(errors.sigma_m)[:, :, None], np.array(errors.factor_m)], axis=2)
+    east, north = (np.linspace(low_m[k], max(high_m[k], low_m[k] + 1e-3), NODES) for k in (0, 1))
+    nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
+    on_grid = _interpolated(places, values.reshape(len(places), -1), nodes).reshape(len(nodes), 3, -1)
+    return {
+        "low_m": [float(east[0]), float(north[0])],
+        "step_m": [float(east[1] - east[0]), float(north[1] - north[0])],
+        "nodes": NODES,
+        "rank": on_grid.shape[2] - 1,
+        "sigma_m": np.round(on_grid[:, :, 0], _DIGITS).tolist(),
+        "factor_m": np.round(on_grid[:, :, 1:], _DIGITS).tolist(),
+        "own_m": _own_m(record, in_plan),
+    }
+
+
+def _own_m(record: ViewRecord, in_plan: bool) -> list[float | None]:
+    if not in_plan:
+        return [None, record.dense.matching_sigma_m if record.dense else None]
+    east, north, height = (record.diagnosis and record.diagnosis.intersection_sigma_m) or [None] * 3
+    return [None if east is None or north is None else float(np.hypot(east, north)), height]
+
+
+def _interpolated(places: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Return values (N, K) at nodes (N, 2): linear between the places (Q, 2), those of the nearest beyond them."""
+    nearest: FloatArray = np.asarray(NearestNDInterpolator(places, values)(nodes))
+    try:
+        linear: FloatArray = np.asarray(LinearNDInterpolator(places, values, rescale=True)(nodes))
+    except (QhullError, ValueError):  # too few places, or all in one line
+        return nearest
+    return np.where(np.isfinite(linear), linear, nearest)
