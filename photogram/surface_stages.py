@@ -16,6 +16,7 @@ from photogram.dense_levels import correlation_histogram, least_correlation_of
 from photogram.dense_surface import (
     FILLED,
     HOLE,
+    KEPT_MARGIN_CELLS,
     MEASURED,
     SharedError,
     filled_heights,
@@ -131,7 +132,7 @@ def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]
 def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: float, reach: int) -> _Tile:
     """Return one tile of the surface; what it needs from beyond its edge it reads itself."""
     grid = heights.grid
-    outer = grid.around_window(window, reach + 2)
+    outer = grid.around_window(window, reach + 1 + KEPT_MARGIN_CELLS)
     height, sigma, correlation, rays, seen = heights.blocks.read(
         outer, "height_m", "sigma_m", "correlation", "rays", "seen"
     )
