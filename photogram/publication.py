@@ -108,8 +108,8 @@ def _surfaces(outcome: _Outcome) -> list[str]:
 def _photographs(outcome: _Outcome) -> list[str]:
     words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
     write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
-    write_pose_geojson(outcome.results / "photographs.geojson", outcome.result)
-    return ["photographs.csv", "photographs.geojson"]
+    write_pose_geojson(outcome.results / "photographs.geojson", outcome.results / "footprints.geojson", outcome.result)
+    return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
 
 
 def _file_name(name: str) -> str:

@@ -332,11 +332,11 @@ def test_matlab_file_holds_the_same_observations(finished_survey: Path) -> None:
 
 
 def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_survey: Path) -> None:
-    comment, *lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
-    assert report["crs"] in comment
+    lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
     rows = {row["name"]: row for row in csv.DictReader(lines)}
+    assert all(report["crs"] in row["crs"] for row in rows.values())
     features = json.loads((finished_survey / "results/photographs.geojson").read_text(encoding="utf-8"))["features"]
-    points = {f["properties"]["name"]: f for f in features if f["properties"]["kind"] == "photograph"}
+    points = {f["properties"]["name"]: f for f in features}
     assert list(rows) == list(points) == list(report["photographs"])
     columns = {
         "position_map_m": ("easting_m", "northing_m", "height_m"),
