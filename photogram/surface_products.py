@@ -33,8 +33,8 @@ from photogram.surface_stages import matched, surface_layers
 from photogram.workspace import read_json
 
 PRODUCTS = {
-    "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif"),
-    "relief": ("dtm.tif", "dtm_source.tif", "contours.gpkg"),
+    "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif", "dsm_source.tif.aux.xml"),
+    "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
     "orthophoto": ("orthophoto.tif",),
 }
 """Files of results by the stage that makes them; those that a project does not ask for are not there."""

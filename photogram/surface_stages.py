@@ -24,18 +24,30 @@ from photogram.dense_surface import (
     shared_error,
     surface_sigma_m,
 )
-from photogram.files.cogs import write_cog, write_cog_codes
+from photogram.files.cogs import Category, write_cog, write_cog_codes
 from photogram.files.contour_files import write_contours
 from photogram.frames import plan_of
 from photogram.map_grid import MapGrid, Window
 from photogram.records import Run
-from photogram.stages import Progress, interpolate_surface
+from photogram.stages import HEIGHT, SIGMA, Progress, interpolate_surface
 from photogram.survey import Raster
 from photogram.terrain_model import terrain_from_surface
 from photogram.workspace import read_json, write_arrays, write_json
 
 TILE_CELLS = 1024
 FILL_CELLS, MOST_FILL_CELLS = 25, 100
+SOURCES = (
+    Category(HOLE, "hole", (255, 255, 255)),
+    Category(MEASURED, "measured", (70, 130, 180)),
+    Category(FILLED, "filled", (230, 120, 20)),
+)
+TERRAIN_SOURCES = (
+    *SOURCES[:1],
+    Category(MEASURED, "ground", (140, 110, 70)),
+    Category(FILLED, "interpolated", (230, 120, 20)),
+)
+"""What the codes of `dsm_source.tif` and `dtm_source.tif` mean, and their colours."""
+
 _SHARED_SPACING_SHARE = 0.05
 
 
@@ -108,10 +120,13 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
         counts += np.bincount(made.source.ravel(), minlength=3)
         progress(done, len(windows), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     crs, plan = run.project.product_crs, plan_of(run.project.crs)
-    write_cog(folder / "dsm.tif", grid, crs, _layer(store, "height"))
-    write_cog(folder / "dsm_filled.tif", grid, crs, _layer(store, "filled"))
-    write_cog(folder / "dsm_sigma.tif", grid, plan, _layer(store, "sigma"))
-    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"))
+    for name, layer, of, description in (
+        ("dsm.tif", "height", crs, HEIGHT),
+        ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
+        ("dsm_sigma.tif", "sigma", plan, SIGMA),
+    ):
+        write_cog(folder / name, grid, of, _layer(store, layer), description=description)
+    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES)
     write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
     write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
     return {
@@ -161,11 +176,11 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         progress(0, 0, "terrain model")
         found = terrain_from_surface(run.filled_surface(), terrain)
         surface, grid = found.heights, MapGrid.of(found.heights)
-        write_cog(folder / "dtm.tif", grid, run.project.product_crs, [(grid.whole, surface.values)])
+        values = [(grid.whole, surface.values)]
+        write_cog(folder / "dtm.tif", grid, run.project.product_crs, values, description="height of the terrain")
         codes = np.where(found.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
-        write_cog_codes(
-            folder / "dtm_source.tif", grid, plan_of(run.project.crs), [(grid.whole, codes.astype(np.uint8))]
-        )
+        tiles = [(grid.whole, codes.astype(np.uint8))]
+        write_cog_codes(folder / "dtm_source.tif", grid, plan_of(run.project.crs), tiles, categories=TERRAIN_SOURCES)
         summary["interpolated"] = int(np.count_nonzero(found.interpolated))
     if contours.enabled:
         progress(0, 0, "contour lines")

@@ -24,7 +24,7 @@ __all__ = ["NODATA", "picture_on_grid", "read_raster", "write_geotiff"]
 _TOLERANCE_CELLS = 1e-3
 
 
-def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) -> None:
+def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
@@ -32,7 +32,7 @@ def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) 
     ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
-    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews)
+    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews, description)
 
 
 def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
