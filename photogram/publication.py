@@ -38,7 +38,7 @@ from photogram.report.pictures import (
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
-from photogram.surface_products import copy_products, report_surface, write_dense_cloud
+from photogram.surface_products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
 from photogram.workspace import write_record
@@ -81,10 +81,12 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
 
 def _clouds(outcome: _Outcome) -> list[str]:
     products = []
+    block = outcome.result.block
+    created = flight_date([p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None])
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs, created)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 

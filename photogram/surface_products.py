@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from photogram.block_files import BlockFiles
-from photogram.dense_surface import FILLED
+from photogram.dense_surface import FILLED, MEASURED
 from photogram.files.atomic import replacing
-from photogram.files.dense_points import CHUNK_CELLS, DensePoints, points_of_cells, write_dense_laz
-from photogram.files.rasters import picture_on_grid
+from photogram.files.dense_points import (
+    CHUNK_CELLS,
+    GROUND,
+    NEVER_CLASSIFIED,
+    NOT_GROUND,
+    DensePoints,
+    points_of_cells,
+    write_dense_laz,
+)
+from photogram.files.points import NO_DATE
+from photogram.files.rasters import picture_on_grid, read_codes
 from photogram.map_grid import MapGrid
 from photogram.orthophoto_stage import LEFT_OUT
 from photogram.records import Run
@@ -30,6 +40,7 @@ from photogram.report.surface_figures import (
     write_surface_pictures,
 )
 from photogram.surface_stages import matched, surface_layers
+from photogram.survey import Photograph
 from photogram.workspace import read_json
 
 PRODUCTS = {
@@ -63,26 +74,41 @@ def copy_products(run: Run, results: Path) -> list[str]:
     return names
 
 
+def flight_date(photographs: Sequence[Photograph]) -> date:
+    """Return the day of the last exposure whose time the tags give, NO_DATE where none does: that of the clouds."""
+    return max((p.time.date() for p in photographs if p.time is not None), default=NO_DATE)
+
+
 def write_dense_cloud(run: Run, results: Path) -> list[str]:
-    """Write a point for every measured cell of the dense surface, coloured by the orthophoto (black without one); no
-    file where nothing was matched. Returns the names of what was written."""
+    """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
+    one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
+    written."""
     path = results / CLOUD
     if not matched(run):
         path.unlink(missing_ok=True)
         return []
-    layers = surface_layers(run)
-    write_dense_laz(path, layers.grid, run.project.product_crs, _chunks(run, layers))
+    layers, block = surface_layers(run), run.adjustment().block
+    flown = [p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None]
+    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    coloured = picture.is_file()
+    chunks = _chunks(run, layers, picture if coloured else None)
+    write_dense_laz(path, layers.grid, run.project.product_crs, chunks, flight_date(flown), coloured=coloured)
     return [CLOUD]
 
 
-def _chunks(run: Run, layers: BlockFiles) -> Iterator[DensePoints]:
-    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
+    terrain = run.workspace.stage("relief") / "dtm_source.tif"
     for window in layers.grid.tiles(CHUNK_CELLS):
         height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
         colour = np.zeros((*window.shape, 3), np.uint8)
-        if picture.is_file():
-            colour = picture_on_grid(picture, layers.grid, window)[..., :3]
-        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays)
+        if picture is not None:
+            rgba = picture_on_grid(picture, layers.grid, window)
+            # over the finished surface no photograph sees it: its height and its visibility contradict each other
+            colour, height = rgba[..., :3], np.where(rgba[..., 3] > 0, height, np.float32(np.nan))
+        classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
+        if terrain.is_file():
+            classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
+        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
+import rasterio.windows
 from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
@@ -18,7 +19,7 @@ from photogram.frames import projected_crs
 from photogram.map_grid import MapGrid, Window
 from photogram.survey import Raster
 
-__all__ = ["NODATA", "picture_on_grid", "read_raster", "write_geotiff"]
+__all__ = ["NODATA", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
@@ -82,6 +83,17 @@ def read_raster(path: Path) -> tuple[Raster, str]:
     except FrameError as fault:
         raise FrameError(f"raster {path}: {fault}") from fault
     return Raster(values, float(transform.c), float(transform.f), cell_m), name
+
+
+def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
+    """Return the codes (rows, columns) of a window of a file's cells. Raises ProjectError where it cannot be read."""
+    rows, columns = window.shape
+    try:
+        with rasterio.open(path) as dataset:
+            codes = dataset.read(1, window=rasterio.windows.Window(window.column, window.row, columns, rows))
+    except RasterioError as fault:
+        raise ProjectError(f"raster {path}: cannot be read ({fault}): delete it and run again") from fault
+    return np.asarray(codes, dtype=np.uint8)
 
 
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
