@@ -201,9 +201,11 @@ class SharedError:
     covariance_m2: FloatArray
 
 
-def shared_error(points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid, spacing_m: float) -> SharedError:
+def shared_error(
+    points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid, spacing_m: float, nearest: int = _NEAREST
+) -> SharedError:
     """Return what errors of the photographs do to a surface, from the covariances (N, 3, 3) of tie points (N, 3): the
-    mean of the nearest ones at every node."""
+    mean of the ``nearest`` ones at every node."""
     corner = np.array([grid.west_map_m, grid.north_map_m])
     far = corner + np.array([grid.columns, -grid.rows]) * grid.cell_m
     wide = MapGrid.around(
@@ -211,7 +213,7 @@ def shared_error(points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid
     )
     east, north = wide.centres_map_m(wide.whole)
     nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    count = min(_NEAREST, len(points_map_m))
+    count = min(nearest, len(points_map_m))
     _, near = cKDTree(points_map_m[:, :2]).query(nodes, k=list(range(1, count + 1)))
     mean = cameras_m2[near].mean(axis=1)
     six = np.stack([mean[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=-1)

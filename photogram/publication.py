@@ -198,7 +198,9 @@ def _numbers(outcome: _Outcome) -> list[str]:
         [point.heights for point in run.project.control_points],
     )
     value["gnss"] = gnss_numbers(outcome.result, run.notes())
-    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    datum = None if shape is None else shape.datum_covariance_m2
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
     value = {**value, **run_facts(run, stages)}
     value["adjustment"].update(disbelieved(run))
     surface, drawn, pictures = report_surface(run, value, outcome.results)

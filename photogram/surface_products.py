@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from photogram.map_grid import MapGrid
 from photogram.orthophoto_stage import LEFT_OUT
 from photogram.records import Run
 from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
-from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers
+from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers, sigma_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
     SURFACE_PICTURES,
@@ -39,12 +39,20 @@ from photogram.report.surface_figures import (
     surface_figures,
     write_surface_pictures,
 )
+from photogram.stages import RELATIVE_SIGMA_FILE
 from photogram.surface_stages import matched, surface_layers
 from photogram.survey import Photograph
 from photogram.workspace import read_json
 
 PRODUCTS = {
-    "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif", "dsm_source.tif.aux.xml"),
+    "surface": (
+        "dsm.tif",
+        "dsm_sigma.tif",
+        RELATIVE_SIGMA_FILE,
+        "dsm_filled.tif",
+        "dsm_source.tif",
+        "dsm_source.tif.aux.xml",
+    ),
     "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
     "orthophoto": ("orthophoto.tif",),
 }
@@ -53,6 +61,9 @@ PRODUCTS = {
 CLOUD = "dense.laz"
 MAXIMUM_PICTURE_PX = 1800
 """Longer side of the orthophoto on the page, at most."""
+
+DROWNS = 3.0
+"""A datum known so many times worse in height than the shape hides it: figures then show the relative sigma."""
 
 SEEN_BY = 3
 """A cell that so many photographs show counts for the completeness."""
@@ -144,6 +155,19 @@ def dense_surface(run: Run) -> DenseSurface | None:
     )  # fmt: skip
 
 
+def _shown(run: Run, dense: DenseSurface, numbers: dict[str, Any]) -> tuple[DenseSurface, dict[str, Any], float | None]:
+    """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
+    them: where it would hide everything else."""
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    if shape is None or relative is None or numbers["sigma_m"] is None:
+        return dense, numbers, None
+    without = replace(dense, sigma=relative)
+    spread, datum_sigma_m = sigma_numbers(without), float(np.sqrt(shape.datum_covariance_m2[2, 2]))
+    if spread is None or not datum_sigma_m > DROWNS * spread["median"]:
+        return dense, numbers, None
+    return without, {**numbers, "sigma_m": spread}, datum_sigma_m
+
+
 def report_surface(
     run: Run, numbers: dict[str, Any], results: Path
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
@@ -162,6 +186,8 @@ def report_surface(
         value["orthophoto"] = dict(read_json(left_out))
     if dense is not None:
         value["dense"] = dense_numbers(dense, ground)
-        drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)
+        target_m = run.project.report.target_rmse_v_m
+        shown, numbers_shown, datum_sigma_m = _shown(run, dense, value["dense"])
+        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
     names = write_surface_pictures(results / "pictures", drawn)
     return value, surface_figures(drawn), [f"pictures/{name}" for name in names]

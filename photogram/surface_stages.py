@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,15 @@ from photogram.files.contour_files import write_contours
 from photogram.frames import plan_of
 from photogram.map_grid import MapGrid, Window
 from photogram.records import Run
-from photogram.stages import HEIGHT, SIGMA, Progress, interpolate_surface
+from photogram.stages import (
+    HEIGHT,
+    RELATIVE_SIGMA,
+    RELATIVE_SIGMA_FILE,
+    SIGMA,
+    Progress,
+    interpolate_surface,
+)
+from photogram.surface_model import NEAREST_PLACES
 from photogram.survey import Raster
 from photogram.terrain_model import terrain_from_surface
 from photogram.workspace import read_json, write_arrays, write_json
@@ -78,11 +86,13 @@ class MatchedHeights:
 @dataclass(frozen=True, eq=False)
 class _Tile:
     """What a tile of the surface holds, (rows, columns) each: heights of the map, the same with holes closed, standard
-    deviations, what each cell is, how it was matched, and in how many photographs it could be."""
+    deviations, with the datum's part and without, what each cell is, how it was matched, and in how many photographs it
+    could be."""
 
     height: NDArray[np.float32]
     filled: NDArray[np.float32]
     sigma: NDArray[np.float32]
+    relative: NDArray[np.float32]
     source: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     rays: NDArray[np.uint8]
@@ -104,7 +114,10 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
     least = least_correlation_of(np.asarray(histogram))
     cloud = run.cloud("adjusted").position_map_m
-    shared = shared_error(cloud, run.precision().cameras_m2, grid, _SHARED_SPACING_SHARE * heights.flying_height_m)
+    spacing_m, shape = _SHARED_SPACING_SHARE * heights.flying_height_m, run.shape()
+    shared = [shared_error(cloud, run.precision().cameras_m2, grid, spacing_m)]
+    if shape is not None:
+        shared.append(shared_error(shape.place_map_m, shape.covariance_m2, grid, spacing_m, NEAREST_PLACES))
     gap_m = run.project.surface.maximum_gap_m
     reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
 
@@ -124,6 +137,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
         ("dsm.tif", "height", crs, HEIGHT),
         ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
         ("dsm_sigma.tif", "sigma", plan, SIGMA),
+        *([] if shape is None else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
     ):
         write_cog(folder / name, grid, of, _layer(store, layer), description=description)
     write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES)
@@ -144,8 +158,9 @@ def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]
     return ((window, store.read(window, name)[0]) for window in store.windows)
 
 
-def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: float, reach: int) -> _Tile:
-    """Return one tile of the surface; what it needs from beyond its edge it reads itself."""
+def _tile(heights: MatchedHeights, shared: Sequence[SharedError], window: Window, least: float, reach: int) -> _Tile:
+    """Return one tile of the surface; what it needs from beyond its edge it reads itself. ``shared`` are the errors
+    that neighbours share, with the datum's part and, where they are known, without."""
     grid = heights.grid
     outer = grid.around_window(window, reach + 1 + KEPT_MARGIN_CELLS)
     height, sigma, correlation, rays, seen = heights.blocks.read(
@@ -154,15 +169,16 @@ def _tile(heights: MatchedHeights, shared: SharedError, window: Window, least: f
     kept = kept_heights(height, sigma, correlation, rays, seen, grid.cell_m, least)
     filled = filled_heights(kept, grid.cell_m, reach)
     known = np.isfinite(kept)
-    whole = surface_sigma_m(shared, grid, outer, kept, np.where(known, sigma, np.float32(0.0)))
+    none, own = np.float32(np.nan), np.where(known, sigma, np.float32(0.0))
+    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, kept, own), none) for s in shared)
     source = np.where(known, MEASURED, np.where(np.isfinite(filled), FILLED, HOLE)).astype(np.uint8)
     base = np.float32(heights.base_map_m)
     rows, columns = window.shape
     at = (slice(window.row - outer.row, window.row - outer.row + rows),
           slice(window.column - outer.column, window.column - outer.column + columns))  # fmt: skip
-    none = np.float32(np.nan)
+    without = relative[0] if relative else np.full_like(whole, none)
     return _Tile(
-        (kept + base)[at], (filled + base)[at], np.where(known, whole, none)[at], source[at],
+        (kept + base)[at], (filled + base)[at], whole[at], without[at], source[at],
         np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at], seen[at],
     )  # fmt: skip
 

@@ -409,7 +409,8 @@ class Deformation:
     parameters were freed and those that they would have after the adjustment, 0 for the others;
     ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``. ``pattern_sigma_m`` (3,) is
     what an error of the camera model as large as the pattern of the residuals does to b, c and d, NaN where nothing is
-    known of it.
+    known of it. ``place_world_m`` (S, 3) are places spread over the ground, ``shape_covariance_m2`` (S, 3, 3) what the
+    cameras add to their errors relative to the mean error of all of them: without the datum's common part.
     """
 
     centre_world_m: FloatArray
@@ -424,6 +425,8 @@ class Deformation:
     freed_sigma: FloatArray
     freed_height_sigma_m: FloatArray
     pattern_sigma_m: FloatArray
+    place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:

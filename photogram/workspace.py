@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import replacing
 
-FORMAT = 6
+FORMAT = 7
 """Raised when the meaning of files in a workspace changes; older stages are then made again."""
 
 RecordT = TypeVar("RecordT")

@@ -388,6 +388,18 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     assert dsm["sigma_m"]["median"] == pytest.approx(np.ma.median(sigma), rel=1e-6)
     assert dsm["held_out"]["n"] == 0  # nothing is interpolated between points
     assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
+    with rasterio.open(results / "dsm_sigma_relative.tif") as raster:
+        relative = raster.read(1, masked=True)
+        assert raster.descriptions == ("standard deviation of the height relative to the survey's mean height, without "
+                                       "the datum",)  # fmt: skip
+    np.testing.assert_array_equal(relative.mask, sigma.mask)
+    assert dsm["relative_sigma_m"]["median"] == pytest.approx(np.ma.median(relative), rel=1e-6)
+    datum = dsm["datum_sigma_m"]
+    assert all(0 < datum[axis] < 1 for axis in ("easting", "northing", "height"))
+    assert 0 < dsm["relative_sigma_m"]["median"] < dsm["sigma_m"]["median"]
+    # the two parts, over all cells: they correlate little, and not at all on the average over the places
+    both = np.hypot(dsm["relative_sigma_m"]["median"], datum["height"])
+    assert both == pytest.approx(dsm["sigma_m"]["median"], rel=0.3)
 
 
 def without_seconds(value: Any) -> Any:
