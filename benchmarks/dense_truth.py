@@ -22,7 +22,7 @@ from photogram.files.rasters import read_raster
 from photogram.map_grid import MapGrid
 from photogram.rendering import visible
 from photogram.scene import Material, Scene
-from photogram.simulation import SimulatedSurvey, simulate, whole_survey_plan
+from photogram.simulation import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
 from photogram.survey import Block, Raster
 
 FloatArray = NDArray[np.float64]
@@ -167,8 +167,7 @@ def raster_truth(surface: Raster, photographs: Sequence[tuple[Camera, Pose]], ce
 def simulated_survey(folder: Path) -> SimulatedSurvey:
     """Return the simulated survey of a folder, made again from its seed. Raises SystemExit where it is another's."""
     record = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    for width_px in (1200, 2400, 4000):
-        plan = whole_survey_plan(width_px)
+    for plan in (demonstration_plan(), *map(whole_survey_plan, (1200, 2400, 4000))):
         if abs(plan.gsd_m - record.get("gsd_m", 0.0)) > 1e-9:
             continue
         survey = simulate(plan, record["seed"])
@@ -176,7 +175,7 @@ def simulated_survey(folder: Path) -> SimulatedSurvey:
         stated = [record["positions_map_m"].get(p.name, [np.nan] * 3) for p in survey.photographs]
         if np.abs(made - np.array(stated)).max() < 1e-3:
             return survey
-    raise SystemExit(f"{folder}: its truth.json was not made by whole_survey_plan of this photogram: make it again")
+    raise SystemExit(f"{folder}: its truth.json was made by none of this photogram's plans: make it again")
 
 
 def block_error(truth: Truth, survey: SimulatedSurvey, block: Block) -> Callable[[FloatArray], FloatArray]:

@@ -28,6 +28,7 @@ from photogram.survey import Deformation, FloatArray, IntArray
 
 FEWEST_POINTS, MOST_POINTS = 10, 20_000
 BADLY = 3.0  # times the median sigma in height, beyond which rays too nearly parallel would speak for the whole block
+TOGETHER = 64  # places whose three columns each are solved for at once
 CELLS, PLACES = 24, 7  # of the grids over a block, for the tie points that stand for it and for those looked at singly
 EDGE = 95.0  # percentile of the distances of tie points from the centre that is taken as the block's radius
 MIDDLE = 0.15  # of the radius, within which the point in the middle is sought
@@ -225,6 +226,28 @@ def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places
         stiff.absolute_sigma_m,
         stiff.relative_sigma_m,
     )
+
+
+def shape_covariances(problem: Problem, state: State, found: Solvable, places: Places) -> FloatArray:
+    """Return what the cameras add to the errors of the places' points relative to the mean error of all of them: their
+    covariances (P, 3, 3) in the world, m².
+
+    A point follows the cameras as x = uᵀ δ, the mean as mᵀ δ: (u − m)ᵀ S⁻¹ (u − m). The difference is taken before it
+    is solved for, since a datum known to metres and a shape known to millimetres would cancel out afterwards.
+    """
+    layout, points, count = found.layout, places.points, len(places.points)
+    alike = np.broadcast_to(np.eye(3) / count, (count, 3, 3))
+    mean = functions_of_tie_points(problem, state, layout, points, alike).columns
+    covariance = np.empty((count, 3, 3))
+    for first in range(0, count, TOGETHER):
+        some = points[first : first + TOGETHER]
+        each = np.zeros((len(some), 3, 3 * len(some)))
+        for axis in range(3):
+            each[np.arange(len(some)), axis, 3 * np.arange(len(some)) + axis] = 1.0
+        columns = functions_of_tie_points(problem, state, layout, some, each).columns - np.tile(mean, len(some))
+        u, v = (c.reshape(-1, len(some), 3) for c in (columns, found.solve(columns)))
+        covariance[first : first + len(some)] = np.einsum("cpi,cpj->pij", u, v)
+    return np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
 
 def given_parameters(problem: Problem) -> FloatArray:

@@ -2,7 +2,9 @@
 
 A cell is kept when the photographs agree on it as well as they do elsewhere, and when at least SUPPORT of its eight
 neighbours lie within reach of it at the steepest slope, give or take their standard deviations: what hangs between a
-roof and the ground has too few.
+roof and the ground has too few. Neighbours share most of their window, so one match by chance makes several cells that
+support each other: a patch that stands alone and holds no more than a few windows needs a third photograph, and nearly
+all that look at it.
 """
 
 from __future__ import annotations
@@ -33,6 +35,23 @@ STEEPEST = 1.5
 NOISE_SIGMAS = 2.0
 """How many standard deviations of their difference neighbours may differ besides."""
 
+LINK_SLOPE = 1.0
+"""Rise over run up to which neighbouring cells belong to one patch. Where three photographs agree on both, a standard
+deviation of their difference is allowed besides; with two it says nothing, for that of a match by chance is small."""
+
+LEAST_PATCH_CELLS = 50
+"""Fewer connected cells than these hold no more than a few windows of 7 × 7 pixels (2.5 to 5 cells wide)."""
+
+PATCH_RAYS, PATCH_DISSENT = 3, 1
+"""In a smaller patch so many photographs must agree at least, and so many may look there and disagree: two agree by
+chance on a window, and nobody objects."""
+
+LEAST_WINDOW_CELLS = 9
+"""Fewer connected cells than these are not even one window, whoever agrees on them."""
+
+KEPT_MARGIN_CELLS = LEAST_PATCH_CELLS + LEAST_WINDOW_CELLS + 1
+"""How far beyond a window heights must be known, so that what is kept of it does not depend on the window."""
+
 OUTVOTED = 3
 """So many photographs that look at a cell and do not agree outvote two that do: a third of such heights are wrong."""
 
@@ -57,6 +76,46 @@ def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, out: ND
             out[r, c] = near >= SUPPORT
 
 
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: NDArray[np.int32]) -> None:
+    """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
+    standard deviation of a cell that may count, NaN where none may."""
+    rows, columns = height.shape
+    out[:] = 0
+    place = np.empty(rows * columns, np.int64)
+    for start in range(rows * columns):
+        if out[start // columns, start % columns] != 0 or np.isnan(height[start // columns, start % columns]):
+            continue
+        place[0], count, done = start, 1, 0
+        out[start // columns, start % columns] = -1
+        while done < count:
+            r, c = place[done] // columns, place[done] % columns
+            done += 1
+            for k in range(9):
+                rr, cc = r + k // 3 - 1, c + k % 3 - 1
+                if k == 4 or not (0 <= rr < rows and 0 <= cc < columns) or out[rr, cc] != 0:
+                    continue
+                reach = rise_m * (np.sqrt(2.0) if k % 2 == 0 else 1.0)
+                noise = np.sqrt(allowed[rr, cc] ** 2 + allowed[r, c] ** 2)
+                if not np.isnan(noise):
+                    reach += noise
+                if abs(height[rr, cc] - height[r, c]) < reach:
+                    out[rr, cc] = -1
+                    place[count] = rr * columns + cc
+                    count += 1
+        for n in range(count):
+            out[place[n] // columns, place[n] % columns] = count
+
+
+def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float) -> NDArray[np.int32]:
+    """Return how many cells (rows, columns) the patch of each cell has, 0 where there is no height: cells that are
+    connected by neighbours, diagonal ones too, as LINK_SLOPE says."""
+    count = np.empty(height_m.shape, dtype=np.int32)
+    allowed = np.where(rays >= PATCH_RAYS, sigma_m, np.float32(np.nan)).astype(np.float32)
+    _patch_cells(height_m, allowed, LINK_SLOPE * cell_m, count)
+    return count
+
+
 def kept_heights(
     height_m: Float32Array,
     sigma_m: Float32Array,
@@ -67,16 +126,24 @@ def kept_heights(
     least: float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
-    of those ``seen``, and two alone are not believed against OUTVOTED or more.
+    of those ``seen``, and two alone are not believed against OUTVOTED or more. In a patch of fewer than
+    LEAST_PATCH_CELLS at least PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than
+    LEAST_WINDOW_CELLS goes.
 
-    The outermost cells of the arrays lack neighbours: give one more on each side than is needed.
+    The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
+    each side than are needed.
     """
     outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
     agreed = (correlation >= least) & (rays >= 2) & ~outvoted
     height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
     supported = np.empty(height.shape, dtype=bool)
     _supported(height, sigma_m, STEEPEST * cell_m, supported)
-    return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+    height = np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+    sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
+    for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
+        lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared
+        height = np.where(lone, np.float32(np.nan), height).astype(np.float32)
+    return height
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -134,9 +201,11 @@ class SharedError:
     covariance_m2: FloatArray
 
 
-def shared_error(points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid, spacing_m: float) -> SharedError:
+def shared_error(
+    points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid, spacing_m: float, nearest: int = _NEAREST
+) -> SharedError:
     """Return what errors of the photographs do to a surface, from the covariances (N, 3, 3) of tie points (N, 3): the
-    mean of the nearest ones at every node."""
+    mean of the ``nearest`` ones at every node."""
     corner = np.array([grid.west_map_m, grid.north_map_m])
     far = corner + np.array([grid.columns, -grid.rows]) * grid.cell_m
     wide = MapGrid.around(
@@ -144,7 +213,7 @@ def shared_error(points_map_m: FloatArray, cameras_m2: FloatArray, grid: MapGrid
     )
     east, north = wide.centres_map_m(wide.whole)
     nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    count = min(_NEAREST, len(points_map_m))
+    count = min(nearest, len(points_map_m))
     _, near = cKDTree(points_map_m[:, :2]).query(nodes, k=list(range(1, count + 1)))
     mean = cameras_m2[near].mean(axis=1)
     six = np.stack([mean[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=-1)

@@ -139,6 +139,16 @@ def written_crs(name: str) -> CRS:
     return crs if crs.is_compound else plan
 
 
+def esri_wkt(name: str) -> str:
+    """Return the plan of the map ``name`` as a ``.prj`` file holds it: WKT as ESRI writes it, or of the second edition
+    where that has no word for it. Raises FrameError as projected_crs."""
+    plan = _plan_of(projected_crs(name))
+    try:
+        return str(plan.to_wkt("WKT1_ESRI"))
+    except CRSError:
+        return str(plan.to_wkt())
+
+
 def map_heights(crs: str, heights: DeclaredHeights, given: HeightSystem | None, points_map_m: FloatArray) -> FloatArray:
     """Bring points (N, 3), whose heights are of the system ``given``, to the heights of the map, each exactly.
 

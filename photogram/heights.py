@@ -31,6 +31,9 @@ HeightSystem = Literal["ellipsoidal", "orthometric"]
 GEOID_MODELS = {"EGM84": "EPSG:5798", "EGM96": "EPSG:5773", "EGM2008": "EPSG:3855"}
 """Global geoids by the names that people write, and their vertical CRS."""
 
+_STAND_IN = 5773
+"""A vertical CRS, any one, that stands in a GeoTIFF until its key is changed."""
+
 _SEMI_MAJOR_M, _SEMI_MINOR_M, _SAME_ELLIPSOID_M = 6378137.0, 6356752.3141, 0.01
 
 
@@ -273,14 +276,23 @@ def first_wkt(crs: CRS) -> str:
     return str(crs.to_wkt("WKT1_GDAL"))
 
 
-def flat_crs(crs: CRS) -> CRS:
-    """Return a CRS as a GeoTIFF can hold it, whose keys know no map grid with a third axis: ellipsoidal heights become
-    a vertical CRS of that name, on the ellipsoid as its datum."""
-    if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None:
-        return crs
-    plan, ellipsoid = crs.to_2d(), crs.ellipsoid.name.replace('"', "")
+def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
+    """Return a CRS as GDAL can write it into a GeoTIFF, and the code that its VerticalGeoKey has to be given then.
+
+    GDAL writes no map grid with a third axis. A compound CRS with some vertical CRS makes the keys, and the code of the
+    geographic CRS with three axes, in the place of that vertical CRS, says that heights are ellipsoidal. Of a map
+    without a code, of which GDAL does not read it, they become a vertical CRS called "ellipsoidal height", without
+    code.
+    """
+    if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None or crs.geodetic_crs is None:
+        return crs, None
+    name = crs_name(crs.to_2d())
+    plan, code = CRS.from_user_input(name), crs.geodetic_crs.to_3d().to_epsg()
+    if name.startswith("EPSG:") and code is not None:
+        return CompoundCRS(f"{plan.name}, ellipsoidal height", [plan, CRS.from_epsg(_STAND_IN)]), code
+    ellipsoid = crs.ellipsoid.name.replace('"', "")
     vertical = CRS.from_wkt(
         f'VERTCRS["ellipsoidal height ({ellipsoid})",VDATUM["{ellipsoid} ellipsoid"],CS[vertical,1],'
         'AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
     )
-    return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical])
+    return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical]), None

@@ -38,7 +38,7 @@ from photogram.report.pictures import (
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
 from photogram.stages import Progress
-from photogram.surface_products import copy_products, report_surface, write_dense_cloud
+from photogram.surface_products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
 from photogram.tracks import seen_in_all
 from photogram.workspace import write_record
@@ -84,10 +84,12 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
 
 def _clouds(outcome: _Outcome) -> list[str]:
     products = []
+    block = outcome.result.block
+    created = flight_date([p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None])
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs, created)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 
@@ -111,8 +113,8 @@ def _surfaces(outcome: _Outcome) -> list[str]:
 def _photographs(outcome: _Outcome) -> list[str]:
     words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
     write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
-    write_pose_geojson(outcome.results / "photographs.geojson", outcome.result)
-    return ["photographs.csv", "photographs.geojson"]
+    write_pose_geojson(outcome.results / "photographs.geojson", outcome.results / "footprints.geojson", outcome.result)
+    return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
 
 
 def _pictures(outcome: _Outcome) -> list[str]:
@@ -196,7 +198,9 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         [point.heights for point in run.project.control_points],
     )
     value["gnss"] = gnss_numbers(outcome.result, run.notes())
-    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m())
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    datum = None if shape is None else shape.datum_covariance_m2
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
     value = {**value, **run_facts(run, stages)}
     value["adjustment"].update(disbelieved(run))
     surface, drawn, pictures = report_surface(run, value, outcome.results)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from photogram.blunders import Accusation, unmeasured, without
 from photogram.camera import Pose, rotation_from_gimbal
 from photogram.comparison import CloudStatistics, Comparison
+from photogram.deformation import GROUND
 from photogram.errors import PhotogramError, ProjectError, WorkspaceError
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
@@ -25,7 +26,7 @@ from photogram.heights import HeightSystem
 from photogram.orientation import Orientation
 from photogram.project import Project, ProjectPhotograph
 from photogram.resection import Resection
-from photogram.surface_model import PointPrecision
+from photogram.surface_model import PointPrecision, ShapePrecision
 from photogram.survey import (
     Adjustment,
     Block,
@@ -137,6 +138,18 @@ class Run:
         whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
         return PointPrecision(rays, whole - rays)
 
+    def shape(self) -> ShapePrecision | None:
+        """Return how well the shape of the survey is known, without its datum, None where there are too few tie points
+        to say. Needs the stage `adjustment`."""
+        found = read_record(self.workspace.stage("adjustment") / "deformation.npz", Deformation)
+        if not len(found.place_world_m):
+            return None
+        frame = self.block().frame
+        R = frame.rotation_world_from_map(np.zeros(3))
+        places = frame.map_from_world(found.place_world_m)
+        datum = R.T @ found.covariance[GROUND, GROUND] @ R
+        return ShapePrecision(places, R.T @ found.shape_covariance_m2 @ R, datum)
+
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
@@ -155,6 +168,12 @@ class Run:
         `surface`."""
         matched = (self.workspace.stage("surface") / "dsm_filled.tif").is_file()
         return self._raster("dsm_filled" if matched else "dsm")
+
+    def surface_relative_sigma(self) -> Raster | None:
+        """Return the standard deviations of the DSM without the datum's part, None where they are not known. Needs the
+        stage `surface`."""
+        known = (self.workspace.stage("surface") / "dsm_sigma_relative.tif").is_file()
+        return self._raster("dsm_sigma_relative") if known else None
 
     def surface_sigma(self) -> Raster:
         """Return the standard deviations of the DSM. Needs the stage `surface`."""

@@ -24,6 +24,7 @@ from photogram.deformation import (
     deformation,
     given_parameters,
     places_of,
+    shape_covariances,
     stiffness,
 )
 from photogram.factors.bundle import limited_threads
@@ -234,7 +235,11 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
     if places is None:
         return Deformation.unknown(given_parameters(problem))
     stiff = stiffness(problem, state, found, places)
-    known = deformation(problem, state, stiff, places)
+    known = replace(
+        deformation(problem, state, stiff, places),
+        place_world_m=state.tie_point[places.points],
+        shape_covariance_m2=shape_covariances(problem, state, found, places),
+    )
     stated = problem.control_sigma_m[np.isfinite(problem.control_sigma_m).all(axis=1)]
     sigma = np.median(stated, axis=0) if len(stated) else CONTROL_SIGMA_M
     tried: dict[str, Stiffness | None] = {

@@ -413,12 +413,21 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     }
 
 
+HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
+RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
+RELATIVE_SIGMA_FILE = "dsm_sigma_relative.tif"
+"""Descriptions of the bands of `dsm.tif`, `dsm_sigma.tif` and RELATIVE_SIGMA_FILE."""
+
+
 def interpolate_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
-    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface)
+    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface, run.shape())
     raster = surface.heights
-    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs)
-    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs))
+    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs, description=HEIGHT)
+    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs), description=SIGMA)
+    if surface.relative is not None:
+        path, plan = folder / RELATIVE_SIGMA_FILE, plan_of(run.project.crs)
+        write_geotiff(path, surface.relative, plan, description=RELATIVE_SIGMA)
     write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")

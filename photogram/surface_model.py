@@ -29,6 +29,9 @@ NMAD_FACTOR = 1.4826
 1).
 """
 
+NEAREST_PLACES = 4
+"""Places whose mean says how well the shape is known at a point: those on the corners of its mesh."""
+
 MAXIMUM_CELLS = 1_000_000_000
 MAXIMUM_HELD_OUT = 20_000
 TILE_CELLS = 400_000
@@ -80,13 +83,32 @@ class PointPrecision:
 
 
 @dataclass(frozen=True, eq=False)
+class ShapePrecision:
+    """How well the shape of a survey is known, whatever its datum: at places (S, 3) of the map the covariances (S, 3,
+    3), m², of what the cameras add, relative to the mean error of all places, and the covariance (3, 3) of that mean,
+    the datum's part, both along easting, northing and height."""
+
+    place_map_m: FloatArray
+    covariance_m2: FloatArray
+    datum_covariance_m2: FloatArray
+
+    def at(self, points_map_m: FloatArray) -> FloatArray:
+        """Return the covariances (N, 3, 3) at points (N, 2 or 3): the mean of the nearest places."""
+        count = min(NEAREST_PLACES, len(self.place_map_m))
+        _, near = cKDTree(self.place_map_m[:, :2]).query(points_map_m[:, :2], k=list(range(1, count + 1)))
+        return np.asarray(self.covariance_m2[near].mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A DSM, the standard deviations of its heights as far as the measurement goes, and how far it is off between
-    points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest."""
+    points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest.
+    ``relative`` are the standard deviations without the datum's part, None where they are not known."""
 
     heights: Raster
     sigma: Raster
     held_out_m: FloatArray
+    relative: Raster | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +144,13 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
 
 
 def surface_with_sigma(
-    cloud: PointCloud, precision: PointPrecision, settings: SurfaceSettings | None = None
+    cloud: PointCloud,
+    precision: PointPrecision,
+    settings: SurfaceSettings | None = None,
+    shape: ShapePrecision | None = None,
 ) -> Surface:
-    """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid.
+    """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid;
+    with a ``shape`` those without the datum's part too.
 
     With barycentric weights w of the three corners and the normal n = (−∂h/∂E, −∂h/∂N, 1) of their triangle, the height
     at a fixed place has the variance Σ w² nᵀ Σ_rays n + (Σ w √(nᵀ Σ_cameras n))²: the corners' own errors average out,
@@ -133,14 +159,25 @@ def surface_with_sigma(
     """
     settings = settings or SurfaceSettings()
     triangles = _triangulated(cloud, settings)
-    own, shared = _corner_variances(triangles, precision.select(triangles.kept))
+    own = precision.select(triangles.kept)
+    rules = [_height_rule(triangles), _sigma_rule(triangles, own)]
+    if shape is not None:
+        places = cloud.position_map_m[triangles.kept]
+        rules.append(_sigma_rule(triangles, PointPrecision(own.rays_m2, shape.at(places))))
+    heights, deviations, *relative = _rasters(triangles, rules)
+    held_out = _held_out_m(triangles.points_m, settings.maximum_gap_m)
+    return Surface(heights, deviations, held_out, relative[0] if relative else None)
+
+
+def _sigma_rule(triangles: _Triangles, precision: PointPrecision) -> Rule:
+    """Return the rule of standard deviations of heights."""
+    own, shared = _corner_variances(triangles, precision)
 
     def sigma(triangle: IntArray, weight: FloatArray) -> FloatArray:
         cameras = np.sum(weight * np.sqrt(shared[triangle]), axis=1)
         return np.asarray(np.sqrt(np.sum(weight**2 * own[triangle], axis=1) + cameras**2))
 
-    heights, deviations = _rasters(triangles, [_height_rule(triangles), sigma])
-    return Surface(heights, deviations, _held_out_m(triangles.points_m, settings.maximum_gap_m))
+    return sigma
 
 
 def _held_out_m(points_m: FloatArray, maximum_gap_m: float | None) -> FloatArray:

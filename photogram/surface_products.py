@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,22 @@ import numpy as np
 from photogram.block_files import BlockFiles
 from photogram.dense_surface import FILLED, MEASURED
 from photogram.files.atomic import replacing
-from photogram.files.dense_points import CHUNK_CELLS, DensePoints, points_of_cells, write_dense_laz
-from photogram.files.rasters import picture_on_grid
+from photogram.files.dense_points import (
+    CHUNK_CELLS,
+    GROUND,
+    NEVER_CLASSIFIED,
+    NOT_GROUND,
+    DensePoints,
+    points_of_cells,
+    write_dense_laz,
+)
+from photogram.files.points import NO_DATE
+from photogram.files.rasters import picture_on_grid, read_codes
 from photogram.map_grid import MapGrid
 from photogram.orthophoto_stage import LEFT_OUT
 from photogram.records import Run
 from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
-from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers
+from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers, sigma_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
     SURFACE_PICTURES,
@@ -30,12 +40,21 @@ from photogram.report.surface_figures import (
     write_surface_pictures,
 )
 from photogram.report.thumbnails import thumbnails
+from photogram.stages import RELATIVE_SIGMA_FILE
 from photogram.surface_stages import MatchedHeights, matched, surface_layers
+from photogram.survey import Photograph
 from photogram.workspace import read_json
 
 PRODUCTS = {
-    "surface": ("dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "dsm_source.tif"),
-    "relief": ("dtm.tif", "dtm_source.tif", "contours.gpkg"),
+    "surface": (
+        "dsm.tif",
+        "dsm_sigma.tif",
+        RELATIVE_SIGMA_FILE,
+        "dsm_filled.tif",
+        "dsm_source.tif",
+        "dsm_source.tif.aux.xml",
+    ),
+    "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
     "orthophoto": ("orthophoto.tif",),
 }
 """Files of results by the stage that makes them; those that a project does not ask for are not there."""
@@ -43,6 +62,9 @@ PRODUCTS = {
 CLOUD = "dense.laz"
 MAXIMUM_PICTURE_PX = 1800
 """Longer side of the orthophoto on the page, at most."""
+
+DROWNS = 3.0
+"""A datum known so many times worse in height than the shape hides it: figures then show the relative sigma."""
 
 SEEN_BY = 3
 """A cell that so many photographs show counts for the completeness."""
@@ -64,26 +86,41 @@ def copy_products(run: Run, results: Path) -> list[str]:
     return names
 
 
+def flight_date(photographs: Sequence[Photograph]) -> date:
+    """Return the day of the last exposure whose time the tags give, NO_DATE where none does: that of the clouds."""
+    return max((p.time.date() for p in photographs if p.time is not None), default=NO_DATE)
+
+
 def write_dense_cloud(run: Run, results: Path) -> list[str]:
-    """Write a point for every measured cell of the dense surface, coloured by the orthophoto (black without one); no
-    file where nothing was matched. Returns the names of what was written."""
+    """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
+    one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
+    written."""
     path = results / CLOUD
     if not matched(run):
         path.unlink(missing_ok=True)
         return []
-    layers = surface_layers(run)
-    write_dense_laz(path, layers.grid, run.project.product_crs, _chunks(run, layers))
+    layers, block = surface_layers(run), run.adjustment().block
+    flown = [p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None]
+    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    coloured = picture.is_file()
+    chunks = _chunks(run, layers, picture if coloured else None)
+    write_dense_laz(path, layers.grid, run.project.product_crs, chunks, flight_date(flown), coloured=coloured)
     return [CLOUD]
 
 
-def _chunks(run: Run, layers: BlockFiles) -> Iterator[DensePoints]:
-    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
+    terrain = run.workspace.stage("relief") / "dtm_source.tif"
     for window in layers.grid.tiles(CHUNK_CELLS):
         height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
         colour = np.zeros((*window.shape, 3), np.uint8)
-        if picture.is_file():
-            colour = picture_on_grid(picture, layers.grid, window)[..., :3]
-        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays)
+        if picture is not None:
+            rgba = picture_on_grid(picture, layers.grid, window)
+            # over the finished surface no photograph sees it: its height and its visibility contradict each other
+            colour, height = rgba[..., :3], np.where(rgba[..., 3] > 0, height, np.float32(np.nan))
+        classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
+        if terrain.is_file():
+            classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
+        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
@@ -136,6 +173,19 @@ def matching_sigma_m(run: Run) -> float | None:
     return float(np.median(sigma)) if len(sigma) else None
 
 
+def _shown(run: Run, dense: DenseSurface, numbers: dict[str, Any]) -> tuple[DenseSurface, dict[str, Any], float | None]:
+    """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
+    them: where it would hide everything else."""
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    if shape is None or relative is None or numbers["sigma_m"] is None:
+        return dense, numbers, None
+    without = replace(dense, sigma=relative)
+    spread, datum_sigma_m = sigma_numbers(without), float(np.sqrt(shape.datum_covariance_m2[2, 2]))
+    if spread is None or not datum_sigma_m > DROWNS * spread["median"]:
+        return dense, numbers, None
+    return without, {**numbers, "sigma_m": spread}, datum_sigma_m
+
+
 def report_surface(
     run: Run, numbers: dict[str, Any], results: Path
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
@@ -154,6 +204,8 @@ def report_surface(
         value["orthophoto"] = dict(read_json(left_out))
     if dense is not None:
         value["dense"] = {**dense_numbers(dense, ground), "matching_sigma_m": matching_sigma_m(run)}
-        drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)
+        target_m = run.project.report.target_rmse_v_m
+        shown, numbers_shown, datum_sigma_m = _shown(run, dense, value["dense"])
+        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
     names = write_surface_pictures(results / "pictures", drawn)
     return value, surface_figures(drawn) + thumbnails(orthophoto, run.surface()), [f"pictures/{name}" for name in names]

@@ -413,6 +413,8 @@ class Deformation:
     of the block, of what the cameras do to a point there: as such, and after the mean shift of all points is taken off,
     which leaves the shape of the block without its datum. ``ground_place_world_m`` (Q, 3) are places over the block,
     ``ground_covariance_m2`` (3 Q, 3 Q) the joint covariance of what the cameras do to the ground there.
+    ``place_world_m`` (S, 3) are places spread over the ground, ``shape_covariance_m2`` (S, 3, 3) what the cameras add
+    to their errors relative to the mean error of all of them: without the datum's common part.
     """
 
     centre_world_m: FloatArray
@@ -431,6 +433,8 @@ class Deformation:
     relative_sigma_m: FloatArray
     ground_place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     ground_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:

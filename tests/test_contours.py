@@ -148,15 +148,16 @@ def test_lines_survive_the_geopackage(tmp_path: Path) -> None:
     write_contours(path, found, MAP)
     assert path.read_bytes() == first
     assert list(tmp_path.iterdir()) == [path]
-    assert pyogrio.list_layers(path).tolist() == [[LAYER, "LineString"]]
+    assert pyogrio.list_layers(path).tolist() == [[LAYER, "LineString Z"]]
     about = pyogrio.read_info(path, layer=LAYER)
     assert CRS(about["crs"]).to_epsg() == 25832
     assert "DVR90 height" in about["layer_metadata"]["DESCRIPTION"]
     _, _, geometry, (height, index) = pyogrio.raw.read(path, layer=LAYER, columns=["height_m", "index"])
     np.testing.assert_array_equal(height, found.height_m)
     np.testing.assert_array_equal(index, found.is_index)
-    vertices, of_line = shapely.get_coordinates(shapely.from_wkb(geometry), return_index=True)
-    np.testing.assert_array_equal(vertices, found.vertex_map_m)
+    vertices, of_line = shapely.get_coordinates(shapely.from_wkb(geometry), include_z=True, return_index=True)
+    np.testing.assert_array_equal(vertices[:, :2], found.vertex_map_m)
+    np.testing.assert_array_equal(vertices[:, 2], found.height_m[of_line])
     np.testing.assert_array_equal(np.bincount(of_line), np.diff(found.first))
 
 

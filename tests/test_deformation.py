@@ -21,6 +21,7 @@ from photogram.deformation import (
     parameters_of,
     places_of,
     rotations_of,
+    shape_covariances,
     spread_points,
     stiffness,
 )
@@ -140,6 +141,42 @@ def test_relative_sigmas_leave_the_datum_out() -> None:
     assert (far < 10.5).all()
     np.testing.assert_allclose(same, shape, rtol=1e-3)
     assert (same < 0.5).all()
+
+
+def test_the_shape_is_the_error_relative_to_the_mean() -> None:
+    """Errors relative to their mean, against the whole linear system, of which the cameras' part is taken."""
+    problem, state = small()
+    covariance, place = whole(problem, state)
+    places, found = places_of(problem, state), covariances(problem, state)
+    assert places is not None
+    shape = shape_covariances(problem, state, found, places)
+    count = len(places.points)
+    at = np.array([np.arange(place[key(TIE_POINT, p)].start, place[key(TIE_POINT, p)].stop) for p in places.points])
+    rows = np.zeros((count, 3, len(covariance)))
+    for n in range(count):
+        rows[n, range(3), at[n]] = 1.0
+    rows -= rows.mean(axis=0)
+    a = np.tile(-np.eye(3) / count, (count, 1, 1))
+    a = np.stack([np.where(np.arange(count)[:, None, None] == n, a + np.eye(3), a) for n in range(count)])
+    for n in (0, count // 2, count - 1):
+        own = functions_of_tie_points(problem, state, found.layout, places.points, a[n]).own
+        np.testing.assert_allclose(shape[n] + own, rows[n] @ covariance @ rows[n].T, rtol=1e-5, atol=1e-10)
+
+
+def test_a_datum_known_to_hundreds_of_metres_leaves_the_shape_as_it_is() -> None:
+    shapes, datum = [], []
+    for sigma_m in (1.0, 1000.0):
+        plan = replace(PLAN, control_points=0, check_points=0, flights=1, gnss_offset_sigma_m=(sigma_m,) * 3)
+        problem, state = small(plan=plan)
+        places, found = places_of(problem, state), factored(problem, state)
+        assert places is not None
+        shapes.append(shape_covariances(problem, state, found, places))
+        datum.append(np.sqrt(np.diag(stiffness(problem, state, found, places).modes)[GROUND]))
+    assert np.all(datum[0] > 0.9)
+    assert np.all(datum[1] > 900.0)
+    sigma = [np.sqrt(np.einsum("pii->pi", shape)) for shape in shapes]
+    assert np.all(sigma[0] > 0)
+    np.testing.assert_allclose(sigma[1], sigma[0], rtol=1e-3)
 
 
 def test_a_function_of_one_tie_point_is_its_own_covariance() -> None:

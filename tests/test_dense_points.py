@@ -6,6 +6,7 @@ import struct
 import subprocess
 from collections.abc import Iterator
 from dataclasses import fields
+from datetime import date
 from pathlib import Path
 
 import laspy
@@ -33,6 +34,7 @@ def points(count: int, seed: int = 3, grid: MapGrid = GRID) -> DensePoints:
         rng.uniform(0.002, 0.5, count).astype(np.float32),
         rng.uniform(0, 1, count).astype(np.float32),
         rng.integers(0, 30, count).astype(np.uint8),
+        rng.integers(0, 3, count).astype(np.uint8),
     )
 
 
@@ -58,6 +60,7 @@ def test_points_come_back_to_the_millimetre(
     assert np.abs(np.asarray(back.xyz) - given.position_map_m).max(initial=0.0) <= 0.0005 + 1e-8
     np.testing.assert_array_equal(back["sigma z"], given.sigma_height_m)
     np.testing.assert_array_equal(back["rays"], given.rays)
+    np.testing.assert_array_equal(back.classification, given.classification)
     assert np.abs(back["confidence"] / 100 - given.confidence).max(initial=0.0) <= 0.005 + 1e-6
     np.testing.assert_array_equal(np.column_stack([back.red, back.green, back.blue]), given.colour.astype(int) * 257)
 
@@ -100,13 +103,23 @@ def test_cells_become_points_at_their_centres_and_holes_none() -> None:
     heights = np.arange(12, dtype=np.float32).reshape(3, 4)
     heights[1, 2] = np.nan
     colour = np.repeat(np.arange(12, dtype=np.uint8).reshape(3, 4, 1), 3, axis=2)
-    cloud = points_of_cells(GRID, window, heights, colour, heights + 1, heights / 12, colour[..., 0])
+    cloud = points_of_cells(GRID, window, heights, colour, heights + 1, heights / 12, colour[..., 0], colour[..., 1])
     assert len(cloud) == 11
     np.testing.assert_allclose(cloud.position_map_m[0], [602_300.5 + 20.5 * 0.05, 5_794_140.25 - 10.5 * 0.05, 0.0])
     np.testing.assert_allclose(cloud.position_map_m[-1], [602_300.5 + 23.5 * 0.05, 5_794_140.25 - 12.5 * 0.05, 11.0])
     np.testing.assert_array_equal(cloud.rays, [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11])
     np.testing.assert_array_equal(cloud.position_map_m[:, 2], cloud.rays)
     np.testing.assert_array_equal(cloud.sigma_height_m, cloud.rays + 1)
+    np.testing.assert_array_equal(cloud.classification, cloud.rays)
+
+
+def test_without_colours_there_are_none_and_the_date_is_the_one_given(tmp_path: Path) -> None:
+    given = points(50)
+    write_dense_laz(tmp_path / "dense.laz", GRID, CRS, [given], date(2024, 5, 9), coloured=False)
+    back = laspy.read(tmp_path / "dense.laz")
+    assert (back.header.point_format.id, back.header.creation_date) == (6, date(2024, 5, 9))
+    assert "red" not in set(back.point_format.dimension_names)
+    np.testing.assert_array_equal(back.classification, given.classification)
 
 
 def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:

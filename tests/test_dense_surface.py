@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from photogram.dense_surface import (
     FILL_DIRECTIONS,
+    KEPT_MARGIN_CELLS,
     STEEPEST,
     filled_heights,
     kept_heights,
+    patch_cells,
     shared_error,
     surface_sigma_m,
 )
@@ -32,14 +34,74 @@ def test_what_differs_by_its_noise_alone_stays() -> None:
     noisy = 10.0 + np.random.default_rng(1).normal(0.0, 0.3, (60, 70))
     inner = (slice(1, -1), slice(1, -1))
     assert np.isfinite(kept(noisy)[inner]).mean() < 0.7
-    assert np.isfinite(kept(noisy, sigma_m=0.3)[inner]).mean() > 0.999
+    assert np.isfinite(kept(noisy, sigma_m=0.3)[inner]).mean() > 0.998
 
 
 def test_two_photographs_do_not_outvote_three_others() -> None:
-    height, some = np.zeros((9, 9), np.float32), np.full((9, 9), 0.9, np.float32)
+    height = np.zeros((12, 12), np.float32)
+    some = np.full(height.shape, 0.9, np.float32)
     for rays, seen, stays in ((2, 2, True), (2, 4, True), (2, 5, False), (2, 6, False), (3, 6, True), (1, 2, False)):
-        counts = (np.full((9, 9), n, np.uint8) for n in (rays, seen))
+        counts = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
         assert np.isfinite(kept_heights(height, 0 * some, some, *counts, CELL_M, 0.6)[INSIDE]).all() == stays
+
+
+def pit(side: int) -> NDArray[np.float64]:
+    """Return a plane with a square pit, 4 m deep; its outermost cells lack the support of neighbours."""
+    height = np.full((60, 60), 10.0)
+    height[20 : 20 + side, 20 : 20 + side] -= 4.0
+    return height
+
+
+@pytest.mark.parametrize(("side", "rays", "stays"), [(8, 2, False), (8, 3, True), (12, 2, True)])
+def test_a_small_patch_that_stands_alone_needs_a_third_photograph(side: int, rays: int, stays: bool) -> None:
+    height = pit(side)
+    count = np.full(height.shape, rays, np.uint8)
+    sigma, some = np.zeros(height.shape, np.float32), np.full(height.shape, 0.9, np.float32)
+    found = kept_heights(height.astype(np.float32), sigma, some, count, count, CELL_M, 0.6)
+    assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays
+    assert np.isfinite(found[1:19, 1:-1]).all()
+    counted = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
+    assert set(np.unique(counted)) == {side * side, 60 * 60 - side * side}
+
+
+def test_small_patches_need_nearly_all_photographs_and_single_cells_go() -> None:
+    for side, rays, seen, stays in ((8, 3, 4, True), (8, 3, 5, False), (4, 6, 6, False)):
+        height = pit(side).astype(np.float32)
+        counts = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
+        some = np.full(height.shape, 0.9, np.float32)
+        found = kept_heights(height, np.zeros_like(height), some, *counts, CELL_M, 0.6)
+        assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays, side
+
+
+def test_a_patch_is_connected_over_corners_and_not_across_holes_nor_by_the_sigma_of_two_photographs() -> None:
+    none = np.nan
+    height = np.array([[0.0, none, 5.0, none], [none, 0.2, none, 5.4], [0.0, none, none, none]], np.float32)
+    for rays, sigma_m, counted in ((2, 0.1, [1, 1]), (3, 0.0, [1, 1]), (3, 0.1, [2, 2])):
+        sigma, count = np.full_like(height, sigma_m), np.full(height.shape, rays, np.uint8)
+        found = patch_cells(height, sigma, count, CELL_M)
+        assert found[[0, 1, 2], [0, 1, 0]].tolist() == [3, 3, 3]
+        assert found[[0, 1], [2, 3]].tolist() == counted
+        assert np.all(found[np.isnan(height)] == 0)
+
+
+@given(st.integers(0, 50), st.integers(0, 30), st.integers(0, 30))
+@settings(max_examples=20, deadline=None)
+def test_what_is_kept_does_not_depend_on_the_window(seed: int, row: int, column: int) -> None:
+    rng, margin, side = np.random.default_rng(seed), KEPT_MARGIN_CELLS, 20
+    shape = (side + 2 * margin + 40, side + 2 * margin + 40)
+    coarse = 3.0 * rng.integers(0, 3, (shape[0] // 4 + 1, shape[1] // 4 + 1))
+    height = np.kron(coarse, np.ones((4, 4)))[: shape[0], : shape[1]].astype(np.float32)
+    rays = rng.integers(2, 4, shape).astype(np.uint8)
+    sigma, some = np.zeros(shape, np.float32), np.full(shape, 0.9, np.float32)
+
+    def of(at: tuple[slice, slice]) -> Float32Array:
+        return kept_heights(height[at], sigma[at], some[at], rays[at], rays[at], CELL_M, 0.6)
+
+    part = (slice(row, row + side + 2 * margin), slice(column, column + side + 2 * margin))
+    inner = (slice(margin, margin + side),) * 2
+    whole = of((slice(None), slice(None)))[part][inner]
+    assert np.array_equal(of(part)[inner], whole, equal_nan=True)
+    assert np.isfinite(whole).any()
 
 
 def plane(rows: int, columns: int, east: float, south: float) -> NDArray[np.float64]:

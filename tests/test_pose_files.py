@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyogrio
+import pyproj
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -18,7 +21,13 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, gimbal_from_rotation, project, rotation_from_gimbal
 from photogram.errors import WorkspaceError
-from photogram.files.poses import COLUMNS, footprint_world_m, write_pose_geojson, write_pose_table
+from photogram.files.poses import (
+    COLUMNS,
+    footprint_world_m,
+    heading_and_nadir_angle_deg,
+    write_pose_geojson,
+    write_pose_table,
+)
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.survey import Adjustment, Block, ControlPoints, Photograph, Reliability, TiePoints, VarianceComponents
 
@@ -59,21 +68,25 @@ def adjusted(
     )  # fmt: skip
 
 
-def table(folder: Path, result: Adjustment) -> tuple[str, list[dict[str, str]]]:
+def table(folder: Path, result: Adjustment) -> list[dict[str, str]]:
     path = folder / "photographs.csv"
     write_pose_table(path, result)
-    comment, *lines = path.read_text(encoding="utf-8").splitlines()
-    return comment, list(csv.DictReader(lines))
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
-def features(folder: Path, result: Adjustment) -> list[Json]:
-    path = folder / "photographs.geojson"
-    write_pose_geojson(path, result)
-    collection = json.loads(path.read_text(encoding="utf-8"))
-    assert set(collection) == {"type", "features"}
-    assert collection["type"] == "FeatureCollection"
-    assert all(set(f) == {"type", "geometry", "properties"} and f["type"] == "Feature" for f in collection["features"])
-    return list(collection["features"])
+def features(folder: Path, result: Adjustment) -> tuple[list[Json], list[Json]]:
+    """The points and the polygons of the two files."""
+    paths = folder / "photographs.geojson", folder / "footprints.geojson"
+    write_pose_geojson(*paths, result)
+    layers = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+    for collection, kind in zip(layers, ("Point", "Polygon"), strict=True):
+        assert set(collection) == {"type", "features"}
+        assert collection["type"] == "FeatureCollection"
+        for f in collection["features"]:
+            assert set(f) == {"type", "geometry", "properties"}
+            assert f["type"] == "Feature"
+            assert f["geometry"] is None or f["geometry"]["type"] == kind
+    return layers[0]["features"], layers[1]["features"]
 
 
 def vector(row: dict[str, Any], *names: str) -> FloatArray:
@@ -115,7 +128,7 @@ def test_the_table_leads_back_to_the_pose(
     tmp_path_factory: pytest.TempPathFactory, rotation: FloatArray, position: FloatArray
 ) -> None:
     folder = tmp_path_factory.getbasetemp()
-    _, (row,) = table(folder, adjusted([Pose(rotation, position)]))
+    (row,) = table(folder, adjusted([Pose(rotation, position)]))
     place = FRAME.world_from_map(vector(row, "easting_m", "northing_m", "height_m")[None])[0]
     assert np.abs(place - position).max() < 1e-4
     # Kraus 2007: map from image = Rx(ω) Ry(φ) Rz(κ), the image's axes x right, y up, z backward
@@ -128,7 +141,7 @@ def test_the_table_leads_back_to_the_pose(
 
 def test_yaw_is_from_true_north_and_kappa_from_grid_north(tmp_path: Path) -> None:
     """A photograph whose top points to true north, where grid north lies some degrees beside it."""
-    _, (row,) = table(tmp_path, adjusted([Pose(NADIR, np.array([0.0, 0.0, 100.0]))]))
+    (row,) = table(tmp_path, adjusted([Pose(NADIR, np.array([0.0, 0.0, 100.0]))]))
     east, north = FRAME.rotation_world_from_map(np.zeros(3))[:2, 1]
     convergence = np.rad2deg(np.arctan2(-east, north))
     assert abs(convergence) > 2.0
@@ -138,24 +151,62 @@ def test_yaw_is_from_true_north_and_kappa_from_grid_north(tmp_path: Path) -> Non
 
 def test_lines_units_and_photographs_that_are_left_out(tmp_path: Path) -> None:
     poses = [Pose(NADIR, np.array([0.0, 0.0, 80.0])), None, Pose(NADIR, np.array([30.0, 0.0, 80.0]))]
-    comment, rows = table(tmp_path, adjusted(poses))
-    assert comment.startswith("# EPSG:25832: ")
-    assert all(word in comment for word in (" m;", "degrees", "grid north", "true north"))
+    rows = table(tmp_path, adjusted(poses))
+    assert {row["crs"] for row in rows} == {"EPSG:25832"}
     assert tuple(rows[0]) == COLUMNS
     assert [row["name"] for row in rows] == [f'DJI "{i}", ä.JPG' for i in range(3)]
     assert [row["registered"] for row in rows] == ["yes", "no", "yes"]
     assert [row["flight"] for row in rows] == ["0", "1", "0"]
     assert {row["camera"] for row in rows} == {"left, wide"}
-    assert all(rows[1][name] == "" for name in COLUMNS[4:])
+    assert all(rows[1][name] == "" for name in COLUMNS[4:-1])
     attitude = vector(rows[0], "sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
     assert attitude == pytest.approx(np.rad2deg([1e-4, 2e-4, 3e-4]), abs=1e-8)
+
+
+@given(yaw=st.floats(-180, 180), pitch=st.floats(-90, 20), roll=st.floats(-5, 5))
+def test_heading_and_nadir_angle_are_those_of_the_gimbal(yaw: float, pitch: float, roll: float) -> None:
+    heading, off = heading_and_nadir_angle_deg(rotation_from_gimbal(yaw, pitch, 0.0))
+    assert abs((heading - yaw + 180) % 360 - 180) < 1e-6
+    assert 0.0 <= heading <= 360.0
+    assert off == pytest.approx(90.0 + pitch, abs=1e-6)
+    leaning, _ = heading_and_nadir_angle_deg(rotation_from_gimbal(yaw, pitch, roll))
+    assert abs((leaning - yaw + 180) % 360 - 180) < 8.0
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 90.0, 132.0, 270.0])
+def test_a_heading_is_steady_where_yaw_and_roll_are_not(azimuth: float) -> None:
+    """Turned a little about the picture's own axes yaw and roll may be anything; the top points where it did."""
+    down = rotation_from_gimbal(azimuth, -90.0, 0.0)
+    for tilt in ([0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [-0.1, -0.2, 0.0]):
+        tilted = down @ Rotation.from_rotvec(np.deg2rad(tilt)).as_matrix()
+        heading, off = heading_and_nadir_angle_deg(tilted)
+        assert abs((heading - azimuth + 180) % 360 - 180) < 0.001
+        assert off == pytest.approx(np.linalg.norm(tilt), abs=1e-6)
+
+
+def test_gdal_opens_the_table_as_points_of_the_map(tmp_path: Path) -> None:
+    table(tmp_path, adjusted([Pose(NADIR, np.array([5.0, 7.0, 80.0])), None]))
+    info = pyogrio.read_info(tmp_path / "photographs.csv")
+    assert tuple(info["fields"]) == COLUMNS
+    kinds = dict(zip(info["fields"], info["dtypes"], strict=True))
+    assert {str(kinds[name]) for name in COLUMNS[4:-1]} == {"float64"}
+    assert info["geometry_type"] == "Point"
+    to_geodetic = [
+        pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(805_000.0, 6_200_000.0)
+        for crs in (info["crs"], FRAME.crs)
+    ]
+    assert to_geodetic[0] == pytest.approx(to_geodetic[1], abs=1e-9)
+    _, _, geometry, fields = pyogrio.raw.read(tmp_path / "photographs.csv")
+    point = shapely.from_wkb(geometry)
+    easting = fields[COLUMNS.index("easting_m")]
+    assert (point[0].x, point[1]) == (easting[0], None)
 
 
 def test_sigmas_are_along_easting_northing_and_height(tmp_path: Path) -> None:
     """A photograph known to 1 m along the world's east and up and to 30 m along its north, 2.5° beside the map's."""
     pose = Pose(NADIR, np.array([0.0, 0.0, 80.0]))
     covariance = np.diag([1.0, 900.0, 1.0])
-    _, (row,) = table(tmp_path, replace(adjusted([pose]), position_covariance_m2=covariance[None]))
+    (row,) = table(tmp_path, replace(adjusted([pose]), position_covariance_m2=covariance[None]))
     sigma = vector(row, "sigma_easting_m", "sigma_northing_m", "sigma_height_m")
     R = FRAME.rotation_world_from_map(pose.position_world_m)
     assert sigma == pytest.approx(np.sqrt(np.diag(R.T @ covariance @ R)), abs=1e-4)
@@ -165,9 +216,9 @@ def test_sigmas_are_along_easting_northing_and_height(tmp_path: Path) -> None:
 def test_a_sigma_that_is_not_known_is_empty(tmp_path: Path) -> None:
     result = adjusted([Pose(NADIR, np.array([0.0, 0.0, 80.0]))])
     result = replace(result, position_covariance_m2=np.full((1, 3, 3), np.nan))
-    _, (row,) = table(tmp_path, result)
+    (row,) = table(tmp_path, result)
     assert row["sigma_easting_m"] == ""
-    assert features(tmp_path, result)[0]["properties"]["sigma_easting_m"] is None
+    assert features(tmp_path, result)[0][0]["properties"]["sigma_easting_m"] is None
 
 
 @given(rotation=ROTATIONS, position=POSITIONS)
@@ -176,22 +227,21 @@ def test_the_point_lies_where_the_photograph_was_taken(
 ) -> None:
     folder = tmp_path_factory.getbasetemp()
     result = adjusted([Pose(rotation, position)])
-    point = features(folder, result)[0]
+    point = features(folder, result)[0][0]
     assert point["geometry"]["type"] == "Point"
     properties = point["properties"]
     geodetic = np.array([[*point["geometry"]["coordinates"], properties["height_m"]]])
     assert np.abs(FRAME.world_from_map(map_from_geodetic(FRAME.crs, geodetic))[0] - position).max() < 5e-4
-    _, (row,) = table(folder, result)
-    for name in COLUMNS[4:]:
-        assert float(row[name]) == properties[name]
+    (row,) = table(folder, result)
+    for name in COLUMNS[4:-1]:
+        assert (float(row[name]) if row[name] else None) == properties[name]
 
 
 def test_footprints_project_to_the_corners_of_the_photograph(tmp_path: Path) -> None:
     tilted = NADIR @ Rotation.from_euler("xyz", [25.0, -8.0, 140.0], degrees=True).as_matrix()
     pose = Pose(tilted, np.array([12.0, -40.0, 90.0]))
-    photograph, footprint = features(tmp_path, adjusted([pose]))
-    assert photograph["properties"]["kind"] == "photograph"
-    assert footprint["properties"] == {"kind": "footprint", "name": photograph["properties"]["name"]}
+    (photograph,), (footprint,) = features(tmp_path, adjusted([pose]))
+    assert footprint["properties"] == {"name": photograph["properties"]["name"]}
     (ring,) = footprint["geometry"]["coordinates"]
     assert footprint["geometry"]["type"] == "Polygon"
     assert len(ring) == 5
@@ -217,13 +267,13 @@ def test_photographs_without_a_footprint(tmp_path: Path, pitch_deg: float, heigh
     assert footprint_world_m(camera, pose, 0.0) is None
     result = adjusted([pose])
     result = replace(result, block=replace(result.block, cameras=(camera,)))
-    assert [f["properties"]["kind"] for f in features(tmp_path, result)] == ["photograph"]
+    assert [len(layer) for layer in features(tmp_path, result)] == [1, 0]
 
 
 @pytest.mark.parametrize("frame", [FRAME, replace(FRAME, kind="grid")], ids=["tangent", "grid"])
 def test_photographs_that_are_not_registered_stand_where_gnss_says(tmp_path: Path, frame: LocalFrame) -> None:
     gnss = [np.array([50.0, 60.0, 90.0]), None, None]
-    first, second, third, _ = features(
+    (first, second, third), _ = features(
         tmp_path, adjusted([None, None, Pose(NADIR, np.array([0.0, 0.0, 80.0]))], gnss, frame)
     )
     assert second["geometry"] is None
@@ -235,7 +285,9 @@ def test_photographs_that_are_not_registered_stand_where_gnss_says(tmp_path: Pat
 
 def test_files_are_whole_or_not_at_all(tmp_path: Path) -> None:
     result = adjusted([Pose(NADIR, np.array([0.0, 0.0, 80.0]))])
-    for write in (write_pose_table, write_pose_geojson):
-        with pytest.raises(WorkspaceError, match="cannot be written"):
-            write(tmp_path / "missing" / "file", result)
+    missing = tmp_path / "missing"
+    with pytest.raises(WorkspaceError, match="cannot be written"):
+        write_pose_table(missing / "file", result)
+    with pytest.raises(WorkspaceError, match="cannot be written"):
+        write_pose_geojson(missing / "file", missing / "other", result)
     assert not list(tmp_path.iterdir())

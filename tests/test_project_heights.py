@@ -302,8 +302,10 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     assert "4 GNSS heights were given above the ellipsoid and brought to them" in heights["sentence"]
     for name, cloud in report["clouds"].items():  # the reference is above the ellipsoid still
         assert cloud["median_m"] == pytest.approx(plain["clouds"][name]["median_m"], abs=0.005)
-    words = "# EPSG:25832, heights above the geoid EGM96 (EPSG:5773): easting, northing, height in m;"
-    assert (survey / "results" / "photographs.csv").read_text().startswith(words)
+    words = '"EPSG:25832, heights above the geoid EGM96 (EPSG:5773)"'
+    header, *lines = (survey / "results" / "photographs.csv").read_text().splitlines()
+    assert header.startswith("name,camera,")
+    assert all(line.endswith(words) for line in lines)
     with rasterio.open(survey / "results" / "dsm.tif") as dataset:
         assert 'VERT_CS["EGM96 height"' in dataset.crs.to_wkt(version="WKT1_GDAL")
     with laspy.open(survey / "results" / "points_adjusted.laz") as reader:

@@ -333,11 +333,11 @@ def test_matlab_file_holds_the_same_observations(finished_survey: Path) -> None:
 
 
 def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_survey: Path) -> None:
-    comment, *lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
-    assert report["crs"] in comment
+    lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
     rows = {row["name"]: row for row in csv.DictReader(lines)}
+    assert all(report["crs"] in row["crs"] for row in rows.values())
     features = json.loads((finished_survey / "results/photographs.geojson").read_text(encoding="utf-8"))["features"]
-    points = {f["properties"]["name"]: f for f in features if f["properties"]["kind"] == "photograph"}
+    points = {f["properties"]["name"]: f for f in features}
     assert list(rows) == list(points) == list(report["photographs"])
     columns = {
         "position_map_m": ("easting_m", "northing_m", "height_m"),
@@ -354,8 +354,8 @@ def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_surve
 def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
     with rasterio.open(finished_survey / "results/dsm.tif") as raster:
         crs = CRS.from_wkt(raster.crs.to_wkt(version="WKT2_2019"))
-        assert crs.sub_crs_list[0].to_epsg() == 25832
-        assert crs.sub_crs_list[1].name == "ellipsoidal height (GRS 1980)"
+        assert crs.to_2d().to_epsg() == 25832
+        assert [axis.direction for axis in crs.axis_info] == ["east", "north", "up"]
         assert raster.nodata is not None
         height = np.array([h for (h,) in raster.sample(cloud[:, :2], masked=True)], dtype=object)
         bounds = raster.bounds
@@ -389,6 +389,18 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     assert dsm["sigma_m"]["median"] == pytest.approx(np.ma.median(sigma), rel=1e-6)
     assert dsm["held_out"]["n"] == 0  # nothing is interpolated between points
     assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
+    with rasterio.open(results / "dsm_sigma_relative.tif") as raster:
+        relative = raster.read(1, masked=True)
+        assert raster.descriptions == ("standard deviation of the height relative to the survey's mean height, without "
+                                       "the datum",)  # fmt: skip
+    np.testing.assert_array_equal(relative.mask, sigma.mask)
+    assert dsm["relative_sigma_m"]["median"] == pytest.approx(np.ma.median(relative), rel=1e-6)
+    datum = dsm["datum_sigma_m"]
+    assert all(0 < datum[axis] < 1 for axis in ("easting", "northing", "height"))
+    assert 0 < dsm["relative_sigma_m"]["median"] < dsm["sigma_m"]["median"]
+    # the two parts, over all cells: they correlate little, and not at all on the average over the places
+    both = np.hypot(dsm["relative_sigma_m"]["median"], datum["height"])
+    assert both == pytest.approx(dsm["sigma_m"]["median"], rel=0.3)
 
 
 def without_seconds(value: Any) -> Any:

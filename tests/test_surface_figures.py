@@ -92,6 +92,15 @@ def drawn() -> list[DrawnFigure]:
     return [drawn_orthophoto(an_orthophoto(), POINTS), *surface]
 
 
+def test_captions_say_the_datum_once_where_sigmas_are_without_it() -> None:
+    dense = scene()
+    numbers = dense_numbers(dense, POINTS)
+    captions = {d.key: d.caption for d in drawn_surface(dense, POINTS, numbers, None, 9.7)}
+    for key in ("dense sigma", "dense profiles"):
+        assert "the datum, ± 9.7 m, is the same for all heights and left out here" in captions[key]
+    assert not any("datum, ±" in d.caption for d in drawn_surface(dense, POINTS, numbers))
+
+
 # ---- profiles ------------------------------------------------------------------------------------------------------
 
 

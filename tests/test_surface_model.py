@@ -15,6 +15,7 @@ from photogram.errors import PhotogramError
 from photogram.simulation import SurveyPlan, simulate_block
 from photogram.surface_model import (
     PointPrecision,
+    ShapePrecision,
     Surface,
     SurfaceSettings,
     spikes,
@@ -222,6 +223,28 @@ def one_triangle(own_m: list[float], shared_m: list[float], slope: float) -> tup
     precision = precision_of(np.tile(own_m, (3, 1)), np.tile(shared_m, (3, 1)))
     cloud, settings = cloud_of(x, y, 40 + slope * x), SurfaceSettings(cell_m=1.0, spike_nmad=0)
     return both(surface_with_sigma(cloud, precision, settings))
+
+
+def test_relative_standard_deviations_have_the_shape_in_place_of_the_cameras() -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.5, 12.0), np.arange(0.5, 12.0)))
+    cloud, settings = cloud_of(x, y, 40 + 0.2 * x), SurfaceSettings(cell_m=1.0, spike_nmad=0)
+    own, datum = np.tile([0.01, 0.01, 0.02], (len(x), 1)), np.tile([3.0, 3.0, 10.0], (len(x), 1))
+    shape_m = np.tile([0.01, 0.02, 0.04], (len(x), 1))
+    of_shape = precision_of(own, shape_m)
+    shape = ShapePrecision(cloud.position_map_m, of_shape.cameras_m2, np.diag([9.0, 9.0, 100.0]))
+    surface = surface_with_sigma(cloud, precision_of(own, datum), settings, shape)
+    alone = surface_with_sigma(cloud, of_shape, settings)
+    assert surface.relative is not None
+    assert alone.relative is None
+    np.testing.assert_allclose(surface.relative.values, alone.sigma.values, rtol=1e-6)
+    assert np.nanmin(surface.sigma.values) > 10.0
+
+
+def test_the_shape_between_places_is_the_mean_of_the_nearest() -> None:
+    place = np.array([[0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [0.0, 10.0, 5.0], [10.0, 10.0, 5.0], [90.0, 90.0, 5.0]])
+    covariance = np.arange(1.0, 6.0)[:, None, None] * np.eye(3)
+    found = ShapePrecision(place, covariance, np.eye(3)).at(np.array([[5.0, 5.0], [6.0, 4.0]]))
+    np.testing.assert_allclose(found, np.tile(2.5 * np.eye(3), (2, 1, 1)))
 
 
 def test_standard_deviations_known_by_hand() -> None:

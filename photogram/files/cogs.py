@@ -1,4 +1,4 @@
-"""Cloud Optimized GeoTIFFs, written tile by tile: heights and figures as float32, orthophotos as RGBA, codes as bytes.
+"""Cloud Optimized GeoTIFFs, written tile by tile: heights and sigmas as float32, orthophotos as RGBA, codes as bytes.
 
 The cells go into an uncompressed GeoTIFF beside the file first, in whatever order they come; GDAL's COG driver copies
 it (OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raster, and the file depends on the values
@@ -7,9 +7,11 @@ alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import rasterio
@@ -21,8 +23,9 @@ from rasterio.crs import CRS
 from rasterio.transform import Affine
 
 from photogram.files.atomic import replacing, scratch_folder
+from photogram.files.geo_keys import set_vertical_key
 from photogram.frames import written_crs
-from photogram.heights import flat_crs
+from photogram.heights import geotiff_crs
 from photogram.map_grid import MapGrid, Window
 
 NODATA = -9999.0
@@ -34,8 +37,29 @@ NO_CODE = 255
 BLOCK_CELLS = 256
 """Side of the blocks in which a file is compressed and read."""
 
+CATEGORY_SUFFIX = ".aux.xml"
+"""Of the file beside a raster of codes with the names of its categories, as GDAL and QGIS look for it."""
+
 _CACHE_MB = 64
 _PLACE = {"driver": "GTiff", "tiled": True, "blockxsize": BLOCK_CELLS, "blockysize": BLOCK_CELLS, "sparse_ok": True}
+
+
+@dataclass(frozen=True)
+class Category:
+    """What a code means, and the colour, red, green and blue, in which it is shown."""
+
+    code: int
+    name: str
+    colour: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class _Band:
+    """What a file says of its bands: their descriptions and unit, and the colours of codes."""
+
+    descriptions: tuple[str, ...] = ()
+    unit: str = ""
+    colours: Mapping[int, tuple[int, int, int, int]] | None = None
 
 
 def write_cog(
@@ -44,12 +68,13 @@ def write_cog(
     crs: str,
     tiles: Iterable[tuple[Window, NDArray[np.float32]]],
     overviews: bool = True,
+    description: str = "",
 ) -> None:
-    """Write values in ``crs`` as a Cloud Optimized GeoTIFF of float32, NaN as NODATA; all or nothing.
+    """Write lengths in m in ``crs`` as a Cloud Optimized GeoTIFF of float32, NaN as NODATA; all or nothing.
 
     ``tiles`` are windows of the grid with their values (rows, columns), in any order and of any size; cells in none of
     them have no data. An overview holds the mean of the cells that have data. Compressed without loss. The file names
-    the height system where ``crs`` does.
+    the height system where ``crs`` does, and what the band holds in its ``description``.
 
     The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
     the file cannot be written, ValueError where a tile does not fit its window or the grid, or a cell holds NODATA as
@@ -64,15 +89,22 @@ def write_cog(
 
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
     look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews)
+    band = _Band((description,), "metre")
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
 
 
 def write_cog_codes(
-    path: Path, grid: MapGrid, crs: str, tiles: Iterable[tuple[Window, NDArray[np.uint8]]], overviews: bool = True
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    overviews: bool = True,
+    categories: Sequence[Category] = (),
 ) -> None:
     """Write codes or counts, NO_CODE standing for no data, as a Cloud Optimized GeoTIFF of uint8; all or nothing.
 
-    As ``write_cog``; an overview holds the code that most of its cells have.
+    As ``write_cog``; an overview holds the code that most of its cells have. ``categories`` become the palette and the
+    description of the band; their names, for which a GeoTIFF has no place, stand in a file with CATEGORY_SUFFIX too.
     """
 
     def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -81,7 +113,24 @@ def write_cog_codes(
 
     kind = {"count": 1, "dtype": "uint8", "nodata": NO_CODE}
     look = {"compress": "deflate", "overview_resampling": "mode"}
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews)
+    band = _Band()
+    if categories:
+        colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}
+        band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours)
+        _write_category_names(path.with_name(path.name + CATEGORY_SUFFIX), categories)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
+
+
+def _write_category_names(path: Path, categories: Sequence[Category]) -> None:
+    """Write the names of codes as GDAL's persistent auxiliary metadata."""
+    names = {c.code: c.name for c in categories}
+    dataset = ElementTree.Element("PAMDataset")
+    listed = ElementTree.SubElement(ElementTree.SubElement(dataset, "PAMRasterBand", band="1"), "CategoryNames")
+    for code in range(max(names) + 1):
+        ElementTree.SubElement(listed, "Category").text = names.get(code, "")
+    ElementTree.indent(dataset)
+    with replacing(path) as partial:
+        partial.write_text(ElementTree.tostring(dataset, encoding="unicode") + "\n", encoding="utf-8")
 
 
 def write_cog_rgba(
@@ -114,7 +163,8 @@ def write_cog_rgba(
     look |= {"overview_resampling": "average"}
     if quality is not None:
         look |= {"quality": str(quality), "overview_quality": str(quality)}
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True)
+    band = _Band(("red", "green", "blue", "alpha"))
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
 
 
 def _check_tile(path: Path, grid: MapGrid, window: Window, shape: tuple[int, ...], bands: tuple[int, ...] = ()) -> None:
@@ -138,12 +188,14 @@ def _write(
     look: Mapping[str, Any],
     tiles: Iterable[tuple[Window, NDArray[Any]]],
     overviews: bool,
+    band: _Band,
 ) -> None:
     """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``."""
+    written, vertical_code = geotiff_crs(written_crs(crs))
     place = {
         "height": grid.rows,
         "width": grid.columns,
-        "crs": CRS.from_wkt(flat_crs(written_crs(crs)).to_wkt()),
+        "crs": CRS.from_wkt(written.to_wkt()),
         "transform": Affine(grid.cell_m, 0.0, grid.west_map_m, 0.0, -grid.cell_m, grid.north_map_m),
         "bigtiff": "if_safer",
     }
@@ -158,10 +210,18 @@ def _write(
     with replacing(path) as partial, scratch_folder(partial) as folder, rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
         cells, finished = folder / "cells.tif", folder / "finished.tif"
         with rasterio.open(cells, "w", **_PLACE, **place, **kind) as dataset:
+            for number, text in enumerate(band.descriptions, 1):
+                dataset.set_band_description(number, text)
+            if band.unit:
+                dataset.units = [band.unit] * dataset.count
+            if band.colours is not None:
+                dataset.write_colormap(1, band.colours)
             for window, bands in tiles:
                 rows, columns = window.shape
                 dataset.write(bands, window=rasterio.windows.Window(window.column, window.row, columns, rows))
         _copy(cells, finished, options)
+        if vertical_code is not None:
+            set_vertical_key(finished, vertical_code)
         finished.replace(partial)
 
 

@@ -22,14 +22,15 @@ _NO_TIME = "2000-01-01T00:00:00.000Z"
 def write_contours(path: Path, contours: Contours, crs: str) -> None:
     """Write lines in the plan of ``crs`` as a GeoPackage with the layer ``contours``; whole or not at all.
 
-    Fields: ``height_m`` and ``index``, true for every fifth line. The layer's description says what the heights are
-    counted from where ``crs`` does. The same lines give the same bytes.
+    Vertices carry the height as z. Fields: ``height_m`` and ``index``, true for every fifth line. The layer's
+    description says what the heights are counted from where ``crs`` does. The same lines give the same bytes.
 
     Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written.
     """
     plan = plan_of(crs)
     of_line = np.repeat(np.arange(len(contours)), np.diff(contours.first))
-    lines = shapely.linestrings(contours.vertex_map_m, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
+    vertices = np.column_stack([contours.vertex_map_m, contours.height_m[of_line]])
+    lines = shapely.linestrings(vertices, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     with replacing(path) as partial, scratch_folder(partial) as folder:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _NO_TIME})
@@ -41,7 +42,7 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                 fields=["height_m", "index"],
                 layer=LAYER,
                 driver="GPKG",
-                geometry_type="LineString",
+                geometry_type="LineString Z",
                 crs=plan,
                 dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
                 layer_options={

@@ -30,6 +30,9 @@ NO_DATE = date(2000, 1, 1)
 """The creation date of LAZ files whose caller names none: the same cloud gives the same bytes on every day."""
 
 SCALE_M = 0.001
+COLOURED_FORMAT = 7
+"""Point format of LAS 1.4 with colour; 6 is the same without."""
+
 _COMMENTS = ("#", "//")
 _SEPARATORS = (";", ",", "\t")
 # "sigma xy" and "sigma z" are the names that the LAS working group's draft of standard extra bytes gives to the
@@ -100,7 +103,7 @@ def write_xyz(path: Path, cloud: PointCloud) -> None:
 def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
     """Return the header of a LAS 1.4 file in ``crs``, to the millimetre. Raises FrameError where ``crs`` is no map grid
     in metres."""
-    header = laspy.LasHeader(version="1.4", point_format=7 if colour else 6)
+    header = laspy.LasHeader(version="1.4", point_format=COLOURED_FORMAT if colour else 6)
     header.creation_date = created
     header.system_identifier, header.generating_software = "photogram", "photogram"
     header.scales = np.full(3, SCALE_M)

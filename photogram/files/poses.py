@@ -1,4 +1,4 @@
-"""Exterior orientation for other programs: a table (CSV), and places and footprints for a GIS (GeoJSON)."""
+"""Exterior orientation for other programs: a table (CSV), and for a GIS places and footprints (GeoJSON each)."""
 
 from __future__ import annotations
 
@@ -13,38 +13,65 @@ import numpy as np
 from photogram.camera import Camera, Pose, gimbal_from_rotation, image_plane, omega_phi_kappa_deg
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.frames import geodetic_from_map
+from photogram.frames import esri_wkt, geodetic_from_map
 from photogram.printable import table_cell
 from photogram.survey import Adjustment, FloatArray, Photograph
 
 COLUMNS = (
     "name", "camera", "flight", "registered",
-    "easting_m", "northing_m", "height_m", "omega_deg", "phi_deg", "kappa_deg", "yaw_deg", "pitch_deg", "roll_deg",
+    "easting_m", "northing_m", "height_m", "heading_deg", "nadir_angle_deg",
+    "omega_deg", "phi_deg", "kappa_deg", "yaw_deg", "pitch_deg", "roll_deg",
     "sigma_easting_m", "sigma_northing_m", "sigma_height_m", "sigma_x_deg", "sigma_y_deg", "sigma_z_deg",
+    "crs",
 )  # fmt: skip
+"""Of the table; all but the last are properties of the points."""
+
+_FIGURES = COLUMNS[4:-1]
 STEEPEST = 0.1
 """Sine of the flattest ray, below the horizon, that still makes a footprint."""
+
+STEADY_DEG = 45.0
+"""Angle off the nadir up to which the top of a photograph says where it is headed, and the optical axis beyond."""
+
+_NO_HEADING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class _Exterior:
-    """Exterior orientation of one photograph: position and angles with their sigmas, each (3,)."""
+    """Exterior orientation of one photograph: position and angles with their sigmas, each (3,), and ``looks_deg`` (2,),
+    its heading and its angle off the nadir."""
 
     position_map_m: FloatArray
+    looks_deg: FloatArray
     omega_phi_kappa_deg: FloatArray
     yaw_pitch_roll_deg: FloatArray
     sigma_position_m: FloatArray
     sigma_attitude_deg: FloatArray
 
 
+def heading_and_nadir_angle_deg(rotation_true_from_camera: FloatArray) -> FloatArray:
+    """Return where the top of a photograph points, clockwise from north, 0 to 360, and by how much it looks off the
+    nadir, 0 straight down (2,), from its rotation (3, 3) to true east, north and up.
+
+    Beyond STEADY_DEG off the nadir the heading is that of the optical axis; NaN straight up, where there is none.
+    """
+    R = rotation_true_from_camera
+    nadir_angle_deg = float(np.rad2deg(np.arctan2(np.hypot(R[0, 2], R[1, 2]), -R[2, 2])))
+    east, north, _ = -R[:, 1] if nadir_angle_deg <= STEADY_DEG else R[:, 2]
+    known = np.hypot(east, north) > _NO_HEADING
+    return np.array([np.rad2deg(np.arctan2(east, north)) % 360.0 if known else np.nan, nadir_angle_deg])
+
+
 def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
     frame, position, R = result.block.frame, pose.position_world_m, pose.rotation_world_from_camera
     world_from_map = frame.rotation_world_from_map(position)
     covariance = world_from_map.T @ result.position_covariance_m2[index] @ world_from_map
+    true_from_camera = frame.rotation_world_from_true(position).T @ R
     return _Exterior(
         frame.map_from_world(position[None])[0],
+        heading_and_nadir_angle_deg(true_from_camera),
         omega_phi_kappa_deg(world_from_map.T @ R),
-        np.array(gimbal_from_rotation(frame.rotation_world_from_true(position).T @ R)),
+        np.array(gimbal_from_rotation(true_from_camera)),
         np.sqrt(np.diag(covariance)),
         np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[index]))),
     )
@@ -56,17 +83,18 @@ def _description(result: Adjustment, photograph: Photograph, registered: bool) -
 
 
 def _figures(exterior: _Exterior) -> dict[str, float | None]:
-    """Return the figures of COLUMNS, rounded to 0.1 mm and 1e-8 degrees; None where one is not known."""
+    """Return the figures of _FIGURES, rounded to 0.1 mm and 1e-8 degrees; None where one is not known."""
     values = np.concatenate(
         [
             exterior.position_map_m,
+            exterior.looks_deg,
             exterior.omega_phi_kappa_deg,
             exterior.yaw_pitch_roll_deg,
             exterior.sigma_position_m,
             exterior.sigma_attitude_deg,
         ]
     )
-    named = zip(COLUMNS[4:], values.tolist(), strict=True)
+    named = zip(_FIGURES, values.tolist(), strict=True)
     return {name: round(value, _digits(name)) if np.isfinite(value) else None for name, value in named}
 
 
@@ -76,30 +104,31 @@ def _digits(column: str) -> int:
 
 def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> None:
     """Write one line per photograph, in the order of the project; of those that are not registered the figures are
-    empty.
+    empty. Beside it stand a ``.csvt`` with the types of the columns and a ``.prj`` with the CRS of easting and
+    northing: with them GDAL and QGIS open the table as points.
 
-    The first line is a comment that names the CRS (``crs`` in words, else that of the frame), units and conventions,
-    the second names the COLUMNS. Omega, phi, kappa are against the map grid at the photograph, yaw, pitch, roll against
-    true north; sigmas of the attitude are about the camera's axes x right, y down, z forward. Raises WorkspaceError
-    where the file cannot be written.
+    The first line names the COLUMNS. ``crs`` in words, else that of the frame, is the last of them. Omega, phi, kappa
+    are against the map grid at the photograph, heading, yaw, pitch, roll against true north; sigmas of the attitude are
+    about the camera's axes x right, y down, z forward. Raises WorkspaceError where a file cannot be written.
     """
     block = result.block
-    comment = (
-        f"# {crs or block.frame.crs}: easting, northing, height in m; angles in degrees: omega, phi, kappa from grid "
-        "north, yaw, pitch, roll from true north (DJI gimbal); sigma_x, y, z about the camera's axes right, down, "
-        "forward"
-    )
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(comment + "\n")
         table = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
         table.writeheader()
         for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
             row = {k: table_cell(v) for k, v in _description(result, photograph, True).items() if isinstance(v, str)}
+            row["crs"] = crs or block.frame.crs
             row["registered"] = "yes" if pose is not None else "no"
             if pose is not None:
                 figures = _figures(_exterior(result, i, pose))
                 row |= {name: f"{x:.{_digits(name)}f}" for name, x in figures.items() if x is not None}
             table.writerow(row)
+    places = {"easting_m": "CoordX", "northing_m": "CoordY"}
+    kinds = [places.get(name, "Real" if name in _FIGURES else "String") for name in COLUMNS]
+    with replacing(path.with_suffix(".csvt")) as partial:
+        partial.write_text(",".join(f'"{kind}"' for kind in kinds) + "\n", encoding="ascii")
+    with replacing(path.with_suffix(".prj")) as partial:
+        partial.write_text(esri_wkt(block.frame.crs) + "\n", encoding="utf-8")
 
 
 def footprint_world_m(camera: Camera, pose: Pose, height_world_m: float) -> FloatArray | None:
@@ -125,12 +154,14 @@ def _feature(kind: str, coordinates: object, properties: dict[str, Any]) -> dict
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def write_pose_geojson(path: Path, result: Adjustment) -> None:
-    """Write photographs as points and their footprints as polygons, in WGS 84 longitude and latitude (RFC 7946).
+def write_pose_geojson(path: Path, footprints: Path, result: Adjustment) -> None:
+    """Write photographs as points and their ``footprints`` as polygons, a file for each, in WGS 84 longitude and
+    latitude (RFC 7946).
 
-    The properties of a point are the COLUMNS of the table. A photograph that is not registered stands where GNSS says,
-    without a geometry where nothing does. Footprints lie on the mean height of the tie points; ``footprint_world_m``
-    says which photographs have none. Raises WorkspaceError where the file cannot be written.
+    The properties of a point are the COLUMNS of the table without the CRS, that of a polygon is the ``name`` of its
+    photograph. A photograph that is not registered stands where GNSS says, without a geometry where nothing does.
+    Footprints lie on the mean height of the tie points; ``footprint_world_m`` says which photographs have none. Raises
+    WorkspaceError where a file cannot be written.
     """
     block, frame = result.block, result.block.frame
     heights = block.tie_points.position_world_m[:, 2]
@@ -149,15 +180,16 @@ def write_pose_geojson(path: Path, result: Adjustment) -> None:
     geodetic = np.full((*known.shape, 2), np.nan)
     # all at once: setting up the transformation takes longer than a thousand points
     geodetic[known] = geodetic_from_map(frame.crs, frame.map_from_world(places[known]))[:, :2]
-    features = []
+    points, polygons = [], []
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         point, *ring = np.round(geodetic[i], 9).tolist()
-        properties = {"kind": "photograph", **_description(result, photograph, pose is not None)}
+        properties = _description(result, photograph, pose is not None)
         if pose is not None:
             properties |= _figures(_exterior(result, i, pose))
-        features.append(_feature("Point", point if known[i, 0] else None, properties))
+        points.append(_feature("Point", point if known[i, 0] else None, properties))
         if known[i, 1]:
-            features.append(_feature("Polygon", [ring], {"kind": "footprint", "name": photograph.name}))
-    with replacing(path) as partial, partial.open("w", encoding="utf-8") as stream:
-        json.dump({"type": "FeatureCollection", "features": features}, stream, ensure_ascii=False, allow_nan=False)
-        stream.write("\n")
+            polygons.append(_feature("Polygon", [ring], {"name": photograph.name}))
+    for file, features in ((path, points), (footprints, polygons)):
+        with replacing(file) as partial, partial.open("w", encoding="utf-8") as stream:
+            json.dump({"type": "FeatureCollection", "features": features}, stream, ensure_ascii=False, allow_nan=False)
+            stream.write("\n")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
+import rasterio.windows
 from numpy.typing import NDArray
 from rasterio._err import CPLE_BaseError
 from rasterio.enums import Resampling
@@ -21,7 +22,7 @@ from photogram.frames import projected_crs
 from photogram.map_grid import MapGrid, Window
 from photogram.survey import Raster
 
-__all__ = ["NODATA", "picture_on_grid", "read_raster", "write_geotiff"]
+__all__ = ["NODATA", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
@@ -33,7 +34,7 @@ DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupE
 """What rasterio raises where a file is damaged."""
 
 
-def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) -> None:
+def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
@@ -41,7 +42,7 @@ def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True) 
     ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
-    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews)
+    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews, description)
 
 
 def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
@@ -117,6 +118,17 @@ def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
         raise ProjectError(
             f"{what} do not fit into a file of {size} bytes, it is damaged or sparse: write it anew (gdal_translate)"
         )
+
+
+def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
+    """Return the codes (rows, columns) of a window of a file's cells. Raises ProjectError where it cannot be read."""
+    rows, columns = window.shape
+    try:
+        with rasterio.open(path) as dataset:
+            codes = dataset.read(1, window=rasterio.windows.Window(window.column, window.row, columns, rows))
+    except RasterioError as fault:
+        raise ProjectError(f"raster {path}: cannot be read ({fault}): delete it and run again") from fault
+    return np.asarray(codes, dtype=np.uint8)
 
 
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:

@@ -29,13 +29,18 @@ def dense_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
         "rows": rows,
         "columns": columns,
         **_cell_numbers(dense),
-        "sigma_m": _spread(_measured(dense, dense.sigma.values), 95),
+        "sigma_m": sigma_numbers(dense),
         "confidence": _spread(_measured(dense, dense.confidence), 5),
         "photographs": {"used": len(dense.photographs), "names": list(dense.photographs)},
         "settings": dict(dense.settings),
         "check_points": check_points,
         "warnings": _warnings(check_points),
     }
+
+
+def sigma_numbers(dense: DenseSurface) -> Json | None:
+    """Return the spread of the standard deviations of the measured cells, None where there are none."""
+    return _spread(_measured(dense, dense.sigma.values), 95)
 
 
 def _cell_numbers(dense: DenseSurface) -> Json:

@@ -101,22 +101,38 @@ def consistency_numbers(result: Adjustment, points: list[Json]) -> Json:
     }
 
 
-def dsm_numbers(surface: Raster, sigma: Raster, held_out_m: FloatArray) -> Json:
-    """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
-    (K,) that were held out of it, null where none were."""
-    off = held_out_m if len(held_out_m) else np.full(1, np.nan)
+def _sigma_numbers(sigma: Raster) -> Json:
     known = sigma.values[np.isfinite(sigma.values)].astype(np.float64)
+    return {
+        "median": float(np.median(known)),
+        "mean": float(known.mean()),
+        "percentile_95": float(np.percentile(known, 95)),
+        "maximum": float(known.max()),
+    }
+
+
+def dsm_numbers(
+    surface: Raster,
+    sigma: Raster,
+    held_out_m: FloatArray,
+    relative: Raster | None = None,
+    datum_covariance_m2: FloatArray | None = None,
+) -> Json:
+    """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
+    (K,) that were held out of it, null where none were; ``relative`` are the standard deviations without the datum's
+    part, which has a covariance (3, 3) along easting, northing and height."""
+    off = held_out_m if len(held_out_m) else np.full(1, np.nan)
+    datum = None if datum_covariance_m2 is None else np.sqrt(np.diag(datum_covariance_m2))
     return {
         "rows": surface.values.shape[0],
         "columns": surface.values.shape[1],
         "cell_m": surface.cell_m,
-        "cells": len(known),
-        "sigma_m": {
-            "median": float(np.median(known)),
-            "mean": float(known.mean()),
-            "percentile_95": float(np.percentile(known, 95)),
-            "maximum": float(known.max()),
-        },
+        "cells": int(np.isfinite(sigma.values).sum()),
+        "sigma_m": _sigma_numbers(sigma),
+        "relative_sigma_m": None if relative is None else _sigma_numbers(relative),
+        "datum_sigma_m": None
+        if datum is None
+        else dict(zip(("easting", "northing", "height"), map(_finite, datum.tolist()), strict=True)),
         "held_out": {
             "n": len(held_out_m),
             "rmse_m": _finite(np.sqrt(np.mean(off**2))),

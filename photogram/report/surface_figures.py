@@ -64,18 +64,20 @@ def drawn_surface(
     ground: GroundMarks,
     numbers: Json,
     target_rmse_v_m: float | None = None,
+    datum_sigma_m: float | None = None,
 ) -> list[DrawnFigure]:
     """Draw all figures of a dense surface; ``numbers`` is what `dense_numbers` made of the same.
 
-    ``target_rmse_v_m`` is what the project asks of heights, None where it asks nothing.
+    ``target_rmse_v_m`` is what the project asks of heights, None where it asks nothing; ``datum_sigma_m`` the datum's
+    standard deviation in height where the sigmas of ``dense`` are relative, None where they contain it.
     """
     drawn = [_relief(dense, ground, numbers)]
     if numbers["sigma_m"] is not None:
-        drawn += [_sigma(dense, numbers, target_rmse_v_m), _rays(dense, numbers)]
+        drawn += [_sigma(dense, numbers, target_rmse_v_m, datum_sigma_m), _rays(dense, numbers)]
         drawn.append(_histogram(dense, numbers, target_rmse_v_m))
     profiles = surface_profiles(dense, ground)
     if profiles:
-        drawn.append(_profiles(dense, profiles))
+        drawn.append(_profiles(dense, profiles, datum_sigma_m))
     return drawn
 
 
@@ -159,7 +161,17 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json) -> DrawnFig
     return DrawnFigure("dense surface", figure, caption, "Dense surface model, shaded and tinted by height", tones=True)
 
 
-def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnFigure:
+def _of_datum(datum_sigma_m: float | None) -> str:
+    """Return what a caption says of sigmas without the datum's part, nothing of others."""
+    if datum_sigma_m is None:
+        return ""
+    return (
+        f" Relative to the survey’s mean height: the datum, ± {_length(datum_sigma_m)}, is the same for all heights "
+        "and left out here; dsm_sigma.tif contains it."
+    )
+
+
+def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None, datum_sigma_m: float | None) -> DrawnFigure:
     classes = ""
     if target_m is not None:
         within = float(target_shares(dense, target_m)[:3].sum())
@@ -171,7 +183,8 @@ def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnF
         "Predicted standard deviation of every height: the scatter of the matching, from how sharply the photographs "
         "agree and under which angles they look, together with the uncertainty of the adjusted photographs. It does "
         "not contain wrong matches, what moves or grows between photographs, edges that the cells cut through, nor "
-        f"errors of the geoid or the control survey’s datum. Median {numbers['sigma_m']['median']:.3f} m.{classes}"
+        f"errors of the geoid or the control survey’s datum. Median {numbers['sigma_m']['median']:.3f} m."
+        f"{_of_datum(datum_sigma_m)}{classes}"
     )
     alternative = "Map of the predicted standard deviation of the heights of the dense surface"
     return DrawnFigure("dense sigma", sigma_figure(dense, target_m, WIDTH_IN), caption, alternative)
@@ -200,7 +213,7 @@ def _rays(dense: DenseSurface, numbers: Json) -> DrawnFigure:
     return DrawnFigure("dense rays", rays_figure(dense, PLAN_IN + 0.6), caption, alternative)
 
 
-def _profiles(dense: DenseSurface, profiles: Sequence[Profile]) -> DrawnFigure:
+def _profiles(dense: DenseSurface, profiles: Sequence[Profile], datum_sigma_m: float | None) -> DrawnFigure:
     lines = "; ".join(f"{p.line.letter} runs {p.line.why}" for p in profiles)
     beside = sum(len(p.beside.name) for p in profiles)
     checks = (
@@ -211,7 +224,7 @@ def _profiles(dense: DenseSurface, profiles: Sequence[Profile]) -> DrawnFigure:
     )
     caption = (
         f"Profiles: {lines}. Below each, on a scale of its own, the band of ± 2 predicted sigma.{checks} Grey: gaps, "
-        "not bridged."
+        f"not bridged.{_of_datum(datum_sigma_m)}"
     )
     figure = profile_figure(dense, profiles, PLAN_IN + 0.6)
     names = ", ".join(p.line.letter for p in profiles)
