@@ -14,7 +14,7 @@ from photogram.cli.adjust import Photographs, ProjectFile
 from photogram.cli.app import app
 from photogram.cli.terminal import Terminal, bars, console
 from photogram.errors import ProjectError
-from photogram.files.atomic import make_folder
+from photogram.files.atomic import make_folder, make_folder_within
 from photogram.matching import candidate_matches
 from photogram.pipeline import load_project, open_run, run_pipeline
 from photogram.project import Project
@@ -108,7 +108,8 @@ def ransac(
     console.print(f"{first} and {second}: {result.points} candidate matches at ratio {ratio:g}, {residual} distance")
     _show(result)
     folder = survey.results / "study"
-    make_folder(folder)
+    make_folder(survey.results)
+    make_folder_within(folder)
     for number, threshold in enumerate(result.thresholds_px):
         unit = "" if residual == "algebraic" else "px"
         inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}{unit}.png", result, number)

@@ -16,6 +16,7 @@ from photogram.files.atomic import replacing
 from photogram.files.described_points import read_described
 from photogram.page_files import NUMBERS
 from photogram.report.viewer import view_page
+from photogram.results_record import recorded
 
 VIEW = "view.html"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
@@ -65,7 +66,7 @@ def view(results: Results, points: Points = DEFAULT_POINTS, cloud: Cloud = None,
     path = cloud or _cloud(results)
     page = view_page(read_described(path), report, path.name, points)
     target = results / VIEW
-    with replacing(target) as temporary:
+    with recorded(results), replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")
     console.print(f"Written: {target}, {target.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
     if show and not webbrowser.open(target.absolute().as_uri()):

@@ -16,14 +16,15 @@ from photogram.report.page import report_page
 from photogram.report.page_figures import PageFigure
 from photogram.report.printing import print_pdf
 from photogram.report.versions import versions
-from photogram.workspace import read_json, write_json
+from photogram.results_record import recorded
+from photogram.workspace import Workspace, read_json, write_json
 
 PAGE, PRINTED, NUMBERS, FIGURES = "report.html", "report.pdf", "report.json", "figures.json"
 
 
 def run_facts(run: Run, stages: Sequence[str]) -> dict[str, Any]:
     """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
-    tags = read_json(run.workspace.stage("photographs") / "tags.json")
+    tags = run.notes()
     days = sorted(tag["time"][:10] for tag in tags if tag.get("time"))
     return {
         "survey": {
@@ -65,18 +66,20 @@ def remake_report(project: Project) -> Path:
     """Make report.html again from report.json, with what the project now asks of the report; returns its path.
 
     Figures are those drawn with the results; without their folder the page says that they are left out. Raises
-    ReportError where there is no report.json.
+    ReportError where there is no report.json, WorkspaceError where the figures are damaged.
     """
-    path, figures = project.results / NUMBERS, project.work / "results" / FIGURES
+    path, workspace = project.results / NUMBERS, Workspace(project.work)
     if not path.is_file():
         raise ReportError(f"{path}: there are no results yet: run photogram adjust {project.path} first")
-    _write(project, dict(read_json(path)), read_json(figures) if figures.is_file() else [])
+    figures = read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else []
+    with recorded(project.results):
+        _write(project, dict(read_json(path)), figures)
     return project.results / PAGE
 
 
 def print_report(project: Project) -> Path:
     """Print report.html as report.pdf beside it; returns its path. Raises ReportError where no browser can."""
     page, target = project.results / PAGE, project.results / PRINTED
-    with replacing(target) as temporary:
+    with recorded(project.results), replacing(target) as temporary:
         print_pdf(page, temporary)
     return target

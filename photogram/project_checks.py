@@ -138,10 +138,6 @@ def check_project(
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
-    folders = {"photographs": folder, "results": base / file.results}
-    for other, path in folders.items():
-        if path is not None and path.resolve() == (base / file.work).resolve():
-            document.fault(("work",), f"is the folder of the {other} too: give the intermediate results their own")
 
 
 def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path) -> None:

@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram import __version__
-from photogram.files.atomic import make_folder
-from photogram.files.images import read_pixels
+from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
@@ -37,6 +36,7 @@ from photogram.report.pictures import (
 )
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
+from photogram.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.stages import Progress
 from photogram.surface_products import copy_products, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
@@ -65,10 +65,20 @@ class _Outcome:
 
 def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
-    folder of results."""
+    folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
-    make_folder(results / "pictures")
-    products: list[str] = []
+    make_folder_within(results / "pictures")
+    for place in (results, results / "pictures"):
+        remove_leftovers(place)
+    with recorded(results):
+        products = _written(run, folder, progress)
+    remove_outdated(results, products)
+    return {"products": [*products, CHECKSUMS]}
+
+
+def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
+    """Write all products and return their names."""
+    results, products = run.project.results, list[str]()
     result = run.adjustment()
     outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
     steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures, _numbers)
@@ -76,7 +86,7 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
         progress(number, len(steps), step.__name__.strip("_").replace("_", " "))
         products += step(outcome)
     progress(len(steps), len(steps), "")
-    return {"products": products}
+    return products
 
 
 def _clouds(outcome: _Outcome) -> list[str]:
@@ -147,8 +157,8 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
         name = f"pictures/matches_{_file_name(first.name)}_{_file_name(second.name)}.png"
         candidate_and_verified_matches(
             outcome.results / name,
-            read_pixels(first.path),
-            read_pixels(second.path),
+            run.pixels(candidates.first),
+            run.pixels(candidates.second),
             run.features(candidates.first).pixel[candidates.index[:, 0]],
             run.features(candidates.second).pixel[candidates.index[:, 1]],
             verified,
@@ -164,6 +174,7 @@ def _numbers(outcome: _Outcome) -> list[str]:
     stages = (
         "photographs",
         "features",
+        "pairs",
         "matches",
         "tie_points",
         "orientation",

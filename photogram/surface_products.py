@@ -22,7 +22,6 @@ from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
-    SURFACE_PICTURES,
     DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
@@ -48,50 +47,45 @@ SEEN_BY = 3
 
 
 def copy_products(run: Run, results: Path) -> list[str]:
-    """Copy what the stages of surfaces have made into the folder of results, and remove what is not made any more;
-    returns the names."""
+    """Copy what the stages of surfaces have made into the folder of results; returns the names."""
     names = []
     for stage, files in PRODUCTS.items():
         for name in files:
-            made = run.workspace.stage(stage) / name
-            if made.is_file():
+            if run.workspace.has(stage, name):
+                made = run.workspace.file(stage, name)
                 with replacing(results / name) as partial:
                     shutil.copyfile(made, partial)
                 names.append(name)
-            else:
-                (results / name).unlink(missing_ok=True)
     return names
 
 
 def write_dense_cloud(run: Run, results: Path) -> list[str]:
     """Write a point for every measured cell of the dense surface, coloured by the orthophoto (black without one); no
     file where nothing was matched. Returns the names of what was written."""
-    path = results / CLOUD
     if not matched(run):
-        path.unlink(missing_ok=True)
         return []
     layers = surface_layers(run)
-    write_dense_laz(path, layers.grid, run.project.product_crs, _chunks(run, layers))
+    write_dense_laz(results / CLOUD, layers.grid, run.project.product_crs, _chunks(run, layers))
     return [CLOUD]
 
 
 def _chunks(run: Run, layers: BlockFiles) -> Iterator[DensePoints]:
-    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
+    has_picture = run.workspace.has("orthophoto", "orthophoto.tif")
     for window in layers.grid.tiles(CHUNK_CELLS):
         height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
         colour = np.zeros((*window.shape, 3), np.uint8)
-        if picture.is_file():
+        if has_picture:
+            picture = run.workspace.file("orthophoto", "orthophoto.tif")
             colour = picture_on_grid(picture, layers.grid, window)[..., :3]
         yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays)
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     """Return the orthophoto small enough for a page, None where there is none."""
-    folder = run.workspace.stage("orthophoto")
-    path = folder / "orthophoto.tif"
-    if not path.is_file():
+    if not run.workspace.has("orthophoto", "orthophoto.tif"):
         return None
-    whole = MapGrid(**read_json(folder / "grid.json"))
+    path = run.workspace.file("orthophoto", "orthophoto.tif")
+    whole = MapGrid(**read_json(run.workspace.file("orthophoto", "grid.json")))
     block = -(-max(whole.rows, whole.columns) // MAXIMUM_PICTURE_PX)
     rows, columns = -(-whole.rows // block), -(-whole.columns // block)
     grid = MapGrid(whole.west_map_m, whole.north_map_m, whole.cell_m * block, rows, columns)
@@ -123,17 +117,14 @@ def report_surface(
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
     """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
     names of their pictures, which are written; nothing of what the project asks for none of."""
-    for name in SURFACE_PICTURES:
-        (results / "pictures" / name).unlink(missing_ok=True)
     value = dict[str, Any]()
     drawn, ground = list[DrawnFigure](), ground_marks(numbers["control_points"])
     orthophoto, dense = orthophoto_picture(run), dense_surface(run)
     if orthophoto is not None:
         value["orthophoto"] = orthophoto_numbers(orthophoto)
         drawn.append(drawn_orthophoto(orthophoto, ground))
-    left_out = run.workspace.stage("orthophoto") / LEFT_OUT
-    if left_out.is_file():
-        value["orthophoto"] = dict(read_json(left_out))
+    if run.workspace.has("orthophoto", LEFT_OUT):
+        value["orthophoto"] = dict(read_json(run.workspace.file("orthophoto", LEFT_OUT)))
     if dense is not None:
         value["dense"] = dense_numbers(dense, ground)
         drawn += drawn_surface(dense, ground, value["dense"], run.project.report.target_rmse_v_m)

@@ -27,6 +27,7 @@ THIN_SPACE = "\u202f"
 STAGE_TITLES = {
     "photographs": "Photographs read",
     "features": "Features",
+    "pairs": "Pairs",
     "matches": "Matching",
     "tie_points": "Tie points",
     "orientation": "Orientation",
