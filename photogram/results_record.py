@@ -8,13 +8,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from photogram.files.atomic import observed, replacing
 from photogram.stage_folders import faults_of
 from photogram.workspace import file_fingerprint
 
 CHECKSUMS = "checksums.sha256"
+_PLACES = (Path("."), Path("pictures"))
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
@@ -37,13 +38,14 @@ def _write_record(results: Path, files: dict[str, str]) -> None:
 
 @contextmanager
 def recorded(results: Path) -> Iterator[None]:
-    """Record everything that is written to a folder of results while the block runs, each file before it is there."""
+    """Record every result and every picture that is written to a folder of results while the block runs, each file
+    before it is there; other folders in it may be anything, that of the intermediate results among them."""
     files = read_record(results)
 
     def note(temporary: Path, path: Path) -> None:
-        name = path.relative_to(results).as_posix()
-        if name != CHECKSUMS:
-            files[name] = file_fingerprint(temporary)
+        name = path.relative_to(results)
+        if name.parent in _PLACES and name.name != CHECKSUMS:
+            files[name.as_posix()] = file_fingerprint(temporary)
             _write_record(results, files)
 
     with observed(results, note):
@@ -57,9 +59,9 @@ def remove_made(results: Path, names: Iterable[str]) -> list[str]:
     for name in names:
         path = results / name
         known = files.pop(name, None)
-        inside = not PurePosixPath(name).is_absolute() and ".." not in PurePosixPath(name).parts
         links = path.is_symlink() or (path.parent.is_symlink() and path.parent != results)
-        if known is not None and inside and not links and path.is_file() and file_fingerprint(path) == known:
+        own = known is not None and Path(name).parent in _PLACES and not links
+        if own and path.is_file() and file_fingerprint(path) == known:
             with faults_of(path, "cannot be removed"):
                 path.unlink()
             removed.append(name)

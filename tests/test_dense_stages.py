@@ -22,6 +22,7 @@ from photogram import dense_matching, dense_stages, surface_stages
 from photogram.dense_stages import match_surface, round_cell_m
 from photogram.pipeline import load_project, open_run
 from photogram.surface_stages import model_surface
+from photogram.workspace import Workspace
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
@@ -216,9 +217,12 @@ def test_surfaces_do_not_depend_on_tiles(
 ) -> None:
     survey = tmp_path / "survey"
     shutil.copytree(dense_survey, survey)
+    workspace = Workspace(survey / "work")
+    folder = workspace.begin("dense", "matched once")
     for name, content in matched_once.items():
-        (survey / "work/dense.stage" / name).parent.mkdir(parents=True, exist_ok=True)
-        (survey / "work/dense.stage" / name).write_bytes(content)
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    workspace.finish("dense", "matched once", {})
     made: list[dict[str, bytes]] = []
     for side, workers in ((1024, 2), (101, 3), (64, 1)):
         monkeypatch.setattr(surface_stages, "TILE_CELLS", side)
