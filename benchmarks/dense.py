@@ -158,7 +158,9 @@ def prepare(source: Path | None, seed: int, photographs: Path | None, cell_m: fl
             if path.is_file():
                 shutil.copy2(path, folder / path.name)
         if original.work.is_dir():
-            shutil.copytree(original.work, folder / "work", ignore=shutil.ignore_patterns("lock", "*.partial"))
+            shutil.copytree(
+                original.work, folder / "work", ignore=shutil.ignore_patterns("photogram.lock", "*.partial")
+            )
         project_path = folder / "project.yaml"
     run_pipeline(load_project(project_path, photographs), until="adjustment")
     block = adjusted_block(load_project(project_path, photographs))

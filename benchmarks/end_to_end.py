@@ -132,16 +132,16 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
     report = run_pipeline(survey)
 
     def stage(*names: str) -> float:
-        return sum(json.loads((survey.work / n / "stage.json").read_text())["seconds"] for n in names)
+        return sum(json.loads((survey.work / f"{n}.stage" / "stage.json").read_text())["seconds"] for n in names)
 
-    with np.load(survey.work / "adjustment" / "tie_points.npz") as ties:
+    with np.load(survey.work / "adjustment.stage" / "tie_points.npz") as ties:
         rays = np.bincount(ties["point"])
     registered = {n: p for n, p in report["photographs"].items() if p["registered"]}
     camera = next(iter(report["cameras"].values()))
     return Outcome(
         {
             "features": stage("features"),
-            "matching": stage("matches", "tie_points"),
+            "matching": stage("pairs", "matches", "tie_points"),
             "orientation + adjustment": stage("orientation", "transfer", "adjustment"),
         },
         len(report["photographs"]),

@@ -34,7 +34,7 @@ def relative_sizes(project: Project, work: Path, tie: TiePoints) -> np.ndarray:
         camera = project.cameras[project.photographs[index].camera]
         scale = picture_scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
         own = (tie.photograph == index) & (tie.feature != TRANSFERRED)
-        features = read_record(work / "features" / f"{index:05d}.npz", Features)
+        features = read_record(work / "features.stage" / f"{index:05d}.npz", Features)
         size[own] = np.maximum(features.size_px[tie.feature[own]] / (SMALLEST_PX * scale), 1.0)
     return size
 
@@ -48,9 +48,9 @@ def main() -> None:
     """Print one table for each survey."""
     for path in map(Path, sys.argv[1:]):
         project, work = load_project(path), path.parent / "work"
-        tie = read_record(work / "adjustment" / "tie_points.npz", TiePoints)
+        tie = read_record(work / "adjustment.stage" / "tie_points.npz", TiePoints)
         rays = tie.rays[tie.point].astype(float)
-        error_px = read_arrays(work / "adjustment" / "adjustment.npz")["residual_px"]
+        error_px = read_arrays(work / "adjustment.stage" / "adjustment.npz")["residual_px"]
         error_px = error_px / np.sqrt((2 * rays - 3) / (2 * rays))[:, None]
         size, many = relative_sizes(project, work, tie), rays >= 3
         print(f"\n{path}, quality {project.quality}\n{'size':>16s} {'number':>8s} {'px':>7s} {'in sigmas':>10s}")

@@ -97,10 +97,10 @@ def run(folder: Path, values: dict[str, Any], off_percent: int, control: bool) -
     found = folder / "features"
     if found.is_dir():
         work.mkdir()
-        shutil.copytree(found, work / "features")
+        shutil.copytree(found, work / "features.stage")
     run_pipeline(load_project(project), until="adjustment")
     if not found.is_dir():
-        shutil.copytree(work / "features", found)
+        shutil.copytree(work / "features.stage", found)
     with open_run(load_project(project)) as opened:
         result, verdict, block = opened.adjustment(), opened.verdict(), opened.block()
     truth = read_json(folder / "truth.json")

@@ -13,7 +13,7 @@ from photogram.camera import undistort
 from photogram.cli.terminal import bars, console
 from photogram.cli.watching import Terminal, stage_weights
 from photogram.errors import ProjectError
-from photogram.files.atomic import make_folder
+from photogram.files.atomic import make_folder, make_folder_within
 from photogram.matching import candidate_matches
 from photogram.pipeline import load_project, open_run, run_pipeline
 from photogram.project import Project
@@ -80,7 +80,8 @@ def run(
     console.print(f"{pictures}: {result.points} candidate matches at ratio {ratio:g}, {residual} distance")
     _show(result)
     folder = survey.results / "study"
-    make_folder(folder)
+    make_folder(survey.results)
+    make_folder_within(folder)
     for number, threshold in enumerate(result.thresholds_px):
         unit = "" if residual == "algebraic" else "px"
         inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}{unit}.png", result, number)

@@ -21,6 +21,7 @@ from photogram.pipeline import load_project
 from photogram.report.reading import MOST_BYTES
 from photogram.report.view_record import ViewRecord, view_record
 from photogram.report.viewer import view_page
+from photogram.results_record import recorded
 
 PROJECT = "project.yaml"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
@@ -97,7 +98,7 @@ def run(results: Path, points: int, cloud: Path | None, photographs: Path | None
         progress(1, 3, f"thinning and packing {path.name}")
         page = view_page(described, record, path.name, points, pictures)
         progress(2, 3, f"writing {VIEW}")
-        with replacing(target) as temporary:
+        with recorded(results), replacing(target) as temporary:
             temporary.write_text(page, encoding="utf-8")
         progress(3, 3, "")
     console.print(f"Written: {escape(str(target))}, {target.stat().st_size / 1e6:.1f} MB", soft_wrap=True)

@@ -59,6 +59,8 @@ class Terminal:
 
     def begin(self, stage: Stage) -> None:
         """Start a stage."""
+        if self._task is not None:  # of a stage that has to wait until another is made again
+            self._progress.remove_task(self._task)
         self._left.begin(stage.name)
         self._task = self._progress.add_task(stage.title, total=None, text="", left=self._left.words)
 
@@ -82,3 +84,7 @@ class Terminal:
         line.add_column(style="dim")
         line.add_row(stage.title, took, escape(sentence(stage.name, summary)))
         self._progress.console.print(line)
+
+    def warn(self, text: str) -> None:
+        """Say what is doubtful."""
+        self._progress.console.print(f"[bold yellow]Warning:[/bold yellow] {escape(text)}", soft_wrap=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.files.atomic import make_folder
 from photogram.map_grid import MapGrid, Window
 from photogram.workspace import read_arrays, write_arrays
 
 
+def _as_it_is(path: Path) -> Path:
+    return path
+
+
 @dataclass(frozen=True)
 class BlockFiles:
-    """The blocks of ``side`` × ``side`` cells of a grid, in a folder."""
+    """The blocks of ``side`` × ``side`` cells of a grid, in a folder; ``checked`` looks at the file of a block before
+    it is read, and returns its path."""
 
     folder: Path
     grid: MapGrid
     side: int
+    checked: Callable[[Path], Path] = _as_it_is
 
     @property
     def windows(self) -> tuple[Window, ...]:
@@ -36,7 +43,7 @@ class BlockFiles:
 
     def write(self, block: Window, arrays: Mapping[str, NDArray[np.generic]]) -> None:
         """Write the arrays (rows, columns) of a block."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         write_arrays(self._path(block), arrays)
 
     def read(self, window: Window, *names: str) -> tuple[NDArray[Any], ...]:
@@ -49,7 +56,7 @@ class BlockFiles:
                 block = Window(
                     row, column, min(row + self.side, self.grid.rows), min(column + self.side, self.grid.columns)
                 )
-                arrays = read_arrays(self._path(block))
+                arrays = read_arrays(self.checked(self._path(block)))
                 r0, r1 = max(row, window.row), min(block.row_end, window.row_end)
                 c0, c1 = max(column, window.column), min(block.column_end, window.column_end)
                 for name in names:

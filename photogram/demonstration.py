@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS
+from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.images import write_photograph
 from photogram.files.rasters import write_geotiff
@@ -159,13 +160,16 @@ def write_demonstration(
     """Simulate the demonstration survey, or another ``plan``, and write photographs, project.yaml and its truth.
 
     ``dense``: whether its project asks for a dense surface and an orthophoto. Returns the project file. What an earlier
-    run with the same seed and plan has written is kept, unless its project leaves out what is asked for now.
+    run with the same seed and plan has written is kept, unless its project leaves out what is asked for now. Raises
+    ProjectError where the folder has a project file that is none of a demonstration.
     """
     plan = plan or demonstration_plan()
     project, truth = folder / "project.yaml", folder / "truth.json"
     made = truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed)
     if made and not (dense and _SPARSE[1] in project.read_text(encoding="utf-8")):
         return project
+    if project.exists() and not truth.is_file():
+        raise ProjectError(f"{project}: there is a project file of a survey already: name another folder")
     make_folder(folder / "photographs")
     survey = simulate(plan, seed)
     count = len(survey.photographs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
 from pathlib import Path
@@ -25,8 +25,7 @@ from photogram.dense_levels import (
     survey_grid,
 )
 from photogram.dense_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
-from photogram.files.atomic import replacing
-from photogram.files.images import read_grey
+from photogram.files.atomic import make_folder, replacing
 from photogram.map_grid import Window
 from photogram.records import Run
 from photogram.stages import Progress
@@ -49,9 +48,9 @@ def round_cell_m(cell_m: float) -> float:
 class ReducedPictures:
     """Grey pictures of the photographs, reduced by powers of two, as files that are mapped, not held, in memory."""
 
-    def __init__(self, folder: Path, paths: tuple[Path, ...], reductions: tuple[int, ...]) -> None:
-        self.folder, self.paths, self.reductions = folder, paths, reductions
-        folder.mkdir(parents=True, exist_ok=True)
+    def __init__(self, folder: Path, grey: Callable[[int], NDArray[np.uint8]], reductions: tuple[int, ...]) -> None:
+        self.folder, self.grey, self.reductions = folder, grey, reductions
+        make_folder(folder)
 
     def _file(self, view: int, reduction: int) -> Path:
         return self.folder / f"{view:05d}_{reduction}.npy"
@@ -60,7 +59,7 @@ class ReducedPictures:
         """Decode a photograph and write its reduced pictures; those that are there are kept."""
         if all(self._file(view, reduction).is_file() for reduction in self.reductions):
             return
-        grey = read_grey(self.paths[view])
+        grey = self.grey(view)
         if 1 in self.reductions:
             self._write(view, 1, grey)
         picture = grey.astype(np.float32)
@@ -92,8 +91,8 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
     grid = survey_grid(frame, known, views, cell_m, MINIMUM_RAYS)
     levels = plan_levels(known, views, grid)
-    paths = tuple(run.project.photographs[i].path for i in views.photograph)
-    pictures = ReducedPictures(folder / "pictures", paths, tuple(sorted({level.reduction for level in levels})))
+    reductions = tuple(sorted({level.reduction for level in levels}))
+    pictures = ReducedPictures(folder / "pictures", lambda view: run.grey(int(views.photograph[view])), reductions)
     for done, _ in enumerate(run.executor.map(pictures.make, range(len(views)))):
         progress(done + 1, len(views), "reduced pictures")
     scene = Scene(frame, views, pictures)

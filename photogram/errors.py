@@ -8,6 +8,7 @@
     ├── OrientationError    a photograph cannot be oriented
     ├── AdjustmentError     the adjustment cannot be solved, or did not converge
     ├── WorkspaceError      the folder of intermediate results cannot be used
+    │   └── DamagedStageError   a file of a complete stage is not what the stage wrote
     └── ReportError         the report cannot be made or printed
 
 A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of
@@ -15,6 +16,8 @@ photogram.
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 
 class PhotogramError(Exception):
@@ -47,6 +50,14 @@ class AdjustmentError(PhotogramError, ArithmeticError):
 
 class WorkspaceError(PhotogramError, OSError):
     """The folder of intermediate results cannot be read or written."""
+
+
+class DamagedStageError(WorkspaceError):
+    """A file of a complete stage is missing or is not what the stage wrote; the stage has to be made again."""
+
+    def __init__(self, stage: str, path: Path, what: str) -> None:
+        super().__init__(f"{path}: {what}: run photogram adjust, which makes the stage {stage} again")
+        self.stage, self.path, self.what = stage, path, what
 
 
 class ReportError(PhotogramError, OSError):

@@ -14,17 +14,35 @@ from os.path import exists, isfile  # false, not an exception, for a name that c
 from pathlib import Path
 
 from photogram.errors import ProjectError
+from photogram.files.atomic import unwritable
 from photogram.files.photograph_copies import find_copies
 from photogram.files.photograph_headers import PhotographHeader, read_headers
-from photogram.findings import Finding
-from photogram.pipeline import load_project
+from photogram.findings import Finding, some
+from photogram.pipeline import STAGES, load_project
 from photogram.preflight import by_severity, check_survey, header_findings, project_faults
 from photogram.project import Project, photograph_paths
+from photogram.stage_folders import earlier_folders
 
 
 def _free_disk_bytes(folder: Path) -> int:
     """Return the free space of the disk on which ``folder`` is, or will be made."""
     return shutil.disk_usage(next(p for p in (folder, *folder.parents) if exists(p))).free
+
+
+def folder_findings(project: Project) -> list[Finding]:
+    """Return whether results and intermediate results can be written, and what in the folder of the latter is not used
+    any more."""
+    findings = []
+    for key, folder in (("results", project.results), ("work", project.work)):
+        reason = unwritable(folder.absolute())
+        if reason:
+            findings.append(Finding("fault", key, reason, f"allow it, or name another folder under {key}"))
+    earlier = earlier_folders(project.work, tuple(stage.name for stage in STAGES))
+    if earlier:
+        names = some([folder.name for folder in earlier])
+        text = f"folders in {project.work} that an earlier version of photogram made are not used any more: {names}"
+        findings.append(Finding("note", "work", text, "delete them to free space"))
+    return findings
 
 
 def _memory_bytes() -> int:
@@ -49,7 +67,8 @@ def validate_project(project: Project) -> list[Finding]:
         headers = read_headers(paths, executor)
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
-    return check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
+    survey = check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
+    return by_severity([*folder_findings(project), *survey])
 
 
 def validate_project_file(path: Path, photographs: Path | None = None) -> list[Finding]:

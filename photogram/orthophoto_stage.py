@@ -14,7 +14,6 @@ import numpy as np
 from photogram.camera import Pose
 from photogram.exposure import ByteArray
 from photogram.files.cogs import write_cog_rgba
-from photogram.files.images import read_pixels
 from photogram.frames import plan_of
 from photogram.map_grid import Window
 from photogram.orthophoto import TILE_CELLS, Orthophoto, plan_orthophoto
@@ -92,9 +91,10 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
         write_json(folder / LEFT_OUT, {"left_out": reason})
         return {"left_out": reason}
     views = Views.of(block)
-    paths = [run.project.photographs[i].path for i in views.photograph]
     sizes = [(int(width), int(height)) for width, height in views.size_px]
-    pixels_of = HeldPhotographs(lambda view: read_pixels(paths[view], sizes[view]), photographs_held(sizes))
+    pixels_of = HeldPhotographs(
+        lambda view: run.pixels(int(views.photograph[view]), sizes[view]), photographs_held(sizes)
+    )
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "seams and exposure")
     orthophoto = plan_orthophoto(

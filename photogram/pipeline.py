@@ -1,7 +1,7 @@
 """The data flow: the stages of `photogram adjust`, their order, and how a run is resumed.
 
-    photographs ─> features ─> matches ─> tie_points ─> orientation ─> transfer ─┐
-    ┌────────────────────────────────────────────────────────────────────────────┘
+    photographs ─> features ─> pairs ─> matches ─> tie_points ─> orientation ─> transfer ─┐
+    ┌─────────────────────────────────────────────────────────────────────────────────────┘
     ├─> intersection ─┬─> comparison ──────────────────┐
     └─> adjustment ───┤                                │
                       └─> dense ─> surface ─┬─> relief ─────┼─> results
@@ -9,6 +9,7 @@
 
 Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
 carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
+Matching depends on which pairs were chosen, not on why: other positions that lead to the same pairs do not repeat it.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from photogram import __version__
 from photogram.dense_stages import match_surface
-from photogram.errors import WorkspaceError
-from photogram.files.atomic import make_folder
+from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
+from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.memory import peak_memory
 from photogram.orthophoto_stage import make_orthophoto
@@ -33,9 +34,11 @@ from photogram.preflight_heights import stop_at_contradictions
 from photogram.project import Project, read_project
 from photogram.publication import publish
 from photogram.records import Run, control_of, height_marks, measured_photographs
+from photogram.stage_files import journalled
 from photogram.stages import (
     Stage,
     adjust_block,
+    choose_pairs,
     compare_clouds,
     detect_features,
     intersect_clouds,
@@ -70,16 +73,23 @@ STAGES = (
         detect_features,
     ),
     Stage(
-        "matches",
-        "Matching",
+        "pairs",
+        "Pairs",
         ("photographs", "features"),
         lambda run: [
             run.project.pairs,
-            run.project.matching,
             run.project.cameras,
             run.project.world_kind,
+            # they place the origin of the world
             [p.control_map_m for p in run.project.control_points if p.role == "control"],
         ],
+        choose_pairs,
+    ),
+    Stage(
+        "matches",
+        "Matching",
+        ("features",),
+        lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
         match_photographs,
     ),
     Stage(
@@ -171,6 +181,9 @@ class Watcher(Protocol):
     def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
         """End a stage; ``seconds`` is None when its result was already there."""
 
+    def warn(self, text: str) -> None:
+        """Say what is doubtful, in a sentence."""
+
 
 @dataclass(frozen=True)
 class Silent:
@@ -184,6 +197,9 @@ class Silent:
 
     def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
         """End a stage."""
+
+    def warn(self, text: str) -> None:
+        """Say what is doubtful."""
 
 
 def load_project(path: Path, photographs: Path | None = None) -> Project:
@@ -202,12 +218,16 @@ def stage_named(name: str) -> Stage:
     raise WorkspaceError(f"there is no stage {name!r}; the stages are {', '.join(s.name for s in STAGES)}")
 
 
+def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str]) -> str:
+    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete."""
+    return fingerprint(__version__, stage.name, stage.settings(run), [marks[name] for name in stage.needs])
+
+
 def fingerprints(run: Run) -> dict[str, str]:
-    """Return the fingerprint that every stage should have."""
+    """Return the fingerprint that every stage should have. Needs the stage `pairs`."""
     marks: dict[str, str] = {}
     for stage in STAGES:
-        inputs = [marks[name] for name in stage.needs]
-        marks[stage.name] = fingerprint(__version__, stage.name, stage.settings(run), inputs)
+        marks[stage.name] = _fingerprint(run, stage, marks)
     return marks
 
 
@@ -247,26 +267,83 @@ def run_pipeline(
     first = len(names) if start is None else names.index(stage_named(start).name)
     last = names.index(stage_named(until).name) if until else len(names) - 1
     with open_run(project, executor) as run:
-        make_folder(project.results)  # a folder that cannot be made must show before hours of work
-        marks = fingerprints(run)
-        for number, stage in enumerate(STAGES[: last + 1]):
-            watcher.begin(stage)
-            if number < first and _present(run, stage, marks[stage.name]):
-                watcher.end(stage, None, run.workspace.summary(stage.name))
-            else:
-                _run_stage(run, stage, marks[stage.name], watcher, fresh=number >= first)
-            if number == 0 and last > 0:  # before hours of work, and in every run: control may have changed since
-                stop_at_contradictions(project, run.block(), run.notes())
+        make_folder(project.results)  # what cannot be written must show before hours of work
+        reason = unwritable(project.results)
+        if reason:
+            raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
+        _Progress(run, watcher, first, last).go_on()
     report = project.results / "report.json"
     return dict(read_json(report)) if last == len(names) - 1 else {}
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """How far a run is: stages from number ``first`` are repeated, ``last`` is the last to be done.
+
+    ``marks`` are the fingerprints of stages that are done, ``damaged`` those of them that have to be made again, and
+    ``repaired`` all that ever had to be.
+    """
+
+    run: Run
+    watcher: Watcher
+    first: int
+    last: int
+    marks: dict[str, str] = field(default_factory=dict)
+    damaged: set[str] = field(default_factory=set)
+    repaired: set[str] = field(default_factory=set)
+
+    def go_on(self) -> None:
+        """Do what is not done. A stage that is found damaged is made again; those after it stay, since what is made
+        again is what it was."""
+        while (number := self._next()) <= self.last:
+            try:
+                self._do(number, STAGES[number])
+            except DamagedStageError as fault:
+                self._note_damage(fault)
+            except OSError as fault:
+                if isinstance(fault, PhotogramError):
+                    raise
+                raise WorkspaceError(
+                    f"{fault.filename or self.run.workspace.folder}: {fault.strerror or fault}, in the stage "
+                    f"{STAGES[number].name}: check the disks, and who may read and write there"
+                ) from fault
+
+    def _next(self) -> int:
+        again = [number for number, stage in enumerate(STAGES) if stage.name in self.damaged]
+        return min([*again, len(self.marks)])
+
+    def _do(self, number: int, stage: Stage) -> None:
+        done = stage.name in self.marks
+        mark = _fingerprint(self.run, stage, self.marks)
+        self.watcher.begin(stage)
+        if number < self.first and _present(self.run, stage, mark):
+            self.watcher.end(stage, None, self.run.workspace.summary(stage.name))
+        else:
+            _run_stage(self.run, stage, mark, self.watcher, fresh=number >= self.first and not done)
+        if number == 0 and self.last > 0:  # before hours of work, and in every run: control may have changed since
+            stop_at_contradictions(self.run.project, self.run.block(), self.run.notes())
+        self.marks[stage.name] = mark
+        self.damaged.discard(stage.name)
+
+    def _note_damage(self, fault: DamagedStageError) -> None:
+        if fault.stage in self.repaired:
+            raise WorkspaceError(
+                f"{fault.path}: {fault.what}, again after it was made anew: check the disk, or name another folder "
+                "under work"
+            ) from fault
+        self.repaired.add(fault.stage)
+        if fault.stage in self.marks:
+            self.damaged.add(fault.stage)
+        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is made again")
+        self.run.workspace.discard(fault.stage)
 
 
 def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bool) -> None:
     if fresh:
         run.workspace.discard(stage.name)
     began = time.monotonic()
-    folder = run.workspace.begin(stage.name, mark)
-    with peak_memory() as peak:
+    folder = run.workspace.begin(stage.name, mark, watcher.warn)
+    with journalled(folder), peak_memory() as peak:
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
     measured = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}

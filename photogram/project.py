@@ -32,6 +32,7 @@ from photogram.orthophoto import OrthophotoSettings
 from photogram.pair_selection import PairSettings
 from photogram.project_checks import camera_of, check_project, photographs_of
 from photogram.project_file import Document, Key, read_entry, read_settings
+from photogram.project_folders import check_folders
 from photogram.project_heights import listed_in_map, read_heights
 from photogram.project_points import GroundPoint, read_point_files
 from photogram.project_positions import FilePosition, read_position_files
@@ -249,6 +250,7 @@ def read_project(
     surveyed, places = read_point_files(document, file, photographs, base, heights)
     positions, located = read_position_files(document, file, photographs, folder, base, heights)
     check_project(document, file, photographs, folder, base, places, located)
+    check_folders(document, path, file, photographs, folder, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_faults()

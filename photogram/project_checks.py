@@ -153,10 +153,6 @@ def check_project(
         document.fault(("comparison", "reference"), f"there is no file {base / reference}")
     for name, place in (("results", base / file.results), ("work", base / file.work)):
         _check_path(document, (name,), place)
-    folders = {"photographs": folder, "results": base / file.results}
-    for other, path in folders.items():
-        if path is not None and path.resolve() == (base / file.work).resolve():
-            document.fault(("work",), f"is the folder of the {other} too: give the intermediate results their own")
 
 
 def _check_path(document: Document, key: Key, path: Path) -> None:

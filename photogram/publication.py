@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram import __version__
-from photogram.files.atomic import make_folder
-from photogram.files.images import read_pixels
+from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.matlab import write_tie_points
 from photogram.files.points import write_laz, write_xyz
 from photogram.files.poses import write_pose_geojson, write_pose_table
@@ -37,6 +36,7 @@ from photogram.report.pictures import (
 )
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
+from photogram.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.stages import Progress
 from photogram.surface_products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
@@ -65,13 +65,23 @@ class _Outcome:
 
 def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
-    folder of results."""
+    folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
-    make_folder(results / "pictures")
-    products: list[str] = []
+    make_folder_within(results / "pictures")
+    for place in (results, results / "pictures"):
+        remove_leftovers(place)
+    discard_prints(results)
+    with recorded(results):
+        products = _written(run, folder, progress)
+    remove_outdated(results, products)
+    return {"products": [*products, CHECKSUMS]}
+
+
+def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
+    """Write all products and return their names."""
+    results, products = run.project.results, list[str]()
     result = run.adjustment()
     outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
-    discard_prints(results)
     steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures)
     for number, step in enumerate(steps):
         progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
@@ -79,7 +89,7 @@ def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     progress(len(steps), len(steps) + 1, "numbers")
     products += _numbers(outcome, products)
     progress(len(steps) + 1, len(steps) + 1, "")
-    return {"products": products}
+    return products
 
 
 def _clouds(outcome: _Outcome) -> list[str]:
@@ -148,8 +158,8 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
         name = f"pictures/matches_{'_'.join(stems)}.png"
         candidate_and_verified_matches(
             outcome.results / name,
-            read_pixels(first.path),
-            read_pixels(second.path),
+            run.pixels(candidates.first),
+            run.pixels(candidates.second),
             run.features(candidates.first).pixel[candidates.index[:, 0]],
             run.features(candidates.second).pixel[candidates.index[:, 1]],
             verified,
@@ -166,6 +176,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     stages = (
         "photographs",
         "features",
+        "pairs",
         "matches",
         "tie_points",
         "orientation",

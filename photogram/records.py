@@ -5,8 +5,9 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,8 @@ from photogram.blunders import Accusation, unmeasured, without
 from photogram.camera import Pose, rotation_from_gimbal
 from photogram.comparison import CloudStatistics, Comparison
 from photogram.deformation import GROUND
-from photogram.errors import PhotogramError, ProjectError, WorkspaceError
+from photogram.errors import ProjectError
+from photogram.files.images import read_grey, read_pixels
 from photogram.files.rasters import read_raster
 from photogram.frames import LocalFrame
 from photogram.heights import HeightSystem
@@ -71,7 +73,18 @@ class Run:
     @cached_property
     def photograph_fingerprints(self) -> tuple[str, ...]:
         """Return the content fingerprint of every photograph."""
-        return tuple(self.executor.map(file_fingerprint, [p.path for p in self.project.photographs]))
+        # with workers of its own, since one of the executor's may be the first to ask
+        with ThreadPoolExecutor(os.cpu_count()) as workers:
+            return tuple(workers.map(file_fingerprint, [p.path for p in self.project.photographs]))
+
+    def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+        """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_pixels``, and where
+        it is not what it was when the run began."""
+        return read_pixels(self.project.photographs[index].path, size_px, self.photograph_fingerprints[index])
+
+    def grey(self, index: int) -> NDArray[np.uint8]:
+        """Return a photograph's luminance (height, width). Raises ImageError as ``pixels``."""
+        return read_grey(self.project.photographs[index].path, None, self.photograph_fingerprints[index])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,7 +98,7 @@ class Run:
     def notes(self) -> list[dict[str, Any]]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
         `photographs`."""
-        return list(read_json(self.workspace.stage("photographs") / "tags.json"))
+        return list(read_json(self.workspace.file("photographs", "tags.json")))
 
     def gnss_systems(self) -> list[HeightSystem | None]:
         """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
@@ -95,45 +108,47 @@ class Run:
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""
-        return read_record(self.workspace.stage("features") / f"{index:05d}.npz", Features)
+        return read_record(self.workspace.file("features", f"{index:05d}.npz"), Features)
+
+    def selected_pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs of photographs to be matched. Needs the stage `pairs`."""
+        return [(int(i), int(j)) for i, j in read_json(self.workspace.file("pairs", "pairs.json"))]
 
     def matches(self) -> Iterator[tuple[Matches, NDArray[np.bool_]]]:
         """Yield candidate matches of every pair, and which are verified, one pair after the other. Needs the stage
         `matches`."""
-        folder = self.workspace.stage("matches")
-        for first, second in read_json(folder / "pairs.json"):
-            arrays = read_arrays(folder / f"{first:05d}-{second:05d}.npz")
+        for first, second in read_json(self.workspace.file("matches", "pairs.json")):
+            arrays = read_arrays(self.workspace.file("matches", f"{first:05d}-{second:05d}.npz"))
             yield Matches(first, second, arrays["index"]), arrays["verified"]
 
     def orientation(self) -> Orientation:
         """Return starting poses and resections. Needs the stage `orientation`."""
-        return orientation_from(read_json(self.workspace.stage("orientation") / "poses.json"))
+        return orientation_from(read_json(self.workspace.file("orientation", "poses.json")))
 
     def tie_points(self) -> TiePoints:
         """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
-        return read_record(self.workspace.stage("tie_points") / "tie_points.npz", TiePoints)
+        return read_record(self.workspace.file("tie_points", "tie_points.npz"), TiePoints)
 
     def transferred_tie_points(self) -> TiePoints:
         """Return the tie points with what was measured of them in further photographs. Needs the stage `transfer`."""
-        return read_record(self.workspace.stage("transfer") / "tie_points.npz", TiePoints)
+        return read_record(self.workspace.file("transfer", "tie_points.npz"), TiePoints)
 
     def cloud(self, name: str) -> PointCloud:
         """Return a point cloud: linear_2view, linear_3view (stage `intersection`) or adjusted (stage `adjustment`)."""
         stage = "adjustment" if name == "adjusted" else "intersection"
-        return read_record(self.workspace.stage(stage) / f"{name}.npz", PointCloud)
+        return read_record(self.workspace.file(stage, f"{name}.npz"), PointCloud)
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment. Needs the stage `adjustment`."""
-        folder = self.workspace.stage("adjustment")
         accused = [
             replace(unmeasured(kind, name, photograph), axes=tuple(axes))
             for kind, name, photograph, axes in self.verdict()["accused"]
         ]
-        return adjustment_from(self.block(), folder, accused)
+        return adjustment_from(self.block(), lambda name: self.workspace.file("adjustment", name), accused)
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
-        arrays = read_arrays(self.workspace.stage("adjustment") / "adjustment.npz")
+        arrays = read_arrays(self.workspace.file("adjustment", "adjustment.npz"))
         R = self.block().frame.rotation_world_from_map(np.zeros(3))
         whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
         return PointPrecision(rays, whole - rays)
@@ -141,7 +156,7 @@ class Run:
     def shape(self) -> ShapePrecision | None:
         """Return how well the shape of the survey is known, without its datum, None where there are too few tie points
         to say. Needs the stage `adjustment`."""
-        found = read_record(self.workspace.stage("adjustment") / "deformation.npz", Deformation)
+        found = read_record(self.workspace.file("adjustment", "deformation.npz"), Deformation)
         if not len(found.place_world_m):
             return None
         frame = self.block().frame
@@ -152,12 +167,12 @@ class Run:
 
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
-        return dict(read_json(self.workspace.stage("adjustment") / "held.json"))
+        return dict(read_json(self.workspace.file("adjustment", "held.json")))
 
     def verdict(self) -> dict[str, Any]:
         """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
         Needs the stage `adjustment`."""
-        return dict(read_json(self.workspace.stage("adjustment") / "verdict.json"))
+        return dict(read_json(self.workspace.file("adjustment", "verdict.json")))
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
@@ -166,13 +181,13 @@ class Run:
     def filled_surface(self) -> Raster:
         """Return the DSM with its holes closed where it was matched, the DSM as it is otherwise. Needs the stage
         `surface`."""
-        matched = (self.workspace.stage("surface") / "dsm_filled.tif").is_file()
+        matched = self.workspace.has("surface", "dsm_filled.tif")
         return self._raster("dsm_filled" if matched else "dsm")
 
     def surface_relative_sigma(self) -> Raster | None:
         """Return the standard deviations of the DSM without the datum's part, None where they are not known. Needs the
         stage `surface`."""
-        known = (self.workspace.stage("surface") / "dsm_sigma_relative.tif").is_file()
+        known = self.workspace.has("surface", "dsm_sigma_relative.tif")
         return self._raster("dsm_sigma_relative") if known else None
 
     def surface_sigma(self) -> Raster:
@@ -181,23 +196,17 @@ class Run:
 
     def held_out_m(self) -> NDArray[np.float64]:
         """Return what the DSM is off by at tie points that were held out of it. Needs the stage `surface`."""
-        return np.asarray(read_arrays(self.workspace.stage("surface") / "held_out.npz")["held_out_m"])
+        return np.asarray(read_arrays(self.workspace.file("surface", "held_out.npz"))["held_out_m"])
 
     def _raster(self, name: str) -> Raster:
-        path = self.workspace.stage("surface") / f"{name}.tif"
-        try:
-            return read_raster(path)[0]
-        except PhotogramError as fault:
-            remedy = f"delete the folder {path.parent} and run again"
-            raise WorkspaceError(f"{path}: cannot be read ({fault}); {remedy}") from fault
+        return read_raster(self.workspace.file("surface", f"{name}.tif"))[0]
 
     def comparisons(self) -> dict[str, Comparison]:
         """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
         `comparison`."""
-        folder = self.workspace.stage("comparison")
         return {
-            name: comparison_from(read_arrays(folder / f"{name}.npz"), statistics)
-            for name, statistics in read_json(folder / "statistics.json").items()
+            name: comparison_from(read_arrays(self.workspace.file("comparison", f"{name}.npz")), statistics)
+            for name, statistics in read_json(self.workspace.file("comparison", "statistics.json")).items()
         }
 
 
@@ -368,9 +377,10 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def adjustment_from(block: Block, folder: Path, accused: Sequence[Accusation] = ()) -> Adjustment:
-    """Return the adjustment of a measured block from the arrays in ``folder``; what was ``accused`` took no part."""
-    arrays = read_arrays(folder / "adjustment.npz")
+def adjustment_from(block: Block, file: Callable[[str], Path], accused: Sequence[Accusation] = ()) -> Adjustment:
+    """Return the adjustment of a measured block from its arrays, ``file`` giving their paths by name; what was
+    ``accused`` took no part."""
+    arrays = read_arrays(file("adjustment.npz"))
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
     for name in _WORDS:
         values[name] = tuple(str(word) for word in values[name])
@@ -380,14 +390,14 @@ def adjustment_from(block: Block, folder: Path, accused: Sequence[Accusation] = 
         block,
         cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
-        tie_points=read_record(folder / "tie_points.npz", TiePoints),
+        tie_points=read_record(file("tie_points.npz"), TiePoints),
     )
     adjusted = without(adjusted, [a for a in accused if a.kind != "focal length"])
     return Adjustment(
         block=adjusted,
-        reliability=read_record(folder / "reliability.npz", Reliability),
-        components=read_record(folder / "components.npz", VarianceComponents),
-        deformation=read_record(folder / "deformation.npz", Deformation),
+        reliability=read_record(file("reliability.npz"), Reliability),
+        components=read_record(file("components.npz"), VarianceComponents),
+        deformation=read_record(file("deformation.npz"), Deformation),
         **values,
     )
 

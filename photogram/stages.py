@@ -19,7 +19,7 @@ from photogram.blunder_names import withdrawn_attitudes
 from photogram.comparison import compare, triangulate
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
-from photogram.files.images import check_photograph, read_grey, read_pixels, read_tags
+from photogram.files.images import check_photograph, read_tags
 from photogram.files.photograph_copies import find_copies
 from photogram.files.points import read_cloud
 from photogram.files.rasters import read_raster, write_geotiff
@@ -71,11 +71,13 @@ class Progress(Protocol):
 # ---- photographs ---------------------------------------------------------------------------------------------------
 
 
-def _described(project: Project, photograph: ProjectPhotograph) -> tuple[dict[str, object], PhotographTags]:
+def _described(
+    project: Project, photograph: ProjectPhotograph, sha256: str
+) -> tuple[dict[str, object], PhotographTags]:
     """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose, and
     its tags."""
     camera = project.cameras[photograph.camera]
-    check_photograph(photograph.path, (camera.width_px, camera.height_px))
+    check_photograph(photograph.path, (camera.width_px, camera.height_px), sha256)
     tags = read_tags(photograph.path)
     angles = photograph.attitude_deg
     gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
@@ -120,7 +122,8 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
     """
     photographs = run.project.photographs
-    futures = [run.executor.submit(_described, run.project, p) for p in photographs]
+    known = zip(photographs, run.photograph_fingerprints, strict=True)
+    futures = [run.executor.submit(_described, run.project, photograph, sha256) for photograph, sha256 in known]
     notes, tags, faults = list[dict[str, object]](), list[PhotographTags](), list[str]()
     for done, future in enumerate(futures, 1):
         try:
@@ -168,9 +171,8 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     def detect(index: int) -> int:
         path = folder / f"{index:05d}.npz"
         if not path.is_file():
-            photograph = project.photographs[index]
             with room:
-                found = find_features(photograph.name, read_pixels(photograph.path), project.features, reduction)
+                found = find_features(run.names[index], run.pixels(index), project.features, reduction)
             write_record(path, found)
         return len(read_record(path, Features))
 
@@ -193,11 +195,20 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
     return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
 
 
+def choose_pairs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Select the pairs of photographs to match."""
+    selected = select_photograph_pairs(run)
+    write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
+    progress(1, 1, f"{len(selected)} pairs")
+    return {
+        "pairs": len(selected),
+        "selected_by": {reason: selected.reasons.count(reason) for reason in sorted(set(selected.reasons))},
+    }
+
+
 def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    project = run.project
-    progress(0, 0, "selecting pairs")
-    selected = select_photograph_pairs(run)
+    project, pairs = run.project, run.selected_pairs()
 
     def match(pair: tuple[int, int]) -> bool:
         i, j = pair
@@ -211,14 +222,11 @@ def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str
 
     verified = 0
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
-        for done, ((i, j), found) in enumerate(
-            zip(selected.pairs, run.executor.map(match, selected.pairs), strict=True)
-        ):
+        for done, ((i, j), found) in enumerate(zip(pairs, run.executor.map(match, pairs), strict=True)):
             verified += found
-            progress(done + 1, len(selected), f"{run.names[i]} – {run.names[j]}")
-    write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
-    reasons = {reason: selected.reasons.count(reason) for reason in sorted(set(selected.reasons))}
-    return {"pairs": len(selected), "verified_pairs": verified, "selected_by": reasons}
+            progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
+    write_json(folder / "pairs.json", pairs)
+    return {"pairs": len(pairs), "verified_pairs": verified}
 
 
 def _key_point_sigmas_px(project: Project, photograph: int, features: Features) -> FloatArray:
@@ -309,11 +317,10 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[s
     cameras = [calibrated[p.camera] for p in project.photographs]
     position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
     progress(0, len(cameras), "windows")
-    patches = cut_patches(tie_points, position, lambda i: read_grey(project.photographs[i].path))
+    patches = cut_patches(tie_points, position, run.grey)
 
     def search(index: int) -> Found:
-        picture = read_grey(project.photographs[index].path)
-        return transfer_to(index, tie_points, patches, cameras, orientation.poses, picture, project.transfer)
+        return transfer_to(index, tie_points, patches, cameras, orientation.poses, run.grey(index), project.transfer)
 
     found = []
     for index, places in enumerate(run.executor.map(search, range(len(cameras)))):

@@ -32,7 +32,6 @@ from photogram.report.dense import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.dense_numbers import dense_numbers, orthophoto_numbers, sigma_numbers
 from photogram.report.page_figures import PageFigure
 from photogram.report.surface_figures import (
-    SURFACE_PICTURES,
     DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
@@ -71,18 +70,15 @@ SEEN_BY = 3
 
 
 def copy_products(run: Run, results: Path) -> list[str]:
-    """Copy what the stages of surfaces have made into the folder of results, and remove what is not made any more;
-    returns the names."""
+    """Copy what the stages of surfaces have made into the folder of results; returns the names."""
     names = []
     for stage, files in PRODUCTS.items():
         for name in files:
-            made = run.workspace.stage(stage) / name
-            if made.is_file():
+            if run.workspace.has(stage, name):
+                made = run.workspace.file(stage, name)
                 with replacing(results / name) as partial:
                     shutil.copyfile(made, partial)
                 names.append(name)
-            else:
-                (results / name).unlink(missing_ok=True)
     return names
 
 
@@ -95,21 +91,22 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
     one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
     written."""
-    path = results / CLOUD
     if not matched(run):
-        path.unlink(missing_ok=True)
         return []
     layers, block = surface_layers(run), run.adjustment().block
     flown = [p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None]
-    picture = run.workspace.stage("orthophoto") / "orthophoto.tif"
-    coloured = picture.is_file()
-    chunks = _chunks(run, layers, picture if coloured else None)
-    write_dense_laz(path, layers.grid, run.project.product_crs, chunks, flight_date(flown), coloured=coloured)
+    coloured = run.workspace.has("orthophoto", "orthophoto.tif")
+    picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
+    chunks = _chunks(run, layers, picture)
+    write_dense_laz(
+        results / CLOUD, layers.grid, run.project.product_crs, chunks, flight_date(flown), coloured=coloured
+    )
     return [CLOUD]
 
 
 def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
-    terrain = run.workspace.stage("relief") / "dtm_source.tif"
+    classified = run.workspace.has("relief", "dtm_source.tif")
+    terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
     for window in layers.grid.tiles(CHUNK_CELLS):
         height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
         colour = np.zeros((*window.shape, 3), np.uint8)
@@ -118,18 +115,17 @@ def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[Dens
             # over the finished surface no photograph sees it: its height and its visibility contradict each other
             colour, height = rgba[..., :3], np.where(rgba[..., 3] > 0, height, np.float32(np.nan))
         classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
-        if terrain.is_file():
+        if terrain is not None:
             classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
         yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     """Return the orthophoto small enough for a page, None where there is none."""
-    folder = run.workspace.stage("orthophoto")
-    path = folder / "orthophoto.tif"
-    if not path.is_file():
+    if not run.workspace.has("orthophoto", "orthophoto.tif"):
         return None
-    whole = MapGrid(**read_json(folder / "grid.json"))
+    path = run.workspace.file("orthophoto", "orthophoto.tif")
+    whole = MapGrid(**read_json(run.workspace.file("orthophoto", "grid.json")))
     block = -(-max(whole.rows, whole.columns) // MAXIMUM_PICTURE_PX)
     rows, columns = -(-whole.rows // block), -(-whole.columns // block)
     grid = MapGrid(whole.west_map_m, whole.north_map_m, whole.cell_m * block, rows, columns)
@@ -191,17 +187,14 @@ def report_surface(
 ) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
     """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
     names of their pictures, which are written; nothing of what the project asks for none of."""
-    for name in SURFACE_PICTURES:
-        (results / "pictures" / name).unlink(missing_ok=True)
     value = dict[str, Any]()
     drawn, ground = list[DrawnFigure](), ground_marks(numbers["control_points"])
     orthophoto, dense = orthophoto_picture(run), dense_surface(run)
     if orthophoto is not None:
         value["orthophoto"] = orthophoto_numbers(orthophoto)
         drawn.append(drawn_orthophoto(orthophoto, ground))
-    left_out = run.workspace.stage("orthophoto") / LEFT_OUT
-    if left_out.is_file():
-        value["orthophoto"] = dict(read_json(left_out))
+    if run.workspace.has("orthophoto", LEFT_OUT):
+        value["orthophoto"] = dict(read_json(run.workspace.file("orthophoto", LEFT_OUT)))
     if dense is not None:
         value["dense"] = {**dense_numbers(dense, ground), "matching_sigma_m": matching_sigma_m(run)}
         target_m = run.project.report.target_rmse_v_m

@@ -70,12 +70,11 @@ class MatchedHeights:
     @staticmethod
     def of(run: Run) -> MatchedHeights:
         """Return what the stage `dense` has written."""
-        folder = run.workspace.stage("dense")
-        note = read_json(folder / "grid.json")
+        note = read_json(run.workspace.file("dense", "grid.json"))
         grid = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
-        return MatchedHeights(
-            BlockFiles(folder / "heights", grid, note["side"]), note["base_map_m"], note["flying_height_m"]
-        )
+        folder = run.workspace.stage("dense") / "heights"
+        blocks = BlockFiles(folder, grid, note["side"], run.workspace.checked)
+        return MatchedHeights(blocks, note["base_map_m"], note["flying_height_m"])
 
     @property
     def grid(self) -> MapGrid:
@@ -101,7 +100,7 @@ class _Tile:
 
 def matched(run: Run) -> bool:
     """Return whether heights were matched, or the surface comes from tie points alone."""
-    return (run.workspace.stage("dense") / "grid.json").is_file()
+    return run.workspace.has("dense", "grid.json")
 
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
@@ -152,7 +151,8 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
 
 def surface_layers(run: Run) -> BlockFiles:
     """Return the layers of the matched surface by their names in _Tile. Needs the stage `surface`, with `dense` on."""
-    return BlockFiles(run.workspace.stage("surface") / "tiles", MatchedHeights.of(run).grid, TILE_CELLS)
+    folder = run.workspace.stage("surface") / "tiles"
+    return BlockFiles(folder, MatchedHeights.of(run).grid, TILE_CELLS, run.workspace.checked)
 
 
 def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]]:

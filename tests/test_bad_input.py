@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -253,44 +252,6 @@ def test_results_that_may_not_be_written(adjusted_survey: Path, photogram: Run) 
     outcome = photogram("adjust", adjusted_survey / "project.yaml", "--from", "results")
     (adjusted_survey / "results").chmod(0o700)
     check_fault(outcome, str(adjusted_survey / "results"), "Permission denied")
-
-
-DAMAGED = {
-    "photographs/tags.json": "matches",
-    "features/00001.npz": "matches",
-    "matches/pairs.json": "tie_points",
-    "matches/00000-00001.npz": "tie_points",
-    "tie_points/tie_points.npz": "orientation",
-    "orientation/poses.json": "transfer",
-    "transfer/tie_points.npz": "intersection",
-    "adjustment/adjustment.npz": "results",
-    "adjustment/adjusted.npz": "surface",
-    "surface/dsm.tif": "results",
-    "surface/dsm_sigma.tif": "results",
-    "comparison/statistics.json": "results",
-}
-
-
-@pytest.mark.parametrize("name", DAMAGED)
-@pytest.mark.parametrize("damage", ["truncated", "deleted", "overwritten"])
-def test_damaged_file_of_intermediate_results(adjusted_survey: Path, photogram: Run, name: str, damage: str) -> None:
-    path = adjusted_survey / "work" / name
-    if damage == "truncated":
-        os.truncate(path, path.stat().st_size // 2)
-    elif damage == "deleted":
-        path.unlink()
-    else:
-        path.write_bytes(b"\0" * path.stat().st_size)
-    outcome = photogram("adjust", adjusted_survey / "project.yaml", "--from", DAMAGED[name])
-    check_fault(outcome, str(path), f"delete the folder {path.parent}")
-
-
-def test_damaged_note_of_a_stage(adjusted_survey: Path, photogram: Run) -> None:
-    path = adjusted_survey / "work/matches/stage.json"
-    path.write_text('{"stage": "mat')
-    check_fault(photogram("adjust", adjusted_survey / "project.yaml"), str(path), f"delete the folder {path.parent}")
-    shutil.rmtree(path.parent)
-    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "matches").code == 0
 
 
 @pytest.mark.filterwarnings("ignore:Dataset has no geotransform")

@@ -22,9 +22,11 @@ from photogram import dense_matching, dense_stages, surface_stages
 from photogram.dense_stages import match_surface, round_cell_m
 from photogram.pipeline import load_project, open_run
 from photogram.surface_stages import model_surface
+from photogram.workspace import Workspace
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
+OWN_NOTES = ("stage.json", "files.sha256", "made-by-photogram.txt")
 SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_source.tif")
 
 KILLED = f"""
@@ -39,7 +41,7 @@ rename, seen = os.replace, 0
 
 def counted(source, target):
     global seen
-    seen += Path(target).parent == project.parent / "work/dense.partial" / place
+    seen += Path(target).parent == project.parent / "work/dense.stage.partial" / place
     if seen == number:
         os.kill(os.getpid(), signal.SIGKILL)
     rename(source, target)
@@ -79,7 +81,7 @@ def dense_survey(finished_survey: Path, edit: Edit, tmp_path_factory: pytest.Tem
     folder = tmp_path_factory.mktemp("dense") / "survey"
     shutil.copytree(finished_survey, folder)
     edit(folder / "project.yaml", lambda v: v.update(surface={"cell_m": CELL_M}))
-    for part in (folder / "work/dense").iterdir():
+    for part in (folder / "work/dense.stage").iterdir():
         if part.name != "stage.json":
             shutil.rmtree(part) if part.is_dir() else part.unlink()
     return folder
@@ -100,7 +102,7 @@ def match(survey: Path, folder: Path, executor: Executor, progress: Any = lambda
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Return the files that a stage has written; the workspace's own note of what they are made from is left out."""
-    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != "fingerprint"]
+    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in OWN_NOTES]
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
@@ -196,7 +198,7 @@ def test_killed_and_resumed_it_writes_the_same(
     command = [sys.executable, "-c", KILLED, str(survey / "project.yaml"), place, str(number)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == -signal.SIGKILL, done.stderr
-    folder = survey / "work/dense.partial"
+    folder = survey / "work/dense.stage.partial"
     times = {p: p.stat().st_mtime_ns for p in folder.glob("level0/*.npz")}
     assert times
     with ThreadPoolExecutor(2) as two:
@@ -215,9 +217,12 @@ def test_surfaces_do_not_depend_on_tiles(
 ) -> None:
     survey = tmp_path / "survey"
     shutil.copytree(dense_survey, survey)
+    workspace = Workspace(survey / "work")
+    folder = workspace.begin("dense", "matched once")
     for name, content in matched_once.items():
-        (survey / "work/dense" / name).parent.mkdir(parents=True, exist_ok=True)
-        (survey / "work/dense" / name).write_bytes(content)
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    workspace.finish("dense", "matched once", {})
     made: list[dict[str, bytes]] = []
     for side, workers in ((1024, 2), (101, 3), (64, 1)):
         monkeypatch.setattr(surface_stages, "TILE_CELLS", side)

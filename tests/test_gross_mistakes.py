@@ -456,7 +456,7 @@ def test_adjust_stops_at_errors_before_any_work(tiny: Tiny, photogram: Run, monk
     assert not (tiny.folder / "work").exists()
     outcome = photogram("adjust", tiny.project, "--no-check", "--until", "photographs")
     assert outcome.code == 0, outcome.err
-    assert (tiny.folder / "work" / "photographs").is_dir()
+    assert (tiny.folder / "work" / "photographs.stage").is_dir()
 
 
 def test_a_sound_survey_goes_on_after_the_check(tiny: Tiny, photogram: Run) -> None:

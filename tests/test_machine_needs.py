@@ -122,15 +122,15 @@ def test_estimate_agrees_with_what_a_run_has_written(finished_survey: Path) -> N
     tags: Tags = [read_tags(p.path) for p in project.photographs]
     size, work = surface_size(project, tags), finished_survey / "work"
     for stage, cells in (("surface", size.surface_cells), ("orthophoto", size.orthophoto_cells)):
-        made = json.loads((work / stage / "stage.json").read_text())
+        made = json.loads((work / f"{stage}.stage" / "stage.json").read_text())
         assert 0.5 < cells / (made["rows"] * made["columns"]) < 2.0, stage
-    made = json.loads((work / "surface" / "stage.json").read_text())
+    made = json.loads((work / "surface.stage" / "stage.json").read_text())
     made_cells = made["rows"] * made["columns"]
-    blocks = sum(path.stat().st_size for path in (work / "dense" / "heights").iterdir())
+    blocks = sum(path.stat().st_size for path in (work / "dense.stage" / "heights").iterdir())
     assert blocks == pytest.approx(MATCHED_BYTES * made_cells, rel=0.1)
-    tiles = sum(path.stat().st_size for path in (work / "surface" / "tiles").iterdir())
+    tiles = sum(path.stat().st_size for path in (work / "surface.stage" / "tiles").iterdir())
     assert tiles == pytest.approx(LAYER_BYTES * made_cells, rel=0.1)
-    rasters = sum(path.stat().st_size for path in (work / "surface").glob("*.tif"))
+    rasters = sum(path.stat().st_size for path in (work / "surface.stage").glob("*.tif"))
     assert 0.4 < rasters / (RASTER_BYTES * made_cells) < 2.0
 
 

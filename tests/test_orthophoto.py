@@ -357,4 +357,4 @@ def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest
     assert reason.startswith("the photographs look sideways (median optical axis 8")
     assert not (adjusted_survey / "results/orthophoto.tif").exists()
     assert f"Orthophoto left out: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
-    assert json.loads((adjusted_survey / "work/orthophoto/stage.json").read_text())["left_out"] == reason
+    assert json.loads((adjusted_survey / "work/orthophoto.stage/stage.json").read_text())["left_out"] == reason

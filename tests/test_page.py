@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from copy import deepcopy
@@ -57,7 +58,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def figures(finished_survey: Path) -> list[dict[str, str]]:
-    return list(json.loads((finished_survey / "work/results/figures.json").read_text()))
+    return list(json.loads((finished_survey / "work/results.stage/figures.json").read_text()))
 
 
 @pytest.fixture(scope="module")
@@ -446,7 +447,7 @@ def test_page_is_made_again_with_what_the_project_now_says(
 def test_page_without_the_work_folder_says_what_is_left_out(
     adjusted_survey: Path, photogram: Callable[..., Any]
 ) -> None:
-    (adjusted_survey / "work/results/figures.json").unlink()
+    shutil.rmtree(adjusted_survey / "work")
     assert photogram("report", adjusted_survey / "project.yaml").code == 0
     text = (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
     assert "<img " not in text

@@ -199,7 +199,7 @@ def test_orthometric_control_declared_ellipsoidal_stops_check_and_adjust(
     adjusted = photogram("adjust", path, "--no-check")
     assert adjusted.code == 1
     assert finding.text in " ".join(adjusted.err.split())
-    assert not (survey / "work" / "features").exists()
+    assert not (survey / "work" / "features.stage").exists()
 
 
 def test_the_geoid_of_the_site_says_who_is_wrong(survey: Path, edit: Edit, sloping_geoid: Any) -> None:

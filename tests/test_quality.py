@@ -31,6 +31,6 @@ def test_half_quality_states_sigmas_twice_as_large(survey: Path, edit: Callable[
     assert report["block"]["registered"] == 4
     assert report["adjustment"]["converged"]
     assert report["adjustment"]["reprojection_rms_px"] < 0.6
-    sigma_px = read_record(survey / "work/tie_points/tie_points.npz", TiePoints).sigma_px
+    sigma_px = read_record(survey / "work/tie_points.stage/tie_points.npz", TiePoints).sigma_px
     assert 1.0 <= sigma_px.min() < 1.01
     assert 1.0 < np.median(sigma_px) < 1.5

@@ -41,7 +41,7 @@ def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iter
 @pytest.fixture(scope="module")
 def pages(full_report: Json, finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The page of the small survey as it is written, and one of a report with everything."""
-    figures = json.loads((finished_survey / "work/results/figures.json").read_text())
+    figures = json.loads((finished_survey / "work/results.stage/figures.json").read_text())
     full = tmp_path_factory.mktemp("page") / "full.html"
     full.write_text(report_page(full_report, figures), encoding="utf-8")
     return {"small survey": finished_survey / "results/report.html", "everything": full}

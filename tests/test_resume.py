@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from photogram.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
 from photogram.report.identity import VOLATILE
 from photogram.stages import Stage
@@ -29,6 +31,7 @@ PRODUCTS = {".gpkg", ".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".g
 KILLED_AT = """
 import json, os, signal, sys
 from pathlib import Path
+from threading import Lock
 from photogram.cli import adjust, compare, demo, study
 from photogram.cli.main import main
 
@@ -37,14 +40,15 @@ folder = Path(project).parent
 
 def kill_at(place, number):
     # every change of the workspace or of the results ends in a renaming: kill in place of the one that is asked for
-    rename, seen = os.replace, 0
+    rename, seen, one_at_a_time = os.replace, 0, Lock()
     def counted(source, target):
         nonlocal seen
-        within = Path(target).parent == folder / place
-        seen += within
-        if (number == "rename" and source == folder / place) or (within and str(seen) == number):
-            os.kill(os.getpid(), signal.SIGKILL)
-        rename(source, target)
+        with one_at_a_time:  # so that all that were counted before are in their places
+            within = Path(target).parent == folder / place
+            seen += within
+            if (number == "rename" and source == folder / place) or (within and str(seen) == number):
+                os.kill(os.getpid(), signal.SIGKILL)
+            rename(source, target)
     os.replace = counted
 
 ends = []
@@ -84,6 +88,8 @@ def contents(results: Path) -> dict[str, Any]:
         elif name == "report.html":
             page = path.read_text(encoding="utf-8").partition('<section id="computation">')[0]
             found[name] = re.sub(r"processed \d{4}-\d{2}-\d{2}", "", page)
+        elif name == "checksums.sha256":
+            found[name] = [line for line in path.read_text().splitlines() if "  report." not in line]
         else:
             assert path.suffix in PRODUCTS, name
             found[name] = path.read_bytes()
@@ -94,7 +100,7 @@ def check_same_results(survey: Path, uninterrupted: Path) -> None:
     found, expected = contents(survey / "results"), contents(uninterrupted / "results")
     assert found.keys() == expected.keys()
     assert [name for name in expected if found[name] != expected[name]] == []
-    leftovers = [p for p in survey.rglob("*") if ".partial" in p.name]
+    leftovers = [p for p in survey.rglob("*") if ".partial" in p.name or ".removed" in p.name]
     assert leftovers == []
 
 
@@ -108,6 +114,7 @@ class Witness:
 
     ran: list[str] = field(default_factory=list)
     done: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def begin(self, stage: Stage) -> None:
         pass
@@ -117,6 +124,9 @@ class Witness:
 
     def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:  # noqa: ARG002
         (self.done if seconds is None else self.ran).append(stage.name)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
 
 
 def stages_run(survey: Path, **options: Any) -> list[str]:
@@ -130,19 +140,19 @@ def stages_run(survey: Path, **options: Any) -> list[str]:
 def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: Run) -> None:
     """One chain of runs: each goes on from the last one's kill and is killed in turn, to the end."""
     work = survey / "work"
-    killed_at(survey, *(f"work/photographs.partial:{moment}" for moment in ("1", "2", "rename")))
-    killed_at(survey, "work/features.partial:4")
-    features = times(work / "features.partial")
-    assert len(features) in (1, 2), "two workers write at once: the last may be half way"
-    killed_at(survey, "work/features.partial:2", "work/matches.partial:4")
-    assert features.items() <= times(work / "features").items()
-    matches = times(work / "matches.partial")
-    assert len(matches) in (1, 2)
-    killed_at(survey, *(f"work/{name}.partial:2" for name in NAMES[3:-1]))
-    killed_at(survey, "results:3", "results/pictures:4", "work/results.partial:rename")
+    killed_at(survey, *(f"work/photographs.stage.partial:{moment}" for moment in ("1", "2", "rename")))
+    killed_at(survey, "work/features.stage.partial:4")
+    features = times(work / "features.stage.partial")
+    assert len(features) == 2
+    killed_at(survey, "work/features.stage.partial:2", "work/pairs.stage.partial:2", "work/matches.stage.partial:4")
+    assert features.items() <= times(work / "features.stage").items()
+    matches = times(work / "matches.stage.partial")
+    assert len(matches) == 2
+    killed_at(survey, *(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
+    killed_at(survey, "results:3", "results/pictures:4", "work/results.stage.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
-    assert matches.items() <= times(work / "matches").items()
+    assert matches.items() <= times(work / "matches.stage").items()
 
 
 def finished_files(work: Path) -> int:
@@ -167,7 +177,7 @@ def test_killed_from_outside_at_random_moments(survey: Path, finished_survey: Pa
             time.sleep(0.02 * rng.random())
             process.kill()
             ends.append(process.wait())
-        complete = sum((survey / "work" / name / "stage.json").is_file() for name in NAMES)
+        complete = sum((survey / "work" / f"{name}.stage" / "stage.json").is_file() for name in NAMES)
         assert complete >= kept
         kept = complete
     assert ends == [-signal.SIGKILL] * 4
@@ -180,11 +190,11 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
 ) -> None:
     """The old surface is gone, the new one is not in its place: it is made again, and belongs to the new setting."""
     edit(adjusted_survey / "project.yaml", lambda v: v.update(surface={"cell_m": 0.5}))
-    killed_at(adjusted_survey, "work/surface.partial:rename")
-    assert not (adjusted_survey / "work/surface").exists()
+    killed_at(adjusted_survey, "work/surface.stage.partial:rename")
+    assert not (adjusted_survey / "work/surface.stage").exists()
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
-    assert json.loads((adjusted_survey / "work/surface/stage.json").read_text())["cell_m"] == 0.5
-    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("up to date") == 10
+    assert json.loads((adjusted_survey / "work/surface.stage/stage.json").read_text())["cell_m"] == 0.5
+    assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("up to date") == 11
 
 
 def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
@@ -211,7 +221,7 @@ def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photo
     assert stages_run(adjusted_survey, until="photographs") == []
     # what was made again is what it was before, so nothing that depends on it has to be repeated
     assert stages_run(adjusted_survey) == []
-    assert photogram("adjust", project, "--from", "orientation", "--until", "orientation").out.count("up to date") == 4
+    assert photogram("adjust", project, "--from", "orientation", "--until", "orientation").out.count("up to date") == 5
 
 
 def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Path, edit: Edit) -> None:
@@ -241,6 +251,33 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
     assert depending(lambda v: v["orthophoto"].update(balance=False)) == ["orthophoto", "results"]
     marked = NAMES[NAMES.index("orientation") :]
     assert depending(lambda v: v["control_points"].update(mark_sigma_px=0.5)) == marked
+
+    def move_a_point(v: dict[str, Any]) -> None:
+        v["control_points"]["list"][0]["position_m"][0] += 0.01
+
+    assert v_role(original) == "control"
+    assert depending(move_a_point) == ["pairs", *marked]
+    declared = {"output": "ellipsoidal", "gnss": "ellipsoidal", "control_points": "ellipsoidal"}
+    assert depending(lambda v: v.pop("heights")) == depending(lambda v: v.update(heights=declared | {"geoid": "EGM96"}))
+    assert depending(lambda v: v.pop("heights")) == ["photographs", "pairs", *marked]
+
+
+def v_role(project: str) -> str:
+    """Return the role of the first ground point."""
+    return str(yaml.safe_load(project)["control_points"]["list"][0]["role"])
+
+
+def test_other_positions_repeat_the_matching_where_other_pairs_are_chosen(adjusted_survey: Path, edit: Edit) -> None:
+    """Positions and control points reach the matching through the pairs alone."""
+    project = adjusted_survey / "project.yaml"
+    matched = times(adjusted_survey / "work/matches.stage")
+    edit(project, lambda v: v.pop("heights"))
+    assert stages_run(adjusted_survey, until="tie_points") == ["photographs", "pairs"]
+    edit(project, lambda v: v["photographs"].update(gnss_sigma_m=[4.0, 4.0, 8.0]))
+    assert stages_run(adjusted_survey, until="tie_points") == ["photographs", "pairs"]
+    assert times(adjusted_survey / "work/matches.stage") == matched
+    edit(project, lambda v: v.update(pairs={"maximum": 1}))
+    assert stages_run(adjusted_survey, until="tie_points") == ["pairs", "matches", "tie_points"]
 
 
 def test_a_changed_photograph_is_noticed(adjusted_survey: Path) -> None:

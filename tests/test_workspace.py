@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.camera import Camera
-from photogram.errors import WorkspaceError
+from photogram.errors import DamagedStageError, WorkspaceError
 from photogram.features import FeatureSettings
 from photogram.files.atomic import replacing
+from photogram.stage_files import journalled
 from photogram.survey import Features
 from photogram.workspace import (
     Workspace,
@@ -28,6 +29,8 @@ from photogram.workspace import (
     write_json,
     write_record,
 )
+
+EMPTY = ["made-by-photogram.txt", "stage.json"]
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers(-9, 9) | st.floats(-9, 9) | st.text(max_size=4),
@@ -215,23 +218,36 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damaged_json_is_a_fault_that_says_what_to_delete(tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "adjustment" / "stage.json"
-    path.parent.mkdir()
+    path = tmp_path / "truth.json"
     write_json(path, {"fingerprint": "abc", "seconds": [1.5] * 9})
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
-    with pytest.raises(WorkspaceError, match=r"stage\.json: cannot be read .*delete the folder .*adjustment and run"):
+    with pytest.raises(WorkspaceError, match=r"truth\.json: cannot be read .*: delete it and run again"):
         read_json(path)
-    with pytest.raises(WorkspaceError, match="delete the folder"):
-        Workspace(tmp_path).is_complete("adjustment", "abc")
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_note_is_that_of_a_damaged_stage(tmp_path: Path, damage: str) -> None:
+    workspace = Workspace(tmp_path)
+    workspace.begin("adjustment", "abc")
+    workspace.finish("adjustment", "abc", {"seconds": [1.5] * 9})
+    path = workspace.stage("adjustment") / "stage.json"
+    path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    with pytest.raises(DamagedStageError, match=r"stage\.json: was changed .*makes the stage adjustment again"):
+        workspace.is_complete("adjustment", "abc")
+
+
+def test_json_of_a_thousand_levels_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    with pytest.raises(WorkspaceError, match="cannot be read"):
+        read_json(tmp_path / "deep.json")
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damaged_arrays_are_a_fault_that_says_what_to_delete(tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "features" / "00000.npz"
-    path.parent.mkdir()
+    path = tmp_path / "00000.npz"
     write_arrays(path, {"pixel": np.arange(400.0), "size_px": np.ones(200)})
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
-    with pytest.raises(WorkspaceError, match=r"00000\.npz: cannot be read .*delete the folder .*features and run"):
+    with pytest.raises(WorkspaceError, match=r"00000\.npz: cannot be read .*: delete it and run again"):
         read_arrays(path)
 
 
@@ -271,7 +287,11 @@ def test_a_stage_is_complete_once_finished_and_only_under_its_fingerprint(tmp_pa
     workspace.finish("matches", "m1", {"seconds": 1.5, "pairs": 3})
     assert workspace.is_complete("matches", "m1")
     assert not workspace.is_complete("matches", "m2")
-    assert sorted(p.name for p in workspace.stage("matches").iterdir()) == ["0-1.npz", "stage.json"]
+    assert sorted(p.name for p in workspace.stage("matches").iterdir()) == [
+        "0-1.npz",
+        "made-by-photogram.txt",
+        "stage.json",
+    ]
     assert not partial.exists()
     summary = workspace.summary("matches")
     assert (summary["stage"], summary["seconds"], summary["pairs"]) == ("matches", 1.5, 3)
@@ -279,18 +299,21 @@ def test_a_stage_is_complete_once_finished_and_only_under_its_fingerprint(tmp_pa
 
 def test_an_interrupted_stage_goes_on_with_its_files(tmp_path: Path) -> None:
     workspace = Workspace(tmp_path)
-    (workspace.begin("features", "m1") / "00000.npz").write_text("done")
+    partial = workspace.begin("features", "m1")
+    with journalled(partial):
+        write_json(partial / "00000.json", "done")
     resumed = Workspace(tmp_path).begin("features", "m1")
-    assert (resumed / "00000.npz").read_text() == "done"
+    assert read_json(resumed / "00000.json") == "done"
 
 
 def test_files_of_another_fingerprint_are_not_kept(tmp_path: Path) -> None:
     workspace = Workspace(tmp_path)
     (workspace.begin("features", "m1") / "00000.npz").write_text("of old settings")
-    assert sorted(p.name for p in workspace.begin("features", "m2").iterdir()) == ["fingerprint"]
-    (tmp_path / "features.partial" / "fingerprint").unlink()
-    (tmp_path / "features.partial" / "00001.npz").write_text("of nobody knows what")
-    assert sorted(p.name for p in workspace.begin("features", "m2").iterdir()) == ["fingerprint"]
+    partial = workspace.begin("features", "m2")
+    assert sorted(p.name for p in partial.iterdir()) == EMPTY
+    (partial / "stage.json").unlink()
+    (partial / "00001.npz").write_text("of nobody knows what")
+    assert sorted(p.name for p in workspace.begin("features", "m2").iterdir()) == EMPTY
 
 
 def test_a_finished_stage_stands_until_its_successor_is_complete(tmp_path: Path) -> None:
@@ -309,10 +332,9 @@ def test_a_kill_between_the_renames_mixes_nothing(tmp_path: Path) -> None:
     workspace = Workspace(tmp_path)
     partial = workspace.begin("surface", "m1")
     (partial / "dsm").write_text("whole")
-    (partial / "stage.json").write_text(json.dumps({"fingerprint": "m1"}))
-    (partial / "fingerprint").unlink()
+    (partial / "stage.json").write_text(json.dumps({"stage": "surface", "fingerprint": "m1", "format": 7, "files": {}}))
     assert not workspace.is_complete("surface", "m1")
-    assert sorted(p.name for p in workspace.begin("surface", "m1").iterdir()) == ["fingerprint"]
+    assert sorted(p.name for p in workspace.begin("surface", "m1").iterdir()) == EMPTY
 
 
 def test_a_discarded_stage_is_gone(tmp_path: Path) -> None:
@@ -361,10 +383,23 @@ def test_a_lock_is_given_back_and_belongs_to_one_folder(tmp_path: Path) -> None:
         pass
 
 
+def test_a_lock_follows_no_link_and_empties_no_file(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "photogram.lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(WorkspaceError, match="cannot be used for intermediate"), Workspace(tmp_path).locked():
+        pass
+    (tmp_path / "photogram.lock").unlink()
+    (tmp_path / "photogram.lock").write_text("somebody's")
+    with Workspace(tmp_path).locked():
+        pass
+    assert (tmp_path / "photogram.lock").read_text() == "somebody's"
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(WorkspaceError, match=r"file/work: cannot be used for intermediate results: Not a directory"),
+        pytest.raises(WorkspaceError, match=r"file/work: cannot be used for intermediate results \(Not a directory\)"),
         Workspace(tmp_path / "file" / "work").locked(),
     ):
         pass

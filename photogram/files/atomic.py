@@ -1,14 +1,23 @@
-"""Folders made, and files written whole or not at all."""
+"""Folders made, and files written whole or not at all, through no link."""
 
 from __future__ import annotations
 
 import os
+import re
+import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from photogram.errors import WorkspaceError
+
+Observer = Callable[[Path, Path], None]
+"""Told of a file that is about to be in place: its temporary name, which holds all of it, and its name."""
+
+_observers: dict[Path, Observer] = {}
+_at_work: set[Path] = set()
+_TEMPORARY = re.compile(r"\.photogram-[0-9a-f]{16}\.partial(\.parts)?")
 
 
 def make_folder(path: Path) -> None:
@@ -21,15 +30,51 @@ def make_folder(path: Path) -> None:
         ) from fault
 
 
+def make_folder_within(path: Path) -> None:
+    """Make a folder within one that is there, as ``make_folder``. Raises WorkspaceError where a link has its place:
+    what is written would go elsewhere."""
+    if path.is_symlink():
+        raise WorkspaceError(f"{path}: is a link, in the place of a folder that photogram writes to: remove the link")
+    make_folder(path)
+
+
+def unwritable(folder: Path) -> str:
+    """Return why nothing can be written to a folder, or to the one it would be made in; empty where it can be."""
+    for place in (folder, *folder.parents):
+        if place.is_dir():
+            return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} may not be written to"
+        if place.is_symlink() or place.exists():
+            return f"{place} is no folder"
+    return f"{folder} has no folder above it"
+
+
+@contextmanager
+def observed(folder: Path, observer: Observer) -> Iterator[None]:
+    """Tell ``observer`` of every file that ``replacing`` puts below ``folder`` while the block runs, whichever thread
+    writes it. What it raises keeps the file from its place."""
+    _observers[folder] = observer
+    try:
+        yield
+    finally:
+        del _observers[folder]
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path`` to write to; it takes the place of ``path`` only when all went well.
 
-    Raises WorkspaceError where the folder cannot be written.
+    The temporary file is made here, under a name that nobody can foresee, so that a link that somebody has put there is
+    never written through; a link called ``path`` is replaced itself. Raises WorkspaceError where the folder cannot be
+    written.
     """
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".photogram-{secrets.token_hex(8)}.partial")
+    _at_work.add(partial)
     try:
+        os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
         yield partial
+        for folder, observer in tuple(_observers.items()):
+            if path.is_relative_to(folder):
+                observer(partial, path)
         os.replace(partial, path)
     except WorkspaceError:
         raise
@@ -42,6 +87,7 @@ def replacing(path: Path) -> Iterator[Path]:
         # where the name cannot even be looked for, the fault above says so
         with suppress(OSError):
             partial.unlink()
+        _at_work.discard(partial)
 
 
 @contextmanager
@@ -52,9 +98,25 @@ def scratch_folder(partial: Path) -> Iterator[Path]:
     folder cannot be made.
     """
     folder = partial.with_name(f"{partial.name}.parts")
-    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
-    folder.mkdir()
+    _at_work.add(folder)
     try:
+        folder.mkdir()
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        _at_work.discard(folder)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove from a folder what processes that were killed have left half written. Raises WorkspaceError where that
+    cannot be."""
+    try:
+        for entry in tuple(os.scandir(folder)):
+            path = folder / entry.name
+            if _TEMPORARY.fullmatch(entry.name) and path not in _at_work:
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
+    except OSError as fault:
+        raise WorkspaceError(f"{folder}: cannot be tidied up ({fault.strerror}): check who may write to it") from fault

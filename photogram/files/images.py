@@ -6,6 +6,7 @@ the calibration stay those of the camera.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 from pathlib import Path
@@ -125,9 +126,14 @@ def _identify(path: Path, data: bytes) -> Image.Image:
     return picture
 
 
-def _open(path: Path, size_px: tuple[int, int] | None) -> Image.Image:
-    """Return the photograph, of the wanted size and a known kind, not decoded yet."""
+def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
+    """Return the photograph, of the wanted size, content and kind, not decoded yet."""
     data = _read(path)
+    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
+        raise ImageError(
+            f"photograph {path}: was changed since the run began: leave the photographs alone while photogram works, "
+            "and run it again"
+        )
     picture = _identify(path, data)
     if size_px is not None and picture.size != size_px:
         raise ImageError(
@@ -151,34 +157,35 @@ def _decode(path: Path, picture: Image.Image) -> None:
         raise _damaged(path, fault) from fault
 
 
-def read_pixels(path: Path, size_px: tuple[int, int] | None = None) -> ByteArray:
+def read_pixels(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
     """Return the photograph as red, green, blue (height, width, 3).
 
-    Raises ImageError where the file is missing or damaged, or its width and height are not ``size_px``.
+    Raises ImageError where the file is missing or damaged, its width and height are not ``size_px``, or the SHA-256 of
+    the content that is decoded is not ``sha256``, in hex.
     """
-    picture = _open(path, size_px)
+    picture = _open(path, size_px, sha256)
     _decode(path, picture)
     return np.array(picture.convert("RGB"))
 
 
-def read_grey(path: Path, size_px: tuple[int, int] | None = None) -> ByteArray:
+def read_grey(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
     """Return the photograph's luminance (height, width); a JPEG's own, without the detour over colour.
 
     Raises ImageError as read_pixels does.
     """
-    picture = _open(path, size_px)
+    picture = _open(path, size_px, sha256)
     picture.draft("L", None)
     _decode(path, picture)
     return np.array(picture.convert("L"))
 
 
-def check_photograph(path: Path, size_px: tuple[int, int] | None = None) -> tuple[int, int]:
+def check_photograph(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> tuple[int, int]:
     """Decode the whole photograph, JPEG at an eighth of its size, and return its width and height.
 
     At an eighth every coefficient is still read, so the same damage is found in half the time or less. What libjpeg
     passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_pixels does.
     """
-    picture = _open(path, size_px)
+    picture = _open(path, size_px, sha256)
     size = picture.size
     picture.draft("L", (1, 1))
     _decode(path, picture)

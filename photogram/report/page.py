@@ -50,6 +50,7 @@ STRONG, VERY_STRONG = 0.8, 0.95
 STAGE_TITLES = {
     "photographs": "Photographs read",
     "features": "Features",
+    "pairs": "Pairs",
     "matches": "Matching",
     "tie_points": "Tie points",
     "orientation": "Orientation",

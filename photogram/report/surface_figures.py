@@ -29,17 +29,12 @@ from photogram.report.surface_maps import (
 
 GROUND_RGB = (0xD4, 0xD4, 0xD4)
 JPEG_QUALITY = 88
-KEYS = ("orthophoto", "dense surface", "dense sigma", "dense sigma histogram", "dense rays", "dense profiles")
 SVG_PICTURE = re.compile(rb"data:image/png;base64,([^\"]*)")
 
 
 def picture_name(key: str) -> str:
     """Return what the picture of a figure is called in the folder of pictures."""
     return f"{key.replace(' ', '_')}.png"
-
-
-SURFACE_PICTURES = tuple(picture_name(key) for key in KEYS)
-"""Every picture of a dense surface that may be written."""
 
 
 @dataclass(frozen=True, eq=False)

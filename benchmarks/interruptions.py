@@ -1,0 +1,205 @@
+"""Kills and full disks: a run that goes on after them writes the same bytes as one that nothing happened to.
+
+    python benchmarks/interruptions.py FOLDER [--kills 60] [--full-disks 20] [--seed 1]
+
+A survey of four photographs is run once undisturbed. Then it is killed at random, at the moment when a file is about to
+take its name or at any other, gone on with and killed again, until it comes to its end; and its work or its results are
+put on a disk (tmpfs, which the superuser alone may mount) that is too small, which has to end in one line and exit code
+1, and then grows. Every product and every intermediate file is compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import yaml
+
+from photogram.cli import adjust, report  # noqa: F401 - loaded before the children are made
+from photogram.cli.main import main as photogram
+from photogram.demonstration import write_demonstration
+from photogram.flight_plan import SurveyPlan
+
+PLAN = SurveyPlan(
+    width_px=400, height_px=300, focal_px=600.0, flying_height_m=40.0, forward_overlap=0.75, side_overlap=0.7, strips=2,
+    photographs_per_strip=2, relief_m=4.0, buildings=2, trees=6, target_radius_m=0.3, control_points=8, check_points=4,
+)  # fmt: skip
+RUNS_DIFFER = ("stage.json", "report.json", "report.html", "checksums.sha256", "photogram.lock")
+KILLS_A_CHAIN = 10
+
+
+def child(project: Path, stop: Callable[[], None] = lambda: None) -> int:
+    """Run `photogram adjust` in a process of its own, ``stop`` called first in it; return its status."""
+    number = os.fork()  # from a process that never computes: threads would not come along
+    if number == 0:
+        said = os.open(project.parent / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(said, 1)
+        os.dup2(said, 2)
+        stop()
+        sys.argv = ["photogram", "adjust", str(project), "--no-check"]
+        code = 0
+        try:
+            photogram()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return os.waitpid(number, 0)[1]
+
+
+def kill_at_renaming(number: int) -> None:
+    """Kill this process in place of its ``number``-th renaming, with which every change of a folder ends."""
+    rename, lock, left = os.replace, threading.Lock(), [number]
+
+    def counted(source: Path, target: Path) -> None:
+        with lock:
+            left[0] -= 1
+            if not left[0]:
+                os.kill(os.getpid(), signal.SIGKILL)
+            rename(source, target)
+
+    os.replace = counted  # type: ignore[assignment]
+
+
+def kill_after(seconds: float) -> None:
+    """Kill this process after a time, whatever it does then."""
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGKILL))
+    timer.daemon = True
+    timer.start()
+
+
+def without_times(path: Path) -> bytes:
+    """Return what a report says but for times and memory."""
+    said = json.loads(path.read_text(encoding="utf-8"))
+    for part in (said, said["adjustment"]):
+        for name in ("seconds", "peak_memory_bytes"):
+            part.pop(name, None)
+    return json.dumps(said, sort_keys=True).encode()
+
+
+def contents(work: Path, results: Path) -> dict[str, str]:
+    """Return the checksums of all files of two folders but of what holds times, and of the report without them."""
+    found = {}
+    for folder in (work, results):
+        for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+            name = f"{folder.name}/{path.relative_to(folder)}"
+            if path.name == "report.json":
+                found[name] = hashlib.sha256(without_times(path)).hexdigest()
+            elif path.name not in RUNS_DIFFER:
+                found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def fresh(pristine: Path, folder: Path, **folders: str) -> Path:
+    """Copy the survey that was not run yet and return its project file; ``folders`` are its work and results."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(pristine, folder)
+    project = folder / "project.yaml"
+    values = yaml.safe_load(project.read_text(encoding="utf-8"))
+    project.write_text(yaml.safe_dump({**values, **folders}, sort_keys=False), encoding="utf-8")
+    return project
+
+
+def killed(pristine: Path, folder: Path, kills: int, expected: dict[str, str], rng: random.Random) -> tuple[int, int]:
+    """Kill chains of runs; return how many kills there were and how many chains ended differently."""
+    done, wrong, chain = 0, 0, 0
+    while done < kills:
+        project, here, chain = fresh(pristine, folder / "killed"), 0, chain + 1
+        while here < KILLS_A_CHAIN and done + here < kills:
+            if rng.random() < 0.7:
+                number = rng.randrange(1, 25)
+                status = child(project, lambda number=number: kill_at_renaming(number))
+            else:
+                seconds = rng.uniform(0.0, 3.0)
+                status = child(project, lambda seconds=seconds: kill_after(seconds))
+            if status != signal.SIGKILL:
+                break  # it came to its end
+            here += 1
+        done += here
+        status = child(project)
+        same = contents(project.parent / "work", project.parent / "results") == expected
+        wrong += status != 0 or not same
+        print(f"chain {chain}: {here} kills, {'the same' if same else 'DIFFERENT'}, exit {status >> 8}", flush=True)
+    return done, wrong
+
+
+def on_full_disks(pristine: Path, folder: Path, count: int, expected: dict[str, str], need: int) -> int:
+    """Run with work or results on a disk that is too small, then on one that is not; return how many went wrong."""
+    wrong, disk = 0, folder / "disk"
+    disk.mkdir(exist_ok=True)
+    for number in range(count):
+        which = ("work", "results")[number % 2]
+        share = (number // 2 + 0.5) / (count / 2)
+        size = 4096 * max(4, int(share * share * 0.9 * need / 4096))
+        project = fresh(pristine, folder / "filled", **{which: str(disk / which)})
+        subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
+        try:
+            status = child(project) >> 8
+            said = (project.parent / "said.txt").read_text(encoding="utf-8")
+            faults = [line for line in said.splitlines() if line.startswith("photogram: ")]
+            clear = status == 1 and len(faults) == 1 and "Traceback" not in said
+            subprocess.run(["mount", "-o", "remount,size=256m", str(disk)], check=True)
+            end = child(project) >> 8
+            places = {"work": project.parent / "work", "results": project.parent / "results", which: disk / which}
+            same = contents(places["work"], places["results"]) == expected
+        finally:
+            subprocess.run(["umount", str(disk)], check=True)
+        wrong += not (clear and same and end == 0)
+        words = faults[0][:150] if faults else "NO FAULT"
+        print(f"{which} on {size / 1e3:.0f} kB: exit {status}, then {end}, {'same' if same else 'DIFFERENT'}: {words}")
+        sys.stdout.flush()
+    return wrong
+
+
+def quiet(done: int, total: int, text: str) -> None:
+    """Take progress, and say nothing."""
+
+
+def main() -> None:
+    """Print a line for each chain of kills and each disk, and the sums."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--kills", type=int, default=60)
+    parser.add_argument("--full-disks", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    folder = given.folder.absolute()
+    folder.mkdir(parents=True)
+    pristine = folder / "pristine"
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
+        project = other.submit(write_demonstration, pristine, 3, quiet, PLAN).result()
+    values = yaml.safe_load(project.read_text(encoding="utf-8"))
+    values |= {"features": {"maximum": 800}, "work": "work", "results": "results"}
+    project.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    began = time.monotonic()
+    whole = fresh(pristine, folder / "whole")
+    if child(whole):
+        sys.exit((whole.parent / "said.txt").read_text(encoding="utf-8"))
+    expected = contents(whole.parent / "work", whole.parent / "results")
+    need = sum(p.stat().st_size for p in (whole.parent / "results").rglob("*") if p.is_file())
+    print(f"undisturbed: {len(expected)} files, {time.monotonic() - began:.0f} s", flush=True)
+    kills, wrong = killed(pristine, folder, given.kills, expected, random.Random(given.seed))
+    print(f"{kills} kills: {wrong} chains ended differently", flush=True)
+    if given.full_disks and os.geteuid() == 0:
+        wrong = on_full_disks(pristine, folder, given.full_disks, expected, need)
+        print(f"{given.full_disks} full disks: {wrong} went wrong")
+    elif given.full_disks:
+        print("full disks: not tried, the superuser alone may mount them")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""From a folder of results goes what photogram has written there, and nothing else."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from photogram.files.atomic import replacing
+from photogram.results_record import CHECKSUMS, read_record, recorded, remove_made, remove_outdated
+
+Run = Callable[..., Any]
+Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
+
+
+def write(folder: Path, *names: str) -> None:
+    """Write files as a run does."""
+    with recorded(folder):
+        for name in names:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            with replacing(folder / name) as temporary:
+                temporary.write_text(f"a result: {name}")
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def test_what_is_not_made_any_more_is_removed(tmp_path: Path) -> None:
+    write(tmp_path, "dsm.tif", "dtm.tif", "pictures/a.png")
+    (tmp_path / "contours.gpkg").write_text("mine")
+    write(tmp_path, "dsm.tif")
+    assert remove_outdated(tmp_path, ["dsm.tif"]) == ["dtm.tif", "pictures/a.png"]
+    assert names(tmp_path) == [CHECKSUMS, "contours.gpkg", "dsm.tif"]
+    assert set(read_record(tmp_path)) == {"dsm.tif"}
+    assert remove_outdated(tmp_path, ["dsm.tif"]) == []
+
+
+def test_what_somebody_has_changed_stays(tmp_path: Path) -> None:
+    write(tmp_path, "dtm.tif", "contours.gpkg", "dsm.tif")
+    (tmp_path / "dtm.tif").write_text("mine now")
+    (tmp_path / "contours.gpkg").unlink()
+    (tmp_path / "mine.gpkg").write_text("a result: contours.gpkg")
+    (tmp_path / "contours.gpkg").symlink_to(tmp_path / "mine.gpkg")
+    assert remove_outdated(tmp_path, []) == ["dsm.tif"]
+    assert names(tmp_path) == [CHECKSUMS, "contours.gpkg", "dtm.tif", "mine.gpkg"]
+
+
+def test_a_record_leads_nowhere_else(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    write(results, "dsm.tif", "inner/a.txt")
+    write(tmp_path, "mine.txt")
+    record = (tmp_path / CHECKSUMS).read_text()
+    assert set(read_record(results)) == {"dsm.tif"}
+    assert not remove_made(results, ["../mine.txt", str(tmp_path / "mine.txt"), "inner/a.txt"])
+    (results / CHECKSUMS).write_text(record.replace("mine.txt", "../mine.txt") + record.replace("  ", f"  {tmp_path}/"))
+    assert len(read_record(results)) == 2
+    assert remove_outdated(results, []) == []
+    assert (tmp_path / "mine.txt").is_file()
+    assert (results / "inner/a.txt").is_file()
+
+
+def test_another_program_reads_the_record(finished_survey: Path) -> None:
+    results = finished_survey / "results"
+    checked = subprocess.run(["sha256sum", "--check", "--strict", CHECKSUMS], cwd=results, capture_output=True)
+    assert checked.returncode == 0, checked.stderr
+    assert set(read_record(results)) | {CHECKSUMS} == set(names(results))
+
+
+def test_work_within_the_results_is_none_of_them(survey: Path, photogram: Run, edit: Edit) -> None:
+    def sparse(values: dict[str, Any]) -> None:
+        values |= {"work": "results/work", "dense": {"enabled": False}, "orthophoto": {"enabled": False}}
+
+    edit(survey / "project.yaml", sparse)
+    (survey / "results").mkdir()
+    (survey / "results/dtm.tif").write_text("mine")
+    assert photogram("adjust", survey / "project.yaml").code == 0
+    assert (survey / "results/work/results.stage/figures.json").is_file()
+    assert (survey / "results/dtm.tif").read_text() == "mine"
+    assert photogram("report", survey / "project.yaml").code == 0
+    assert "<img " in (survey / "results/report.html").read_text(encoding="utf-8")
+    edit(survey / "project.yaml", lambda v: v.update(contours={"enabled": False}))
+    assert (survey / "results/contours.gpkg").is_file()
+    assert photogram("adjust", survey / "project.yaml").code == 0
+    assert not (survey / "results/contours.gpkg").exists()
+    assert (survey / "results/dtm.tif").read_text() == "mine"
