@@ -170,7 +170,8 @@ def _run_all(folder: Path, options: argparse.Namespace) -> int:
     for name in TARGETS:
         sys.stdout.write(f"{name:12} {counts[name, 'refused']:6} refused {counts[name, 'used']:6} used\n")
     sys.stdout.write(
-        f"{len(numbers)} cases, {failed} failed; {seconds:.0f} s, {processor:.0f} s of processor, the slowest {slowest:.1f} s\n"
+        f"{len(numbers)} cases, {failed} failed; {seconds:.0f} s, {processor:.0f} s of processor, "
+        f"the slowest case {slowest:.1f} s\n"
     )
     return 1 if failed else 0
 
