@@ -431,6 +431,17 @@ def test_a_figure_of_the_report_that_is_none(tmp_path: Path, full_report: dict[s
         read_report(path)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("residual_m", 7), ("sigma_m", [1, 2]), ("name", 7), ("surveyed_map_m", None)]
+)
+def test_a_point_of_the_report_that_is_none(tmp_path: Path, key: str, value: object) -> None:
+    point = {"name": "A", "role": "check", "surveyed_map_m": [1, 2, 3]} | {key: value}
+    report = {"photogram": "1", "crs": CRS, "cameras": {}, "photographs": {}, "control_points": [point]}
+    (tmp_path / "report.json").write_text(json.dumps(report))
+    with pytest.raises(ReportError, match=rf"damaged, control_points\[0\]\.{key} is "):
+        read_report(tmp_path / "report.json")
+
+
 def test_what_a_page_trips_over_names_the_report(tmp_path: Path) -> None:
     words = r"report\.json: damaged, or not of this version of photogram \(KeyError"
     with pytest.raises(ReportError, match=words), making_of(tmp_path / "report.json"):

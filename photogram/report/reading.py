@@ -92,8 +92,9 @@ def _fault_of_points(points: list[Any]) -> str:
             if not isinstance(point.get(key), kind):
                 return f"control_points[{i}].{key} is {_shown(point.get(key))}"
         for key in ("surveyed_map_m", "residual_m", "sigma_m", "surveyed_sigma_m"):
-            if point.get(key) is not None and len(point[key]) != 3:
-                return f"control_points[{i}].{key} is {_shown(point[key])}"
+            figures = point.get(key)
+            if figures is not None and not (isinstance(figures, list) and len(figures) == 3):
+                return f"control_points[{i}].{key} is {_shown(figures)}"
     return ""
 
 

@@ -10,6 +10,7 @@ word. The same seed makes the same cases; --only NUMBER runs one of them. Inputs
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import os
 import shutil
 import signal
@@ -127,10 +128,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Spoilt inputs by the thousand.")
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="begin with this case")
     parser.add_argument("--only", type=int, help="run this case alone")
     parser.add_argument("--survey", type=Path, help="a small survey, adjusted; made where none is given")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for inputs that failed")
     options = parser.parse_args()
+    faulthandler.enable(os.dup(2))  # a case that ends the process shows where
     prepare_streams()
     signal.signal(signal.SIGALRM, _late)
     with tempfile.TemporaryDirectory(prefix="photogram-fuzz-") as name:
@@ -147,9 +150,9 @@ def _run_all(folder: Path, options: argparse.Namespace) -> int:
     shutil.copytree(survey, folder / "survey", ignore=shutil.ignore_patterns("work", "results"))
     shutil.copy(survey / "project.yaml", folder / "corpus")
     bench = Bench(folder / "corpus", folder / "survey", folder / "spoilt")
-    numbers = range(options.cases) if options.only is None else [options.only]
+    numbers = range(options.first, options.cases) if options.only is None else [options.only]
     counts: Counter[tuple[str, str]] = Counter()
-    failed, start, slowest = 0, time.monotonic(), 0.0
+    failed, start, used, slowest = 0, time.monotonic(), time.process_time(), 0.0
     for number in numbers:
         begin = time.monotonic()
         target, ended, wrong = _watched(bench, options.seed, number, folder / "said")
@@ -163,10 +166,13 @@ def _run_all(folder: Path, options: argparse.Namespace) -> int:
             sys.stdout.write(f"\n--- case {number} of seed {options.seed}\n{wrong}\n")
         for spoilt in bench.folder.iterdir():
             spoilt.unlink()
-    seconds = time.monotonic() - start
+    seconds, processor = time.monotonic() - start, time.process_time() - used
     for name in TARGETS:
         sys.stdout.write(f"{name:12} {counts[name, 'refused']:6} refused {counts[name, 'used']:6} used\n")
-    sys.stdout.write(f"{len(numbers)} cases, {failed} failed; {seconds:.0f} s, the slowest {slowest:.1f} s\n")
+    sys.stdout.write(
+        f"{len(numbers)} cases, {failed} failed; {seconds:.0f} s, {processor:.0f} s of processor, "
+        f"the slowest case {slowest:.1f} s\n"
+    )
     return 1 if failed else 0
 
 
