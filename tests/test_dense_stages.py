@@ -21,6 +21,7 @@ import rasterio
 from photogram import dense_matching, dense_stages, surface_stages
 from photogram.dense_stages import match_surface, round_cell_m
 from photogram.pipeline import load_project, open_run
+from photogram.stage_files import keep_whole_files
 from photogram.surface_stages import model_surface
 from photogram.workspace import Workspace
 
@@ -201,6 +202,7 @@ def test_killed_and_resumed_it_writes_the_same(
     folder = survey / "work/dense.stage.partial"
     times = {p: p.stat().st_mtime_ns for p in folder.glob("level0/*.npz")}
     assert times
+    assert keep_whole_files(folder) == []
     with ThreadPoolExecutor(2) as two:
         kept: dict[Path, int] = {}
 

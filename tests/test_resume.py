@@ -276,7 +276,7 @@ def test_other_positions_repeat_the_matching_where_other_pairs_are_chosen(adjust
     edit(project, lambda v: v["photographs"].update(gnss_sigma_m=[4.0, 4.0, 8.0]))
     assert stages_run(adjusted_survey, until="tie_points") == ["photographs", "pairs"]
     assert times(adjusted_survey / "work/matches.stage") == matched
-    edit(project, lambda v: v.update(pairs={"maximum": 1}))
+    edit(project, lambda v: v.update(pairs={"maximum": 1, "neighbours": 1}))
     assert stages_run(adjusted_survey, until="tie_points") == ["pairs", "matches", "tie_points"]
 
 
