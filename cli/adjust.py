@@ -12,6 +12,7 @@ from photogram.cli.arguments import Pdf, Photographs, ProjectFile
 StageName = Literal[
     "photographs",
     "features",
+    "pairs",
     "matches",
     "tie_points",
     "orientation",
@@ -49,8 +50,8 @@ def adjust(
     """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
 
     An interrupted run resumes where it was. The stages are photographs, features,
-    matches, tie_points, orientation, transfer, intersection, adjustment, dense,
-    surface, relief, orthophoto, comparison and results.
+    pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
+    dense, surface, relief, orthophoto, comparison and results.
     """
     from photogram.cli.run_adjust import run
 

@@ -15,7 +15,7 @@ from rich.table import Table
 from photogram.cli.terminal import console, errors, steps
 from photogram.flight_prediction import Alternative, Prediction, alternatives, predict
 from photogram.plan_file import flight_plan, plan_settings
-from photogram.planning import FlightPlan
+from photogram.planning import RANGES, FlightPlan
 from photogram.report.prediction_numbers import prediction_numbers
 from photogram.report.prediction_picture import prediction_picture
 
@@ -101,8 +101,32 @@ def _settings(file: Path | None, given: dict[str, Any]) -> FlightPlan:
     return flight_plan(settings, str(file) if file is not None else "photogram plan")
 
 
+_OPTIONS = {
+    "width_m": "--area",
+    "length_m": "--area",
+    "gsd_m": "--gsd",
+    "flying_height_m": "--height",
+    "forward_overlap": "--forward",
+    "side_overlap": "--side",
+    "cross_strips": "--cross",
+    "oblique_strips": "--oblique",
+    "relief_m": "--relief",
+    "control_points": "--control",
+}
+
+
+def _check_ranges(given: dict[str, Any]) -> None:
+    """Refuse figures that cannot be. Raises typer.BadParameter."""
+    for name, option in _OPTIONS.items():
+        low, high = RANGES[name]
+        value = given[name]
+        if value is not None and not low <= value <= high:
+            raise typer.BadParameter(f"{value:g} must be from {low:g} to {high:g}", param_hint=option)
+
+
 def run(file: Path | None, given: dict[str, Any], *, changes: bool, picture: Path | None, as_json: bool) -> None:
     """Predict the accuracy of a plan, of a file and of what the options change in it, and show it."""
+    _check_ranges(given)
     settled = _settings(file, given)
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")

@@ -40,7 +40,7 @@ def _report(folder: Path) -> ViewRecord:
     try:
         return view_record(read_whole(path, MOST_BYTES))
     except ReportError as fault:
-        raise ReportError(f"{path}: {fault}: run photogram adjust again") from fault
+        raise ReportError(f"{path}: {fault}: make it again with photogram adjust") from fault
 
 
 def _cloud(folder: Path) -> Path:

@@ -37,6 +37,10 @@ def _features(summary: Summary) -> str:
     return f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
 
 
+def _pairs(summary: Summary) -> str:
+    return f"{_count(summary['pairs'], 'pair')} selected"
+
+
 def _matches(summary: Summary) -> str:
     return f"{summary['verified_pairs']} of {_count(summary['pairs'], 'pair')} verified"
 
@@ -116,6 +120,7 @@ def _results(summary: Summary) -> str:
 SENTENCES: dict[str, Callable[[Summary], str]] = {
     "photographs": _photographs,
     "features": _features,
+    "pairs": _pairs,
     "matches": _matches,
     "tie_points": _tie_points,
     "orientation": _orientation,

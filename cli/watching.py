@@ -31,6 +31,7 @@ def stage_weights(survey: Project, until: str | None = None) -> dict[str, float]
     weights = {
         "photographs": 0.02 * photographs,
         "features": 0.15 * photographs + 0.07 * megapixels,
+        "pairs": 0.01 * photographs,
         "matches": 0.6 * photographs,
         "tie_points": 0.01 * photographs,
         "orientation": 0.1 * photographs,
