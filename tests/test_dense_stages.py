@@ -25,7 +25,7 @@ from photogram.surface_stages import model_surface
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
-SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_source.tif")
+SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.tif", "dsm_source.tif")
 
 KILLED = f"""
 import os, signal, sys
