@@ -94,8 +94,7 @@ def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
 
 def _clouds(outcome: _Outcome) -> list[str]:
     products = []
-    block = outcome.result.block
-    created = flight_date([p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None])
+    created = flight_date(outcome.run.notes(), outcome.result.block.poses)
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
         write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)

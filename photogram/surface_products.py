@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from datetime import date
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from photogram.block_files import BlockFiles
+from photogram.camera import Pose
 from photogram.dense_surface import FILLED, MEASURED
 from photogram.files.atomic import replacing
 from photogram.files.dense_points import (
@@ -41,7 +42,6 @@ from photogram.report.surface_figures import (
 from photogram.report.thumbnails import thumbnails
 from photogram.stages import RELATIVE_SIGMA_FILE
 from photogram.surface_stages import MatchedHeights, matched, surface_layers
-from photogram.survey import Photograph
 from photogram.workspace import read_json
 
 PRODUCTS = {
@@ -82,9 +82,11 @@ def copy_products(run: Run, results: Path) -> list[str]:
     return names
 
 
-def flight_date(photographs: Sequence[Photograph]) -> date:
-    """Return the day of the last exposure whose time the tags give, NO_DATE where none does: that of the clouds."""
-    return max((p.time.date() for p in photographs if p.time is not None), default=NO_DATE)
+def flight_date(notes: Sequence[Mapping[str, Any]], poses: Sequence[Pose | None]) -> date:
+    """Return the day of the last exposure with a pose whose time the tags give, in their notes, NO_DATE where none
+    does: the date of the clouds."""
+    times = [note["time"] for note, pose in zip(notes, poses, strict=True) if pose is not None]
+    return max((datetime.fromisoformat(time).date() for time in times if time is not None), default=NO_DATE)
 
 
 def write_dense_cloud(run: Run, results: Path) -> list[str]:
@@ -93,14 +95,11 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     written."""
     if not matched(run):
         return []
-    layers, block = surface_layers(run), run.adjustment().block
-    flown = [p for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None]
+    layers, created = surface_layers(run), flight_date(run.notes(), run.adjustment().block.poses)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
     chunks = _chunks(run, layers, picture)
-    write_dense_laz(
-        results / CLOUD, layers.grid, run.project.product_crs, chunks, flight_date(flown), coloured=coloured
-    )
+    write_dense_laz(results / CLOUD, layers.grid, run.project.product_crs, chunks, created, coloured=coloured)
     return [CLOUD]
 
 

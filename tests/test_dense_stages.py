@@ -28,7 +28,7 @@ from photogram.workspace import Workspace
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
 OWN_NOTES = ("stage.json", "files.sha256", "made-by-photogram.txt")
-SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_source.tif")
+SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.tif", "dsm_source.tif")
 
 KILLED = f"""
 import os, signal, sys

@@ -106,9 +106,10 @@ def test_the_key_is_found_in_every_kind_of_tiff(tmp_path: Path, big: str, endian
 
 def test_bands_have_units_and_descriptions(tmp_path: Path) -> None:
     grid = grid_at(PLACES["EPSG:25832"])
-    write(tmp_path / "dsm.tif", "EPSG:25832", PLACES["EPSG:25832"])
-    with rasterio.open(tmp_path / "dsm.tif") as dataset:
-        assert (dataset.units, dataset.descriptions) == (("metre",), ("height",))
+    for crs in ("EPSG:25832", "EPSG:25832+5799", product_crs("EPSG:25832", DeclaredHeights(output="ellipsoidal"))):
+        write(tmp_path / "dsm.tif", crs, PLACES["EPSG:25832"])
+        with rasterio.open(tmp_path / "dsm.tif") as dataset:
+            assert (dataset.units, dataset.descriptions) == (("m",), ("height",))
     picture = np.full((grid.rows, grid.columns, 4), 255, np.uint8)
     write_cog_rgba(tmp_path / "picture.tif", grid, "EPSG:25832", [(grid.whole, picture)])
     with rasterio.open(tmp_path / "picture.tif") as dataset:

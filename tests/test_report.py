@@ -351,6 +351,19 @@ def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_surve
                 assert [float(values[n]) for n in names] == pytest.approx(photograph[key], abs=6e-5), (name, key)
 
 
+def test_clouds_bear_the_day_of_the_flight_and_no_black_points(finished_survey: Path) -> None:
+    days = {
+        note["time"][:10]
+        for note in json.loads((finished_survey / "work/photographs/tags.json").read_text(encoding="utf-8"))
+    }
+    for name in ("points_adjusted.laz", "dense.laz"):
+        header = laspy.open(finished_survey / "results" / name).header
+        assert str(header.creation_date) == max(days)
+    dense = laspy.read(finished_survey / "results/dense.laz")
+    assert np.all((dense.red > 0) | (dense.green > 0) | (dense.blue > 0))
+    assert set(np.unique(dense.classification)) == {0}, "without a terrain model nothing is classified"
+
+
 def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
     with rasterio.open(finished_survey / "results/dsm.tif") as raster:
         crs = CRS.from_wkt(raster.crs.to_wkt(version="WKT2_2019"))

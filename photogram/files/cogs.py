@@ -89,7 +89,7 @@ def write_cog(
 
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
     look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
-    band = _Band((description,), "metre")
+    band = _Band((description,), "m")
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
 
 
