@@ -12,29 +12,36 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-@contextmanager
-def nothing_raw() -> Iterator[list[BaseException]]:
-    """Let nothing reach the terminal raw, and collect in the list given what a thread raises that nobody waits for.
+def prepare_streams() -> logging.Handler:
+    """Let nothing reach the terminal raw; returns the handler that keeps the log silent.
 
     Names that the terminal cannot show stand as escapes; warnings and messages of libraries go to the log, which -v
     shows; what libraries in C write to standard error past Python is dropped, unless -vv is asked for.
     """
-    unwatched: list[BaseException] = []
     if not _very_verbose():
         _keep_standard_error()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    log, silent, usual = logging.getLogger(), logging.NullHandler(), threading.excepthook
-    log.addHandler(silent)  # without any handler Python prints warnings
+    silent = logging.NullHandler()
+    logging.getLogger().addHandler(silent)  # without any handler Python prints warnings
     logging.captureWarnings(True)
+    return silent
+
+
+@contextmanager
+def nothing_raw() -> Iterator[list[BaseException]]:
+    """Prepare the streams while the block runs, and collect in the list given what a thread raises that nobody waits
+    for."""
+    unwatched: list[BaseException] = []
+    silent, usual = prepare_streams(), threading.excepthook
     threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
     try:
         yield unwatched
     finally:
         threading.excepthook = usual
         logging.captureWarnings(False)
-        log.removeHandler(silent)
+        logging.getLogger().removeHandler(silent)
 
 
 def _very_verbose() -> bool:

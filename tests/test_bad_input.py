@@ -229,7 +229,11 @@ def test_no_control_and_no_positions(survey: Path, photogram: Run, edit: Edit) -
 def test_a_file_where_a_folder_should_be(survey: Path, photogram: Run, edit: Edit, key: str) -> None:
     (survey / "taken").write_text("a file")
     edit(survey / "project.yaml", lambda v: v.update({key: "taken"}))
-    check_fault(photogram("adjust", survey / "project.yaml"), str(survey / "taken"))
+    outcome = photogram("adjust", survey / "project.yaml", "--no-check")
+    check_fault(outcome, str(survey / "taken"))
+    checked = photogram("check", survey / "project.yaml")
+    assert checked.code == 1
+    assert key in checked.out
     assert (survey / "taken").read_text() == "a file"
 
 

@@ -78,7 +78,7 @@ def test_a_stage_that_does_not_exist(photogram: Run, survey: Path) -> None:
         outcome = photogram("adjust", survey / "project.yaml", option, "surfaces")
         assert outcome.code == 2
         said = " ".join(outcome.err.replace("│", " ").split())
-        assert "'surfaces' is not one of 'photographs', 'features', 'matches', 'tie_points', 'orientation'" in said
+        assert "'surfaces' is not one of 'photographs', 'features', 'pairs', 'matches', 'tie_points'" in said
         assert "Traceback" not in outcome.err
 
 
@@ -98,7 +98,7 @@ def test_photographs_may_lie_in_another_folder(adjusted_survey: Path, photogram:
     assert "--photographs DIR" in outcome.err
     outcome = photogram("adjust", project, "--photographs", elsewhere, "--until", "comparison")
     assert outcome.code == 0, outcome.err
-    assert outcome.out.count("up to date") == 13
+    assert outcome.out.count("up to date") == 14
     assert photogram("adjust", project, "--photographs", adjusted_survey / "nowhere").code == 1
 
 

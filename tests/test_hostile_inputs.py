@@ -688,9 +688,9 @@ def test_libraries_do_not_write_to_the_terminal(tmp_path: Path) -> None:
     path = tmp_path / "photographs/a.tif"
     path.parent.mkdir()
     Image.fromarray(pixels()).save(path, compression="tiff_adobe_deflate")
-    picture = Image.open(path)
-    assert isinstance(picture, TiffImagePlugin.TiffImageFile)
-    place = picture.tag_v2[273][0] + 20
+    with Image.open(path) as picture:
+        assert isinstance(picture, TiffImagePlugin.TiffImageFile)
+        place = picture.tag_v2[273][0] + 20
     content = bytearray(path.read_bytes())
     content[place : place + 8] = b"\xff" * 8
     path.write_bytes(content)

@@ -12,13 +12,12 @@ from typing import Any
 import pytest
 
 from photogram.asprs import ReportSettings
-from photogram.page_files import deliverables, discard_undelivered
+from photogram.page_files import deliverables
 from photogram.report.completion import complete
 from photogram.report.identity import grouped, report_id
 from photogram.report.overall import length, overall
 from photogram.report.page import report_page
 from photogram.report.wording import capitalised, css_string, matching_settings
-from photogram.workspace import write_json
 
 Json = dict[str, Any]
 GNSS_ONLY = {
@@ -258,33 +257,3 @@ def test_a_print_does_not_outlive_the_results(
     assert photogram("report", project).code == 0
     assert not (results / "report.pdf").exists()
     assert not (results / "view.html").exists()
-
-
-def test_what_a_run_does_not_make_any_more_is_removed_and_nobody_elses_file(tmp_path: Path) -> None:
-    (tmp_path / "pictures").mkdir()
-    names = ("dense.laz", "pictures/matches_a.png", "dsm.tif", "orthophoto.tif")
-    for name in names:
-        (tmp_path / name).write_text(f"made: {name}")
-    outside = tmp_path.parent / f"{tmp_path.name}_outside.txt"
-    outside.write_text("precious")
-    listed = deliverables(tmp_path, names)
-    listed.append(
-        {"file": f"../{outside.name}", "bytes": 8, "sha256": deliverables(tmp_path.parent, [outside.name])[0]["sha256"]}
-    )
-    write_json(tmp_path / "report.json", {"deliverables": listed})
-    (tmp_path / "orthophoto.tif").write_text("put there by somebody")
-    (tmp_path / "mine.txt").write_text("mine")
-    discard_undelivered(tmp_path, ["dsm.tif"])
-    left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
-    assert left == {"dsm.tif", "orthophoto.tif", "mine.txt", "report.json"}
-    assert outside.read_text() == "precious"
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", "{", '{"deliverables": 3}', '{"deliverables": [1, {"file": 2}, {"file": "x"}]}']
-)
-def test_a_damaged_report_of_before_removes_nothing(tmp_path: Path, text: str) -> None:
-    (tmp_path / "report.json").write_text(text)
-    (tmp_path / "x").write_text("x")
-    discard_undelivered(tmp_path, [])
-    assert (tmp_path / "x").exists()

@@ -113,4 +113,4 @@ def test_weights_are_those_of_what_the_survey_asks_for(pristine_survey: Path) ->
     assert weights["comparison"] > 0
     assert stage_weights(replace(survey, reference=None))["comparison"] == 0.0
     assert weights["features"] > 0
-    assert list(stage_weights(survey, "matches")) == ["photographs", "features", "matches"]
+    assert list(stage_weights(survey, "matches")) == ["photographs", "features", "pairs", "matches"]
