@@ -12,12 +12,14 @@ from typing import Any
 import pytest
 
 from photogram.asprs import ReportSettings
+from photogram.files.atomic import replacing
 from photogram.page_files import deliverables
 from photogram.report.completion import complete
 from photogram.report.identity import grouped, report_id
 from photogram.report.overall import length, overall
 from photogram.report.page import report_page
 from photogram.report.wording import capitalised, css_string, matching_settings
+from photogram.results_record import recorded
 
 Json = dict[str, Any]
 GNSS_ONLY = {
@@ -231,7 +233,7 @@ def test_deliverables_are_all_files_with_their_checksums(finished_survey: Path, 
     results = finished_survey / "results"
     listed = {entry["file"]: entry for entry in bare["deliverables"]}
     files = {p.relative_to(results).as_posix() for p in results.rglob("*") if p.is_file()}
-    assert set(listed) == files - {"report.json", "report.html"}
+    assert set(listed) == files - {"report.json", "report.html", "checksums.sha256"}
     assert deliverables(results, list(listed)) == bare["deliverables"]
     text = (results / "report.html").read_text(encoding="utf-8")
     assert listed["dsm.tif"]["sha256"] in text
@@ -249,11 +251,25 @@ def test_a_print_does_not_outlive_the_results(
     adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
 ) -> None:
     results, project = adjusted_survey / "results", adjusted_survey / "project.yaml"
-    for name in ("report.pdf", "view.html"):
-        (results / name).write_text("of before")
+    with recorded(results):
+        for name in ("report.pdf", "view.html"):
+            with replacing(results / name) as partial:
+                partial.write_text("of before")
     assert photogram("report", project).code == 0  # the same report: its print stays
     assert (results / "report.pdf").exists()
     edit(project, lambda values: values.update(report={"target_rmse_v_m": 0.001}))
     assert photogram("report", project).code == 0
     assert not (results / "report.pdf").exists()
     assert not (results / "view.html").exists()
+
+
+def test_a_print_that_somebody_has_changed_stays(
+    adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
+) -> None:
+    results, project = adjusted_survey / "results", adjusted_survey / "project.yaml"
+    with recorded(results), replacing(results / "report.pdf") as partial:
+        partial.write_text("of before")
+    (results / "report.pdf").write_text("of before, and signed")
+    edit(project, lambda values: values.update(report={"target_rmse_v_m": 0.001}))
+    assert photogram("report", project).code == 0
+    assert (results / "report.pdf").read_text() == "of before, and signed"

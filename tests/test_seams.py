@@ -130,7 +130,11 @@ def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, 
     texts: list[str] = []
     with open_run(project) as run:
         part = SimpleNamespace(
-            project=settings, executor=run.executor, adjustment=run.adjustment, filled_surface=run.filled_surface
+            project=settings,
+            executor=run.executor,
+            adjustment=run.adjustment,
+            filled_surface=run.filled_surface,
+            pixels=run.pixels,
         )
         summary = make_orthophoto(cast(Run, part), tmp_path, lambda _done, _total, text: texts.append(text))
         surface = run.filled_surface()
