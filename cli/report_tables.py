@@ -125,6 +125,10 @@ def _result(report: Mapping[str, Any]) -> Table:
             f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
         )
     table.add_row(*_accuracy(report))
+    figures = [f for f in (report.get("verdict") or {}).get("figures", ()) if report["check_points"]["n"]]
+    if figures and all(f["rmse_m"] is not None and f["target_m"] is not None for f in figures):
+        reached, targets = (", ".join(f"{f[key]:.3f}" for f in figures) for key in ("rmse_m", "target_m"))
+        table.add_row("the same with the uncertainty of their survey, targets", f"{reached} m; {targets} m")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
         table.add_row("check points without two marks that meet", ", ".join(unused))
@@ -197,6 +201,8 @@ def show_report(report: Mapping[str, Any]) -> None:
     _show_suspects(report)
     _show_diagnosis(report["diagnosis"])
     _show_tables(surface_table(report), _over_reference(report["clouds"]))
+    if report.get("verdict"):
+        console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
 
 
 def _show_tables(*tables: Table | None) -> None:
@@ -209,7 +215,7 @@ def show_judgement(judgement: Judgement) -> None:
     """Print a simulated survey's result against its truth."""
     j = judgement
     table = Table("simulated survey against its truth", "value", "in GSD")
-    table.add_row("ground sampling distance", f"{j.gsd_m:.4f} m", "1")
+    table.add_row("ground sampling distance, planned", f"{j.gsd_m:.4f} m", "1")
     table.add_row(
         f"{j.check_points} check points, RMSE in plan",
         f"{j.check_rmse_plan_m:.4f} m",

@@ -354,7 +354,7 @@ def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_surve
 def test_clouds_bear_the_day_of_the_flight_and_no_black_points(finished_survey: Path) -> None:
     days = {
         note["time"][:10]
-        for note in json.loads((finished_survey / "work/photographs/tags.json").read_text(encoding="utf-8"))
+        for note in json.loads((finished_survey / "work/photographs.stage/tags.json").read_text(encoding="utf-8"))
     }
     for name in ("points_adjusted.laz", "dense.laz"):
         header = laspy.open(finished_survey / "results" / name).header

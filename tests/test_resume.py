@@ -26,7 +26,7 @@ from photogram.workspace import Workspace
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 NAMES = [stage.name for stage in STAGES]
-PRODUCTS = {".gpkg", ".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".geojson"}
+PRODUCTS = {".xml", ".csvt", ".prj", ".gpkg", ".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".geojson"}
 
 KILLED_AT = """
 import json, os, signal, sys
