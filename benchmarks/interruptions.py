@@ -137,14 +137,14 @@ def killed(pristine: Path, folder: Path, kills: int, expected: dict[str, str], r
     return done, wrong
 
 
-def on_full_disks(pristine: Path, folder: Path, count: int, expected: dict[str, str], need: int) -> int:
+def on_full_disks(pristine: Path, folder: Path, count: int, expected: dict[str, str], needs: dict[str, int]) -> int:
     """Run with work or results on a disk that is too small, then on one that is not; return how many went wrong."""
     wrong, disk = 0, folder / "disk"
     disk.mkdir(exist_ok=True)
     for number in range(count):
         which = ("work", "results")[number % 2]
         share = (number // 2 + 0.5) / (count / 2)
-        size = 4096 * max(4, int(share * share * 0.9 * need / 4096))
+        size = 4096 * max(4, int(share * share * 0.9 * needs[which] / 4096))
         project = fresh(pristine, folder / "filled", **{which: str(disk / which)})
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
         try:
@@ -190,12 +190,13 @@ def main() -> None:
     if child(whole):
         sys.exit((whole.parent / "said.txt").read_text(encoding="utf-8"))
     expected = contents(whole.parent / "work", whole.parent / "results")
-    need = sum(p.stat().st_size for p in (whole.parent / "results").rglob("*") if p.is_file())
+    places = {name: (whole.parent / name).rglob("*") for name in ("work", "results")}
+    needs = {name: sum(p.stat().st_size for p in inside if p.is_file()) for name, inside in places.items()}
     print(f"undisturbed: {len(expected)} files, {time.monotonic() - began:.0f} s", flush=True)
     kills, wrong = killed(pristine, folder, given.kills, expected, random.Random(given.seed))
     print(f"{kills} kills: {wrong} chains ended differently", flush=True)
     if given.full_disks and os.geteuid() == 0:
-        wrong = on_full_disks(pristine, folder, given.full_disks, expected, need)
+        wrong = on_full_disks(pristine, folder, given.full_disks, expected, needs)
         print(f"{given.full_disks} full disks: {wrong} went wrong")
     elif given.full_disks:
         print("full disks: not tried, the superuser alone may mount them")
