@@ -6,13 +6,14 @@ import sys
 
 from photogram.cli import adjust, check, compare, demo, init, plan, report, study, view  # noqa: F401 - they register
 from photogram.cli.app import CommandError, app
+from photogram.cli.interruption import interruptible
 from photogram.cli.outcomes import output_fault, say_outcome, say_output_fault
 from photogram.cli.streams import nothing_raw
 
 
 def main() -> None:
     """Run the command line and end with its exit code (``outcomes``)."""
-    with nothing_raw() as unwatched:
+    with nothing_raw() as unwatched, interruptible():
         sys.exit(_finished(_run(), unwatched))
 
 

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
 from rich.text import Text
 
+from photogram.cli.interruption import raise_if_interrupted
 from photogram.cli.time_left import TimeLeft
 
 console = Console(highlight=False)
@@ -51,6 +52,7 @@ def steps(title: str, total: int | None = None, to: Console | None = None) -> It
         task = progress.add_task(title, total=total, text="", left=left.words)
 
         def report(done: int, of: int, text: str) -> None:
+            raise_if_interrupted()
             left.advance(done, of)
             progress.update(task, completed=done, total=of or None, text=escape(text))
 

@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from photogram.cli.interruption import raise_if_interrupted
 from photogram.cli.stage_lines import sentence
 from photogram.cli.time_left import TimeLeft
 from photogram.project import Project
@@ -60,6 +61,7 @@ class Terminal:
 
     def begin(self, stage: Stage) -> None:
         """Start a stage."""
+        raise_if_interrupted()
         if self._task is not None:  # of a stage that has to wait until another is made again
             self._progress.remove_task(self._task)
         self._left.begin(stage.name)
@@ -67,6 +69,7 @@ class Terminal:
 
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
+        raise_if_interrupted()
         self._left.advance(done, total)
         if self._task is not None:
             shown = escape(text)

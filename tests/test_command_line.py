@@ -12,6 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
@@ -19,6 +20,7 @@ from typing import Any, get_args
 import pytest
 
 from photogram.cli import adjust, init, outcomes, plan, run_check
+from photogram.cli.interruption import interruptible, raise_if_interrupted
 from photogram.cli.stage_lines import SENTENCES
 from photogram.errors import ProjectError
 from photogram.heights import HeightSystem
@@ -256,3 +258,14 @@ def test_completion_is_shown_for_a_shell() -> None:
     done = subprocess.run(COMMAND, capture_output=True, text=True, timeout=60, env=environment)
     assert "complete" in done.stdout
     assert "_PHOTOGRAM_COMPLETE=complete_bash" in done.stdout
+
+
+def test_an_interruption_that_a_library_swallows_is_raised_again() -> None:
+    with interruptible():
+        raise_if_interrupted()
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            raise_if_interrupted()
+    with interruptible():
+        raise_if_interrupted()

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -403,3 +404,22 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         Workspace(tmp_path / "file" / "work").locked(),
     ):
         pass
+
+
+def test_arrays_of_every_kind_are_read_back_as_they_were(tmp_path: Path) -> None:
+    arrays = {
+        "floats": np.arange(12.0).reshape(3, 4),
+        "by_columns": np.asfortranarray(np.arange(6, dtype=np.int32).reshape(2, 3)),
+        "none": np.zeros((0, 3), np.float32),
+        "one": np.array(7.5),
+        "names": np.array(["a", "Straße"]),
+        "flags": np.array([True, False]),
+    }
+    write_arrays(tmp_path / "a.npz", arrays)
+    with ThreadPoolExecutor(8) as executor:
+        for found in executor.map(lambda _: read_arrays(tmp_path / "a.npz"), range(64)):
+            assert found.keys() == arrays.keys()
+            for name, array in found.items():
+                assert array.dtype == arrays[name].dtype
+                assert array.flags.writeable
+                np.testing.assert_array_equal(array, arrays[name])
