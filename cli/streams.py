@@ -8,6 +8,7 @@ import os
 import re
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -34,13 +35,16 @@ def nothing_raw() -> Iterator[list[BaseException]]:
     """Prepare the streams while the block runs, and collect in the list given what a thread raises that nobody waits
     for."""
     unwatched: list[BaseException] = []
-    silent, usual = prepare_streams(), threading.excepthook
+    shown, usual = warnings.showwarning, threading.excepthook
+    silent = prepare_streams()
+    captured_before = warnings.showwarning is shown
     threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
     try:
         yield unwatched
     finally:
         threading.excepthook = usual
-        logging.captureWarnings(False)
+        if not captured_before:
+            logging.captureWarnings(False)
         logging.getLogger().removeHandler(silent)
 
 
