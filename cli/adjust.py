@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from photogram.cli.app import app
 from photogram.cli.arguments import Pdf, Photographs, ProjectFile
-
-StageName = Literal[
-    "photographs",
-    "features",
-    "pairs",
-    "matches",
-    "tie_points",
-    "orientation",
-    "transfer",
-    "intersection",
-    "adjustment",
-    "dense",
-    "surface",
-    "relief",
-    "orthophoto",
-    "comparison",
-    "results",
-]
-"""The stages in their order; the pipeline's own list takes seconds to import (a test holds the two together)."""
+from photogram.stage_names import StageName
 
 
 @app.command()

@@ -35,12 +35,13 @@ def table_cell(text: str) -> str:
     Spreadsheets reckon what begins with =, +, -, @, a tab or a carriage return (OWASP, CSV Injection). Plain numbers
     are left as they are.
     """
-    if text[:1] in tuple("=+-@\t\r") and text and not _is_number(text):
+    if text[:1] in tuple("=+-@\t\r") and text and not is_number(text):
         return f"'{text}"
     return text
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether Python reads ``text`` as a number."""
     try:
         float(text)
     except ValueError:

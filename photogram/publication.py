@@ -37,6 +37,7 @@ from photogram.report.pictures import (
 from photogram.report.plan import plan_contents, plan_picture
 from photogram.report.statistics import dsm_numbers
 from photogram.results_record import CHECKSUMS, recorded, remove_outdated
+from photogram.stage_names import STAGE_NAMES
 from photogram.stages import Progress
 from photogram.surface_products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.survey import Adjustment
@@ -172,22 +173,6 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     """Write the report over everything; ``products`` are the files that were written before it."""
     run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
-    stages = (
-        "photographs",
-        "features",
-        "pairs",
-        "matches",
-        "tie_points",
-        "orientation",
-        "transfer",
-        "intersection",
-        "adjustment",
-        "dense",
-        "surface",
-        "relief",
-        "orthophoto",
-        "comparison",
-    )
     value = report_numbers(
         outcome.result,
         run.orientation(),
@@ -195,7 +180,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         run.comparisons(),
         outcome.overlap,
         version=__version__,
-        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
+        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in STAGE_NAMES[:-1]},
         held=run.held(),
         verdict=run.verdict(),
         measured=run.block().control_points,
@@ -211,7 +196,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     shape, relative = run.shape(), run.surface_relative_sigma()
     datum = None if shape is None else shape.datum_covariance_m2
     value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
-    value = {**value, **run_facts(run, stages)}
+    value = {**value, **run_facts(run, STAGE_NAMES[:-1])}
     value["adjustment"].update(disbelieved(run))
     surface, drawn, pictures = report_surface(run, value, outcome.results)
     value |= surface

@@ -22,6 +22,7 @@ from photogram.files.las_headers import LARGEST_EXTENT, check_las
 from photogram.files.reading import check_size
 from photogram.frames import written_crs
 from photogram.heights import first_wkt
+from photogram.printable import is_number
 from photogram.survey import ByteArray, FloatArray, PointCloud
 
 TEXT_SUFFIXES = (".txt", ".csv", ".xyz")
@@ -234,14 +235,6 @@ def _split(line: str, separator: str | None) -> list[str]:
     return [field.strip() for field in line.strip().split(separator)]
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def _columns_of(header: list[str]) -> dict[str, int]:
     """Return the column of each quantity that a header names; units, as in x_m or x[m], are passed over."""
     plain = [
@@ -259,8 +252,8 @@ def _layout(path: Path, lines: list[str]) -> _Layout:
     first = content[0]
     separator = _separator(lines[first])
     fields = _split(lines[first].split("#")[0], separator)
-    if any(_is_number(field) for field in fields):
-        colour = (3, 4, 5) if len(fields) >= 6 and all(_is_number(field) for field in fields[3:6]) else ()
+    if any(is_number(field) for field in fields):
+        colour = (3, 4, 5) if len(fields) >= 6 and all(is_number(field) for field in fields[3:6]) else ()
         return _Layout(first, separator, (0, 1, 2), colour)
     columns = _columns_of(fields)
     missing = [name for name in ("x", "y", "z") if name not in columns]
@@ -285,7 +278,7 @@ def _bad_line(path: Path, layout: _Layout, columns: tuple[int, ...]) -> ProjectE
                 continue
             fields = _split(text, layout.separator)
             values = [fields[c] for c in columns if c < len(fields)]
-            if len(values) == len(columns) and all(_is_number(v) and np.isfinite(float(v)) for v in values):
+            if len(values) == len(columns) and all(is_number(v) and np.isfinite(float(v)) for v in values):
                 continue
             hint = "use a decimal point" if "," in line and layout.separator != "," else "correct or delete the line"
             return ProjectError(
