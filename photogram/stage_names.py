@@ -1,0 +1,24 @@
+"""The names of the stages in their order, for whatever must know them without what they compute."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+StageName = Literal[
+    "photographs",
+    "features",
+    "pairs",
+    "matches",
+    "tie_points",
+    "orientation",
+    "transfer",
+    "intersection",
+    "adjustment",
+    "dense",
+    "surface",
+    "relief",
+    "orthophoto",
+    "comparison",
+    "results",
+]
+STAGE_NAMES: tuple[str, ...] = get_args(StageName)
