@@ -11,16 +11,21 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import TracebackType
 
 
 def prepare_streams() -> logging.Handler:
     """Let nothing reach the terminal raw; returns the handler that keeps the log silent.
 
     Names that the terminal cannot show stand as escapes; warnings and messages of libraries go to the log, which -v
-    shows; what libraries in C write to standard error past Python is dropped, unless -vv is asked for.
+    shows, and so do exceptions that compiled code cannot hand on; what libraries in C write to standard error past
+    Python is dropped, unless -vv is asked for.
     """
     if not _very_verbose():
         _keep_standard_error()
+        # compiled code prints through the first, then names the place through the second
+        sys.excepthook = _log_exception
+        sys.unraisablehook = _log_unraisable
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -35,17 +40,25 @@ def nothing_raw() -> Iterator[list[BaseException]]:
     """Prepare the streams while the block runs, and collect in the list given what a thread raises that nobody waits
     for."""
     unwatched: list[BaseException] = []
-    shown, usual = warnings.showwarning, threading.excepthook
+    shown, hooks = warnings.showwarning, (sys.excepthook, sys.unraisablehook, threading.excepthook)
     silent = prepare_streams()
     captured_before = warnings.showwarning is shown
     threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
     try:
         yield unwatched
     finally:
-        threading.excepthook = usual
+        sys.excepthook, sys.unraisablehook, threading.excepthook = hooks
         if not captured_before:
             logging.captureWarnings(False)
         logging.getLogger().removeHandler(silent)
+
+
+def _log_exception(_kind: type[BaseException], raised: BaseException, _trace: TracebackType | None) -> None:
+    logging.getLogger("photogram").warning("compiled code raised %r", raised)
+
+
+def _log_unraisable(ignored: sys.UnraisableHookArgs) -> None:
+    logging.getLogger("photogram").warning("%r is ignored in %r", ignored.exc_value, ignored.object)
 
 
 def _very_verbose() -> bool:

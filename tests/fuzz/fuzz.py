@@ -137,7 +137,11 @@ def main() -> int:
     prepare_streams()
     signal.signal(signal.SIGALRM, _late)
     with tempfile.TemporaryDirectory(prefix="photogram-fuzz-") as name:
-        return _run_all(Path(name), options)
+        try:
+            return _run_all(Path(name), options)
+        except Exception:  # noqa: BLE001 - of the fuzzer itself; the streams keep quiet about what nobody catches
+            traceback.print_exc()
+            return 2
 
 
 def _run_all(folder: Path, options: argparse.Namespace) -> int:
