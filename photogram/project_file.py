@@ -31,8 +31,8 @@ EntryT = TypeVar("EntryT", bound="Entry")
 SettingsT = TypeVar("SettingsT")
 
 
-MOST_BYTES = 4_000_000
-"""Of a project file: some 40 000 photographs, each with its position; PyYAML takes 20 s for them."""
+MOST_BYTES = 1_000_000
+"""Of a project file: some 10 000 photographs, each with its position; PyYAML takes five seconds for them."""
 
 DEEPEST = 20
 """Of blocks within blocks; project.yaml has seven."""
