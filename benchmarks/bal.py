@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import PARAMETER_NAMES, PROJECTIVE
-from photogram.factors.bundle import BundleState, adjust_bundle
-from photogram.factors.reprojection import Observations
+from photogram.factors.elimination.bundle import BundleState, adjust_bundle
+from photogram.factors.elimination.reprojection import Observations
 
 DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
 FLIP = np.diag([1.0, -1.0, -1.0])

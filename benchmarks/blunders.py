@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.accuracy import suspects
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.blunder_names import Blunder
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.reliability import NONCENTRALITY, minimal_detectable_blunder
 from photogram.errors import PhotogramError
-from photogram.ground_check import adjust_and_judge
-from photogram.reliability import NONCENTRALITY, minimal_detectable_blunder
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.accuracy import suspects
+from photogram.quality.gross_errors.blunder_names import Blunder
+from photogram.quality.gross_errors.ground_check import adjust_and_judge
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 KINDS = ("height", "plan", "mark", "exchanged")

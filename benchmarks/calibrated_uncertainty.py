@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import kstest
 
-from photogram.accuracy import AXES
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import PARAMETER_NAMES
-from photogram.consistency import predicted_against_achieved
 from photogram.errors import AdjustmentError
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.quality.accuracy import AXES
+from photogram.quality.consistency import predicted_against_achieved
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, FloatArray
 
 KNOWN = (0.0,) * 8

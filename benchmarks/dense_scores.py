@@ -25,8 +25,8 @@ from dense_truth import Truth, truth_of
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, map_coordinates
 
-from photogram.files.points import read_cloud
-from photogram.files.rasters import read_raster
+from photogram.files.clouds.points import read_cloud
+from photogram.files.maps.rasters import read_raster
 from photogram.map_grid import MapGrid
 from photogram.survey import PointCloud, Raster
 

@@ -23,10 +23,10 @@ from dense_scores import PHOTOGRAPHS, on_grid
 from dense_truth import as_adjusted, simulated_survey, simulated_truth
 from numpy.typing import NDArray
 
-from photogram.demonstration import write_demonstration
-from photogram.pipeline import load_project, open_run, run_pipeline
-from photogram.simulation import whole_survey_plan
-from photogram.surface_stages import MatchedHeights
+from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.surface_stages import MatchedHeights
+from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.simulation import whole_survey_plan
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

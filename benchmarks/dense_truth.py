@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from photogram.camera import Camera, Pose, image_plane, project
+from photogram.files.maps.rasters import read_raster
 from photogram.files.matlab import read_camera
-from photogram.files.rasters import read_raster
 from photogram.map_grid import MapGrid
-from photogram.rendering import visible
-from photogram.scene import Material, Scene
-from photogram.simulation import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
+from photogram.simulation.rendering import visible
+from photogram.simulation.scene import Material, Scene
+from photogram.simulation.simulation import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
 from photogram.survey import Block, Raster
 
 FloatArray = NDArray[np.float64]

@@ -116,7 +116,7 @@ def _colmap_rms(model: Any) -> float:  # noqa: ANN401 - pycolmap has no types
 def photogram(folder: Path, work: Path, features: int) -> Outcome:
     """Run `photogram init` and `photogram adjust`, with the number of features set."""
     from photogram.cli.main import main
-    from photogram.pipeline import load_project, run_pipeline
+    from photogram.pipeline.pipeline import load_project, run_pipeline
 
     project = work / "project.yaml"
     sys.argv = ["photogram", "init", str(folder), "--project", str(project)]
@@ -176,7 +176,7 @@ def run(program: str, folder: Path, work: Path, features: int) -> Outcome:
 
 def agreement(a: Outcome, b: Outcome) -> tuple[int, float]:
     """Return how many photographs both have, and the RMS distance (m) of their centres after a similarity."""
-    from photogram.similarity import fit_similarity
+    from photogram.sfm.similarity import fit_similarity
 
     common = sorted(a.centres.keys() & b.centres.keys())
     target, source = (np.array([o.centres[name] for name in common]) for o in (a, b))

@@ -28,10 +28,13 @@ from pathlib import Path
 
 import yaml
 
-from photogram.cli import adjust, report  # noqa: F401 - loaded before the children are made
+from photogram.cli.commands import (
+    adjust,  # noqa: F401 - loaded before the children are made
+    report,  # noqa: F401 - loaded before the children are made
+)
 from photogram.cli.main import main as photogram
-from photogram.demonstration import write_demonstration
-from photogram.flight_plan import SurveyPlan
+from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.flight_plan import SurveyPlan
 
 PLAN = SurveyPlan(
     width_px=400, height_px=300, focal_px=600.0, flying_height_m=40.0, forward_overlap=0.75, side_overlap=0.7, strips=2,

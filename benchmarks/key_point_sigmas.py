@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.features import SMALLEST_PX, picture_scale
-from photogram.pipeline import load_project
-from photogram.project import Project
-from photogram.stages import REDUCTIONS
+from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.stages.stages import REDUCTIONS
+from photogram.pipeline.store.workspace import read_arrays, read_record
+from photogram.project.project import Project
+from photogram.sfm.features import SMALLEST_PX, picture_scale
+from photogram.sfm.transfer import TRANSFERRED
 from photogram.survey import Features, TiePoints
-from photogram.transfer import TRANSFERRED
-from photogram.workspace import read_arrays, read_record
 
 EDGES = (1.0, 2.0, 4.0, 8.0, 16.0, np.inf)
 FEWEST = 60  # observations that make a figure

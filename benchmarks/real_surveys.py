@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from photogram.files.points import read_cloud
+from photogram.files.clouds.points import read_cloud
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 NEIGHBOURS, REACH_M = 8, 0.3  # points of the other cloud that make a height, and how near they must be

@@ -23,7 +23,7 @@ from scipy.ndimage import uniform_filter
 
 from photogram.camera import AFFINITY, Camera, Pose, image_plane
 from photogram.compilation import njit
-from photogram.files.images import read_grey
+from photogram.files.photographs.images import read_grey
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid
 from photogram.survey import Block, Raster

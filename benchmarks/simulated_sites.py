@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.demonstration import judge, write_demonstration
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.simulation.demonstration import judge, write_demonstration
 
 
 def main(seeds: int) -> None:

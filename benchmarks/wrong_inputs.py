@@ -23,12 +23,12 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings
+from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.self_calibration import with_priors
 from photogram.errors import PhotogramError
-from photogram.ground_check import Verdict, adjust_and_judge
-from photogram.orientation import OrientationSettings, believed_attitudes, orient
-from photogram.self_calibration import with_priors
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.sfm.orientation import OrientationSettings, believed_attitudes, orient
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Block, FloatArray, Photograph
 
 What = tuple[str, str, str | None]

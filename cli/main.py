@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import sys
 
-from photogram.cli import adjust, check, compare, demo, init, plan, report, study, view  # noqa: F401 - they register
 from photogram.cli.app import CommandError, app
+from photogram.cli.commands import (
+    adjust,  # noqa: F401 - they register
+    check,  # noqa: F401 - they register
+    compare,  # noqa: F401 - they register
+    demo,  # noqa: F401 - they register
+    init,  # noqa: F401 - they register
+    plan,  # noqa: F401 - they register
+    report,  # noqa: F401 - they register
+    study,  # noqa: F401 - they register
+    view,  # noqa: F401 - they register
+)
 from photogram.cli.interruption import interruptible
 from photogram.cli.outcomes import output_fault, say_outcome, say_output_fault
 from photogram.cli.streams import nothing_raw

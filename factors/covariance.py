@@ -13,15 +13,15 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from photogram.camera import PARAMETERS
-from photogram.factors.bundle import limited_threads
 from photogram.factors.datum import TURN, Datum, datum_of, reach_m, weights_of
-from photogram.factors.elimination import Cameras, Points, point_covariances
+from photogram.factors.elimination.bundle import limited_threads
+from photogram.factors.elimination.elimination import Cameras, Points, point_covariances
+from photogram.factors.elimination.loss import NO_LOSS
+from photogram.factors.elimination.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
+from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
-from photogram.factors.loss import NO_LOSS
-from photogram.factors.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
-from photogram.factors.reprojection import Linearisation, Observations, linearise
-from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, DATUM, POSE, TIE_POINT
 from photogram.survey import FloatArray, IntArray
 

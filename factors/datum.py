@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogram.factors.elimination.reduced import Layout
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.reduced import Layout
-from photogram.factors.state import State
 from photogram.survey import FloatArray
 
 SHIFT, TURN, SCALE = range(3)

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
-from photogram.factors.bundle import limited_threads
+from photogram.factors.elimination.bundle import limited_threads
+from photogram.factors.elimination.loss import RobustLoss, robust_terms
+from photogram.factors.elimination.reduced import Factor, Layout
+from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of, eliminated
-from photogram.factors.loss import RobustLoss, robust_terms
-from photogram.factors.reduced import Factor, Layout
-from photogram.factors.reprojection import Linearisation, Observations, linearise
-from photogram.factors.state import State
 from photogram.survey import FloatArray, IntArray
 
 POINTS_AT_ONCE = 64  # whose three columns each are solved for together

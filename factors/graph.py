@@ -18,10 +18,9 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import PARAMETERS
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
-from photogram.factors.ground_control import surveyed_position
-from photogram.factors.kernels import BEHIND_PX
-from photogram.factors.loss import RobustLoss, robust_terms, steer
-from photogram.factors.reprojection import (
+from photogram.factors.elimination.kernels import BEHIND_PX
+from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
+from photogram.factors.elimination.reprojection import (
     Linearisation,
     Observations,
     calibration_scale,
@@ -29,7 +28,8 @@ from photogram.factors.reprojection import (
     reprojection_factors,
     residuals,
 )
-from photogram.factors.state import State
+from photogram.factors.elimination.state import State
+from photogram.factors.ground_control import surveyed_position
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,

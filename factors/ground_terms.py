@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.camera import PARAMETERS
-from photogram.factors.bundle import Bundle, SingularPointError
-from photogram.factors.elimination import first_observations, lay_out
+from photogram.factors.elimination.bundle import Bundle, SingularPointError
+from photogram.factors.elimination.elimination import first_observations, lay_out
+from photogram.factors.elimination.loss import steering
+from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms, make_layout
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
-from photogram.factors.loss import steering
-from photogram.factors.reduced import Layout, NormalEquations, Terms, make_layout
-from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, kind_and_index
 from photogram.survey import IntArray
 

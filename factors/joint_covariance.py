@@ -12,12 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from photogram.factors.covariance import Covariances, joint_points, point_columns
-from photogram.factors.elimination import first_observations
+from photogram.factors.elimination.elimination import first_observations
+from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.reprojection import Observations, linearise
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
-from photogram.factors.loss import robust_terms
-from photogram.factors.reprojection import Observations, linearise
-from photogram.factors.state import State
 from photogram.survey import FloatArray
 
 OBSERVATIONS_AT_ONCE = 100_000

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import gtsam
 
-from photogram.factors.bundle import SingularPointError, minimise_bundle
+from photogram.factors.elimination.bundle import SingularPointError, minimise_bundle
+from photogram.factors.elimination.levenberg_marquardt import Minimum, Trial, Watch, minimise
+from photogram.factors.elimination.loss import LEAST_CURVATURE
+from photogram.factors.elimination.reduced import SingularError
+from photogram.factors.elimination.solvers import SolverName
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
@@ -19,11 +24,6 @@ from photogram.factors.graph import (
     retract,
 )
 from photogram.factors.ground_terms import bundle_of, indeterminate_point, variable_at
-from photogram.factors.levenberg_marquardt import Minimum, Trial, Watch, minimise
-from photogram.factors.loss import LEAST_CURVATURE
-from photogram.factors.reduced import SingularError
-from photogram.factors.solvers import SolverName
-from photogram.factors.state import State
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,21 +19,21 @@ import yaml
 from hypothesis import settings
 from pyproj import Transformer
 
-from photogram.asprs import ReportSettings
 from photogram.camera import Camera, Pose
 from photogram.cli.main import main
-from photogram.demonstration import write_demonstration
-from photogram.dense_kernels import Crops, Ground
-from photogram.dense_levels import choose_views
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid, cell_steps, verticals
-from photogram.pipeline import load_project, run_pipeline
-from photogram.rendering import render
-from photogram.report.completion import complete
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.quality.asprs import ReportSettings
+from photogram.report.numbers.completion import complete
 from photogram.report.printing import browser_options, find_browser
-from photogram.scene import make_scene
-from photogram.simulation import SurveyPlan
-from photogram.views import Views
+from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.rendering import render
+from photogram.simulation.scene import make_scene
+from photogram.simulation.simulation import SurveyPlan
+from photogram.surface.dense.dense_kernels import Crops, Ground
+from photogram.surface.dense.dense_levels import choose_views
+from photogram.surface.views import Views
 
 # The same examples on every run: a test must not fail by chance.
 # To hunt for new ones: pytest --hypothesis-profile=default

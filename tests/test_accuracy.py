@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.accuracy import check_accuracy
+from photogram.quality.accuracy import check_accuracy
 
 
 def test_differences_known_by_hand() -> None:

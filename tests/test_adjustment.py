@@ -11,14 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.outliers import noise_scale
 from photogram.camera import PARAMETERS, Camera
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
-from photogram.factors.loss import robust_terms
-from photogram.factors.state import State
-from photogram.outliers import noise_scale
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.state import State
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 from photogram.triangulation import MANY_PAIRS, consensus_intersections
 

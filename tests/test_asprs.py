@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogram.asprs import (
+from photogram.quality.asprs import (
     ReportSettings,
     accuracy,
     axis_targets_m,
@@ -20,7 +20,7 @@ from photogram.asprs import (
     statement_v,
     systematic,
 )
-from photogram.report.completion import asprs_numbers
+from photogram.report.numbers.completion import asprs_numbers
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photogram.files.images import read_tags, write_photograph
+from photogram.files.photographs.images import read_tags, write_photograph
 
 Values = dict[str, Any]
 Run = Callable[..., Any]

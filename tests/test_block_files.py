@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.block_files import BlockFiles
 from photogram.errors import WorkspaceError
 from photogram.map_grid import MapGrid, Window
+from photogram.pipeline.store.block_files import BlockFiles
 
 
 def grid_of(rows: int, columns: int) -> MapGrid:

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.camera import PARAMETERS, models_of
-from photogram.factors.bundle import BundleState, adjust_bundle, minimise_bundle
 from photogram.factors.covariance import covariances
+from photogram.factors.elimination.bundle import BundleState, adjust_bundle, minimise_bundle
+from photogram.factors.elimination.reduced import NormalEquations
+from photogram.factors.elimination.reprojection import Observations
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, cost, ground_graph, ground_values
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
-from photogram.factors.reduced import NormalEquations
-from photogram.factors.reprojection import Observations
-from photogram.factors.state import State
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(
@@ -260,8 +260,8 @@ def test_photographs_without_observations_do_not_matter() -> None:
 
 def test_large_blocks_are_minimised_alike_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, start = small()
-    monkeypatch.setattr("photogram.factors.elimination.MANY_OBSERVATIONS", 100)
-    monkeypatch.setattr("photogram.factors.bundle.MANY_OBSERVATIONS", 100)
+    monkeypatch.setattr("photogram.factors.elimination.elimination.MANY_OBSERVATIONS", 100)
+    monkeypatch.setattr("photogram.factors.elimination.bundle.MANY_OBSERVATIONS", 100)
     results = []
     for cores in (1, 3):
         monkeypatch.setattr("os.sched_getaffinity", lambda _, cores=cores: set(range(cores)))

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.self_calibration import WEAKEST, with_priors
 from photogram.camera import (
     FISHEYE,
     MODELS,
@@ -25,14 +26,13 @@ from photogram.camera import (
     project_point_jacobians,
 )
 from photogram.factors.covariance import covariances
+from photogram.factors.elimination.kernels import CALIBRATION, WIDTH, linearise_point, point_cost
+from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.graph import cost, ground_graph, linearise_all
-from photogram.factors.kernels import CALIBRATION, WIDTH, linearise_point, point_cost
-from photogram.factors.reprojection import linearise
 from photogram.factors.variables import CALIBRATION as CALIBRATION_KIND
 from photogram.factors.variables import POSE, TIE_POINT, key
-from photogram.self_calibration import WEAKEST, with_priors
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.structure import Structure, StructureSettings
+from photogram.sfm.structure import Structure, StructureSettings
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 EYE = SurveyPlan(

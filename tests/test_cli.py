@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import photogram as package
-from photogram.files.points import write_laz, write_xyz
-from photogram.files.rasters import write_geotiff
-from photogram.report import study_pictures
+from photogram.files.clouds.points import write_laz, write_xyz
+from photogram.files.maps.rasters import write_geotiff
+from photogram.report.figures import study_pictures
 from photogram.survey import PointCloud, Raster
 
 Run = Callable[..., Any]

@@ -15,8 +15,8 @@ from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
 from photogram.errors import FrameError, WorkspaceError
-from photogram.files.cogs import NO_CODE, NODATA, write_cog, write_cog_codes, write_cog_rgba
-from photogram.files.rasters import read_raster, write_geotiff
+from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_codes, write_cog_rgba
+from photogram.files.maps.rasters import read_raster, write_geotiff
 from photogram.map_grid import MapGrid, Window
 
 CRS, HEIGHTS = "EPSG:25832", "EPSG:25832+5799"

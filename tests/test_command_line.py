@@ -19,13 +19,15 @@ from typing import Any, get_args
 
 import pytest
 
-from photogram.cli import adjust, init, outcomes, plan, run_check
+from photogram.cli import outcomes
+from photogram.cli.commands import adjust, init, plan
 from photogram.cli.interruption import interruptible, raise_if_interrupted
-from photogram.cli.stage_lines import SENTENCES
+from photogram.cli.screen.stage_lines import SENTENCES
+from photogram.cli.work import run_check
 from photogram.errors import ProjectError
 from photogram.heights import HeightSystem
-from photogram.pipeline import STAGES
-from photogram.planning import Gnss, Layout
+from photogram.pipeline.pipeline import STAGES
+from photogram.simulation.planning import Gnss, Layout
 from photogram.survey import Role
 
 Run = Callable[..., Any]

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from threadpoolctl import threadpool_info
 
-from photogram import comparison
-from photogram.comparison import cloud_to_cloud, cloud_to_surface, compare, sor_filter, statistics, triangulate
 from photogram.errors import PhotogramError
+from photogram.quality import comparison
+from photogram.quality.comparison import cloud_to_cloud, cloud_to_surface, compare, sor_filter, statistics, triangulate
 from photogram.survey import PointCloud, Raster
 
 FloatArray = NDArray[np.float64]

@@ -17,7 +17,7 @@ from numba import config
 for name in ("InTreeCacheLocator", "UserWideCacheLocator"):
     getattr(caching, name).from_function = classmethod(lambda *_: None)
 import numpy as np
-from photogram.resampling import catmull_rom
+from photogram.surface.ortho.resampling import catmull_rom
 weight = np.zeros(4)
 catmull_rom(0.5, weight)
 assert np.allclose(weight, [-0.0625, 0.5625, 0.5625, -0.0625]), weight

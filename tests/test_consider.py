@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.remedies import block_deformation
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.quality.remedies import block_deformation
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 PLAN = SurveyPlan(

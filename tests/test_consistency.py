@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.consistency import leave_one_out, predicted_against_achieved, shares
-from photogram.report.statistics import consistency_numbers
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.quality.consistency import leave_one_out, predicted_against_achieved, shares
+from photogram.report.numbers.statistics import consistency_numbers
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 PLAN = SurveyPlan(

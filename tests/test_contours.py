@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import CRS
 
-from photogram import contours as module
-from photogram.contours import Contours, ContourSettings, contour_lines, interval_for
 from photogram.errors import FrameError, PhotogramError, WorkspaceError
-from photogram.files.contour_files import LAYER, write_contours
+from photogram.files.maps.contour_files import LAYER, write_contours
+from photogram.surface import contours as module
+from photogram.surface.contours import Contours, ContourSettings, contour_lines, interval_for
 from photogram.survey import Raster
 
 MAP = "EPSG:25832+5799"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
-from photogram.files.control_files import PointFile, read_marks, read_points
+from photogram.files.tables.control_files import PointFile, read_marks, read_points
 
 SHEFFIELD = Path(__file__).parents[2] / "shared" / "data" / "sheffield_cross" / "gcp_file.txt"
 

@@ -6,9 +6,10 @@ import gtsam
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.covariance import Covariances, covariances, joint_control_points
-from photogram.factors.elimination import first_observations
+from photogram.factors.elimination.elimination import first_observations
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import (
     IndeterminateError,
     Problem,
@@ -19,7 +20,6 @@ from photogram.factors.graph import (
     linearise_all,
     variable_size,
 )
-from photogram.factors.state import State
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -30,7 +30,7 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 SETTINGS = AdjustmentSettings(robust_loss="none")

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
-from photogram.pipeline import STAGES, load_project, run_pipeline
-from photogram.stage_files import checksum, journalled
-from photogram.stages import Stage
-from photogram.workspace import Workspace, write_json
+from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
+from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.stage_files import checksum, journalled
+from photogram.pipeline.store.workspace import Workspace, write_json
 
 Run = Callable[..., Any]
 NAMES = [stage.name for stage in STAGES]
@@ -222,7 +222,9 @@ def test_what_is_read_twice_is_compared_once(tmp_path: Path, monkeypatch: pytest
     workspace, compared = Workspace(tmp_path), []
     make(workspace)
     workspace.finish("features", "m", {})
-    monkeypatch.setattr("photogram.stage_files.checksum", lambda path: compared.append(path) or checksum(path))
+    monkeypatch.setattr(
+        "photogram.pipeline.store.stage_files.checksum", lambda path: compared.append(path) or checksum(path)
+    )
     assert workspace.is_complete("features", "m")
     assert compared == []
     for _ in range(3):

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import Camera
 from photogram.frames import LocalFrame
-from photogram.orientation import resections_of
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.sfm.orientation import resections_of
 from photogram.survey import Block, ControlPoints, FloatArray, Photograph, Role, TiePoints
 
 DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "dbat_sxb"

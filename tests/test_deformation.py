@@ -8,10 +8,17 @@ import gtsam
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.ground_points import ground_points
 from photogram.camera import PARAMETERS
 from photogram.courses import Course
-from photogram.deformation import (
+from photogram.factors.covariance import covariances
+from photogram.factors.elimination.reprojection import Observations
+from photogram.factors.elimination.state import State
+from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
+from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
+from photogram.quality.deformation import (
     CENTRES,
     DOME,
     GROUND,
@@ -25,16 +32,9 @@ from photogram.deformation import (
     spread_points,
     stiffness,
 )
-from photogram.factors.covariance import covariances
-from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
-from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
-from photogram.factors.reprojection import Observations
-from photogram.factors.state import State
-from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
-from photogram.ground_points import ground_points
-from photogram.held_parameters import with_held_freed
-from photogram.remedies import deformation_and_remedies, strips, with_rtk, with_strip
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.held_parameters import with_held_freed
+from photogram.quality.remedies import deformation_and_remedies, strips, with_rtk, with_strip
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Deformation, FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=4, check_points=2, flights=2)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.demonstration import judge, write_demonstration
-from photogram.simulation import SurveyPlan, demonstration_plan
+from photogram.simulation.demonstration import judge, write_demonstration
+from photogram.simulation.simulation import SurveyPlan, demonstration_plan
 
 Run = Callable[..., Any]
 
@@ -68,7 +68,7 @@ def test_photographs_are_rendered_once_for_each_plan_and_seed(
         asked.append((plan, seed))
         raise NotImplementedError
 
-    monkeypatch.setattr("photogram.demonstration.simulate", refuse)
+    monkeypatch.setattr("photogram.simulation.demonstration.simulate", refuse)
     seed = json.loads((survey / "truth.json").read_text())["seed"]
     assert write_demonstration(survey, seed, lambda *_: None, small_plan) == survey / "project.yaml"
     others = [(small_plan, seed + 1), (dataclasses.replace(small_plan, trees=7), seed), (demonstration_plan(), seed)]

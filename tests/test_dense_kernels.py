@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from photogram.dense_kernels import (
+from photogram.surface.dense.dense_kernels import (
     LEFT_OUT,
     LOOKED_UP,
     NEUTRAL,
@@ -28,8 +28,8 @@ from photogram.dense_kernels import (
     share_of,
     window_at,
 )
-from photogram.dense_levels import choose_views
-from photogram.views import places_in_view
+from photogram.surface.dense.dense_levels import choose_views
+from photogram.surface.views import places_in_view
 
 STEP_M = 0.3
 REACH = 6

@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from photogram.camera import Pose
-from photogram.dense_levels import (
+from photogram.errors import PhotogramError
+from photogram.map_grid import MapGrid, Window
+from photogram.simulation.simulation import SimulatedSurvey, SurveyPlan, simulate, truth_surface
+from photogram.surface.dense.dense_levels import (
     AROUND_CELLS,
     DOUBTFUL_BETWEEN,
     KnownGround,
@@ -28,11 +31,8 @@ from photogram.dense_levels import (
     plan_levels,
     survey_grid,
 )
-from photogram.errors import PhotogramError
-from photogram.map_grid import MapGrid, Window
-from photogram.simulation import SimulatedSurvey, SurveyPlan, simulate, truth_surface
+from photogram.surface.views import Views
 from photogram.survey import Block, TiePoints
-from photogram.views import Views
 
 Float32Array = NDArray[np.float32]
 CELL_M = 0.25

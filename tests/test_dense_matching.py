@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.dense_levels import Level, Prior
-from photogram.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 from photogram.errors import PhotogramError
 from photogram.map_grid import LATTICE_CELLS, MapGrid, Window
+from photogram.surface.dense.dense_levels import Level, Prior
+from photogram.surface.dense.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 
 GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
 STEP_M = 0.25

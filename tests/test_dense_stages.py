@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from photogram.pipeline.pipeline.stages import dense_stages, surface_stages
 
-from photogram import dense_matching, dense_stages, surface_stages
-from photogram.dense_stages import match_surface, round_cell_m
-from photogram.pipeline import load_project, open_run
-from photogram.stage_files import keep_whole_files
-from photogram.surface_stages import model_surface
-from photogram.workspace import Workspace
+from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.dense_stages import match_surface, round_cell_m
+from photogram.pipeline.stages.surface_stages import model_surface
+from photogram.pipeline.store.stage_files import keep_whole_files
+from photogram.pipeline.store.workspace import Workspace
+from photogram.surface.dense import dense_matching
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
@@ -33,8 +34,8 @@ SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.ti
 KILLED = f"""
 import os, signal, sys
 from pathlib import Path
-from photogram import dense_stages
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline.stages import dense_stages
+from photogram.pipeline.pipeline import load_project, run_pipeline
 
 dense_stages.BLOCK_CELLS = {BLOCK_CELLS}
 project, place, number = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from photogram.dense_surface import (
+from photogram.map_grid import MapGrid, Window
+from photogram.surface.dense_surface import (
     FILL_DIRECTIONS,
     KEPT_MARGIN_CELLS,
     STEEPEST,
@@ -18,7 +19,6 @@ from photogram.dense_surface import (
     shared_error,
     surface_sigma_m,
 )
-from photogram.map_grid import MapGrid, Window
 
 Float32Array = NDArray[np.float32]
 CELL_M = 0.25

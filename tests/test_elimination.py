@@ -8,25 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.camera import PARAMETERS, all_parameters
-from photogram.factors import elimination
-from photogram.factors.elimination import (
+from photogram.factors.elimination.elimination import (
     Cameras,
     Points,
     Rays,
     eliminate,
+    elimination,
     first_observations,
     lay_out,
     observation_cost,
     point_covariances,
     substitute,
 )
-from photogram.factors.kernels import BEHIND_PX
-from photogram.factors.loss import KINDS, Loss, robust_terms, steer, steering
-from photogram.factors.reduced import Layout, NormalEquations, SingularError, make_layout, scale_matrix
-from photogram.factors.reprojection import Observations, linearise, residuals
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.factors.elimination.kernels import BEHIND_PX
+from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
+from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, make_layout, scale_matrix
+from photogram.factors.elimination.reprojection import Observations, linearise, residuals
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=4, check_points=0)

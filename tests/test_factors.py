@@ -10,10 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.camera import PARAMETERS, all_parameters, models_of
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
+from photogram.factors.elimination.loss import robust_terms, steer
+from photogram.factors.elimination.reprojection import (
+    Observations,
+    calibration_scale,
+    linearise,
+    reprojection_factors,
+    residuals,
+)
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import (
     Problem,
     Step,
@@ -26,15 +35,6 @@ from photogram.factors.graph import (
     variable_size,
 )
 from photogram.factors.ground_control import surveyed_position
-from photogram.factors.loss import robust_terms, steer
-from photogram.factors.reprojection import (
-    Observations,
-    calibration_scale,
-    linearise,
-    reprojection_factors,
-    residuals,
-)
-from photogram.factors.state import State
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -45,7 +45,7 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from photogram.errors import ImageError
-from photogram.features import FeatureSettings, find_features
+from photogram.sfm.features import FeatureSettings, find_features
 from photogram.survey import Features
 
 ALL = FeatureSettings(maximum=10**6, cells_per_side=1)

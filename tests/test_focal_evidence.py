@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings
-from photogram.ground_check import Verdict, adjust_and_judge
-from photogram.self_calibration import held_parameters
-from photogram.simulation import SurveyPlan, simulate_block, whole_survey_plan
+from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.self_calibration import held_parameters
+from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.simulation.simulation import SurveyPlan, simulate_block, whole_survey_plan
 
 SETTINGS = AdjustmentSettings()
 LENS = 0.06

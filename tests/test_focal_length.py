@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogram.focal_length import (
+from photogram.quality.gross_errors.focal_length import (
     SHARED,
     WRONG_BY,
     PhotographsSay,

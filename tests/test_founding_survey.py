@@ -17,8 +17,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
-from photogram.files.rasters import read_raster
-from photogram.pipeline import load_project, open_run
+from photogram.files.maps.rasters import read_raster
+from photogram.pipeline.pipeline import load_project, open_run
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data" / "dtu_phantom4"

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from photogram.frozen_positions import frozen_positions
+from photogram.project.validation.frozen_positions import frozen_positions
 
 NOON = datetime(2024, 5, 1, 12)
 RNG = np.random.default_rng(4)

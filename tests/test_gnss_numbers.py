@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.cli.report_tables import show_gnss
-from photogram.cli.terminal import console
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.gnss_offsets import SIGNIFICANCE
+from photogram.cli.screen.report_tables import show_gnss
+from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
-from photogram.files.images import read_tags
+from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
-from photogram.gnss_offsets import SIGNIFICANCE
-from photogram.pipeline import load_project, run_pipeline
-from photogram.report.gnss_numbers import gnss_numbers
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.report.numbers.gnss_numbers import gnss_numbers
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment
 
 Json = dict[str, Any]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.gnss_offsets import estimated_offset_test, implied_offset_test
-from photogram.report.gnss_numbers import gnss_numbers
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.gnss_offsets import estimated_offset_test, implied_offset_test
+from photogram.report.numbers.gnss_numbers import gnss_numbers
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 
 SETTINGS = AdjustmentSettings(robust_loss="none")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
-from photogram.deformation import places_of
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.covariance import covariances
 from photogram.factors.functionals import functions_of_tie_points
-from photogram.ground_errors import factor_of_differences, ground_errors
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.deformation import places_of
+from photogram.quality.ground_errors import factor_of_differences, ground_errors
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 
 
 @pytest.fixture(scope="module", params=[6, 0], ids=["control", "GNSS only"])

@@ -15,8 +15,8 @@ from pyproj import CRS, Transformer
 from pyproj.transformer import TransformerGroup
 
 from photogram.errors import FrameError
-from photogram.files.points import write_laz
-from photogram.files.rasters import read_raster, write_geotiff
+from photogram.files.clouds.points import write_laz
+from photogram.files.maps.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_heights, product_crs, written_crs
 from photogram.heights import (
     DeclaredHeights,

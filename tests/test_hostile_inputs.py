@@ -30,26 +30,32 @@ from pydantic import BaseModel, PlainValidator
 from rasterio.transform import from_origin
 
 from photogram.errors import ControlPointError, ImageError, PhotogramError, ProjectError, ReportError
-from photogram.files import images
 from photogram.files.arrays import read_npz
-from photogram.files.control_files import read_marks, read_points
-from photogram.files.images import PhotographTags, inspect_photograph, read_grey, read_tags, write_photograph
-from photogram.files.points import read_cloud, write_laz
+from photogram.files.clouds.points import read_cloud, write_laz
+from photogram.files.maps.rasters import read_raster
+from photogram.files.photographs import images
+from photogram.files.photographs.images import (
+    PhotographTags,
+    inspect_photograph,
+    read_grey,
+    read_tags,
+    write_photograph,
+)
 from photogram.files.poses import write_pose_table
-from photogram.files.position_tables import read_positions
-from photogram.files.rasters import read_raster
-from photogram.pipeline import load_project
-from photogram.plan_file import FlightFile, plan_settings
+from photogram.files.tables.control_files import read_marks, read_points
+from photogram.files.tables.position_tables import read_positions
+from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.store.records import Run as Survey
+from photogram.pipeline.store.workspace import Workspace
 from photogram.printable import file_stem, printable, table_cell
-from photogram.project import SECTIONS
-from photogram.project_file import Document, read_entry, read_settings
-from photogram.project_ranges import SETTINGS, Within
-from photogram.project_schema import ProjectFile
-from photogram.records import Run as Survey
-from photogram.report.pictures import new_figure
+from photogram.project.plan_file import FlightFile, plan_settings
+from photogram.project.project import SECTIONS
+from photogram.project.project_file import Document, read_entry, read_settings
+from photogram.project.project_ranges import SETTINGS, Within
+from photogram.project.project_schema import ProjectFile
+from photogram.report.figures.pictures import new_figure
 from photogram.report.reading import making_of, read_report
 from photogram.survey import PointCloud
-from photogram.workspace import Workspace
 
 Run = Callable[..., Any]
 CRS = "EPSG:25832"
@@ -290,7 +296,7 @@ def test_every_laz_that_was_cut_off_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_laz_larger_than_a_chunk_of_reading_comes_back_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photogram.files.points._CHUNK_POINTS", 1000)
+    monkeypatch.setattr("photogram.files.clouds.points._CHUNK_POINTS", 1000)
     position = np.random.default_rng(0).uniform(0, 100, (3500, 3))
     write_laz(tmp_path / "cloud.laz", PointCloud(position, None, None), CRS)
     assert np.abs(read_cloud(tmp_path / "cloud.laz").position_map_m - position).max() < 0.00051
@@ -697,7 +703,7 @@ def test_libraries_do_not_write_to_the_terminal(tmp_path: Path) -> None:
     code = (
         "from photogram.cli.streams import prepare_streams; prepare_streams()\n"
         "import warnings, sys, logging; from pathlib import Path\n"
-        "from photogram.files.images import read_grey\n"
+        "from photogram.files.photographs.images import read_grey\n"
         "warnings.warn('raw'); logging.getLogger('PIL').warning('raw')\n"
         f"try: read_grey(Path({str(path)!r}))\n"
         "except ValueError as fault: sys.stderr.write(f'photogram: {fault}\\n')\n"

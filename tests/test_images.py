@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
-from photogram.files.images import (
+from photogram.files.photographs.images import (
     Dewarp,
     PhotographTags,
     check_photograph,
@@ -28,7 +28,7 @@ from photogram.files.images import (
     thumbnail,
     write_photograph,
 )
-from photogram.files.tags import Kind, gimbal_from_camera_angles
+from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
 READERS = (read_pixels, read_grey, check_photograph)

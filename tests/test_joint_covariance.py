@@ -8,17 +8,17 @@ import gtsam
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.ground_points import ground_points
 from photogram.camera import Camera
 from photogram.factors import joint_covariance
 from photogram.factors.covariance import covariances
+from photogram.factors.elimination.reprojection import Observations, linearise
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, Step, ground_graph, linearise_all, retract, variable_size
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
-from photogram.factors.reprojection import Observations, linearise
-from photogram.factors.state import State
 from photogram.factors.variables import CONTROL_POINT, key
-from photogram.ground_points import ground_points
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.survey import Adjustment
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.dense_matching import DenseSettings
-from photogram.files.images import read_tags
-from photogram.files.tags import PhotographTags
-from photogram.machine_needs import (
+from photogram.files.photographs.images import read_tags
+from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.pipeline import load_project
+from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.validation.machine_needs import (
     COARSER_BYTES,
     LAYER_BYTES,
     MATCHED_BYTES,
@@ -25,11 +26,10 @@ from photogram.machine_needs import (
     surface_disk_bytes,
     surface_size,
 )
-from photogram.orthophoto import OrthophotoSettings
-from photogram.pipeline import load_project
-from photogram.project import Project, ProjectPhotograph
-from photogram.surface_model import SurfaceSettings
-from photogram.terrain_model import TerrainSettings
+from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.ortho.orthophoto import OrthophotoSettings
+from photogram.surface.surface_model import SurfaceSettings
+from photogram.surface.terrain_model import TerrainSettings
 
 Tags = list[PhotographTags | None]
 FLYING_M = 60.0

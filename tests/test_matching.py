@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.camera import Camera, Pose, distort, project, undistort
-from photogram.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.sfm.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Features
 
 SETTINGS = MatchingSettings()

@@ -8,14 +8,14 @@ import sys
 import numpy as np
 import pytest
 
-from photogram.memory import peak_memory
+from photogram.pipeline.store.memory import peak_memory
 
 MIB = 2**20
 
 
 SCRIPT = """
 import numpy as np
-from photogram.memory import peak_memory
+from photogram.pipeline.store.memory import peak_memory
 for mib in (1, 300, 1):
     with peak_memory() as peak:
         np.ones(mib * 2**20 // 8).sum()

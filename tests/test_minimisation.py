@@ -10,13 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, minimise, sigma0_and_redundancy, start_state
+from photogram.adjustment.adjustment import (
+    AdjustmentSettings,
+    adjust,
+    make_problem,
+    minimise,
+    sigma0_and_redundancy,
+    start_state,
+)
 from photogram.factors.covariance import covariances
+from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
+from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.levenberg_marquardt import Trial, remaining
-from photogram.factors.levenberg_marquardt import minimise as levenberg_marquardt
-from photogram.factors.state import State
-from photogram.simulation import SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulation import SurveyPlan, simulate_block, whole_survey_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 LADYBUG = ROOT.parent / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import Camera, Pose, image_plane, project, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
-from photogram.orientation import Orientation, OrientationSettings, orient, resections_of
-from photogram.resection import Resection
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.sfm.orientation import Orientation, OrientationSettings, orient, resections_of
+from photogram.sfm.resection import Resection
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
 AUTO, GROWTH = OrientationSettings(), OrientationSettings(method="growth")

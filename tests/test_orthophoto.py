@@ -12,23 +12,23 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from photogram.pipeline.pipeline.stages import orthophoto_stage
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
-from photogram import orthophoto_stage
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.map_grid import MapGrid
-from photogram.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
-from photogram.orthophoto_stage import left_out_reason
-from photogram.pipeline import load_project, run_pipeline
-from photogram.rendering import intersect, render, visible
-from photogram.scene import Scene, make_scene, paint_targets, surface_raster
-from photogram.seams import find_seams
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.stages.orthophoto_stage import left_out_reason
+from photogram.simulation.rendering import intersect, render, visible
+from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster
+from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
+from photogram.surface.ortho.seams import find_seams
+from photogram.surface.ortho.visibility import Terrain
+from photogram.surface.views import Views
 from photogram.survey import Raster
-from photogram.views import Views
-from photogram.visibility import Terrain
 
 ByteArray = NDArray[np.uint8]
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.frames import LocalFrame
-from photogram.report.overlap import CELLS, Overlap, ground_overlap, ground_sampling_distance_m
+from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap, ground_sampling_distance_m
 from photogram.survey import (
     Adjustment,
     Block,

@@ -63,7 +63,8 @@ def test_top_level_is_photogram_alone(wheel: Path) -> None:
 
 def test_every_module_is_in_the_wheel(wheel: Path) -> None:
     own = {p.relative_to(ROOT).as_posix() for p in (ROOT / "photogram").rglob("*.py") if "__pycache__" not in p.parts}
-    linked = {f"photogram/{folder}/{p.name}" for folder in ("factors", "cli") for p in (ROOT / folder).glob("*.py")}
+    below = [p for folder in ("factors", "cli") for p in (ROOT / folder).rglob("*.py")]
+    linked = {f"photogram/{p.relative_to(ROOT).as_posix()}" for p in below}
     assert len(linked) > 10
     modules = {name for name in contents(wheel) if name.endswith(".py")}
     assert modules == own | linked

@@ -18,14 +18,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photogram.asprs import ReportSettings
 from photogram.errors import ReportError
-from photogram.pipeline import STAGES
-from photogram.report.completion import complete, discarded
+from photogram.pipeline.pipeline import STAGES
+from photogram.quality.asprs import ReportSettings
+from photogram.report.figures.page_figures import standard_ellipses
+from photogram.report.numbers.completion import complete, discarded
+from photogram.report.numbers.traffic_lights import traffic_lights
 from photogram.report.page import STAGE_TITLES, fixed, plain, probability, report_page, rich, share, signed, small
-from photogram.report.page_figures import standard_ellipses
 from photogram.report.printing import find_browser, print_pdf
-from photogram.report.traffic_lights import traffic_lights
 
 Json = dict[str, Any]
 VOID = {"meta", "link", "img", "br"}

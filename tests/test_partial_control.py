@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.partial_control import control_positions
 from photogram.errors import AdjustmentError
-from photogram.partial_control import control_positions
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, BoolArray
 
 PLAN = SurveyPlan(

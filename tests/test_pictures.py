@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from photogram.camera import Camera
-from photogram.comparison import Comparison, statistics
 from photogram.errors import WorkspaceError
-from photogram.ransac_study import RansacStudy, study
-from photogram.report import plan
-from photogram.report.pictures import (
+from photogram.quality.comparison import Comparison, statistics
+from photogram.report.figures import plan
+from photogram.report.figures.pictures import (
     _grid_means,
     _round_up,
     _thinned,
@@ -32,7 +31,7 @@ from photogram.report.pictures import (
     save_picture,
     shaded_surface,
 )
-from photogram.report.plan import (
+from photogram.report.figures.plan import (
     FEW,
     MAXIMUM_PHOTOGRAPH_NAMES,
     PlanContents,
@@ -41,7 +40,8 @@ from photogram.report.plan import (
     place_labels,
     plan_picture,
 )
-from photogram.report.study_pictures import inliers_by_iteration, inliers_by_sample_size
+from photogram.report.figures.study_pictures import inliers_by_iteration, inliers_by_sample_size
+from photogram.sfm.ransac_study import RansacStudy, study
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.errors import AdjustmentError, ProjectError
-from photogram.flight_prediction import alternatives, changes, predict
-from photogram.plan_file import flight_plan, plan_settings
-from photogram.planning import (
+from photogram.project.plan_file import flight_plan, plan_settings
+from photogram.simulation.flight_prediction import alternatives, changes, predict
+from photogram.simulation.planning import (
     Calibration,
     FlightPlan,
     Layout,

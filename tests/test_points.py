@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.errors import FrameError, ProjectError, WorkspaceError
-from photogram.files.points import read_cloud, write_laz, write_xyz
+from photogram.files.clouds.points import read_cloud, write_laz, write_xyz
 from photogram.survey import PointCloud
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"

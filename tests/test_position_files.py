@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.errors import ProjectError
-from photogram.files.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
-from photogram.files.position_tables import COLUMNS, read_positions
+from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
+from photogram.files.tables.position_tables import COLUMNS, read_positions
 from photogram.gnss_solutions import Sigma3, Solution
-from photogram.position_matching import match_rows, sequence_number
+from photogram.project.position_matching import match_rows, sequence_number
 
 MRK = (
     "3\t505369.172143\t[2364]\t  -339,N\t  -361,E\t   348,V\t"

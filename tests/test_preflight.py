@@ -15,28 +15,28 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photogram.adjustment import AdjustmentSettings
+from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.cli.terminal import console
-from photogram.contours import ContourSettings
-from photogram.dense_matching import DenseSettings
+from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
-from photogram.features import FeatureSettings
-from photogram.files.images import PhotographTags, read_tags, write_photograph
-from photogram.files.photograph_headers import PhotographHeader, equal_files, read_headers
-from photogram.findings import Finding, some, things
+from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
+from photogram.files.photographs.photograph_headers import PhotographHeader, equal_files, read_headers
 from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.heights import DeclaredHeights
-from photogram.machine_needs import machine_needs
-from photogram.matching import MatchingSettings
-from photogram.orientation import OrientationSettings
-from photogram.orthophoto import OrthophotoSettings
-from photogram.pair_selection import PairSettings
-from photogram.preflight import check_survey, header_findings, project_faults, survey_findings
-from photogram.project import Project, ProjectControlPoint, ProjectPhotograph
-from photogram.surface_model import SurfaceSettings
-from photogram.terrain_model import TerrainSettings
-from photogram.transfer import TransferSettings
+from photogram.project.project import Project, ProjectControlPoint, ProjectPhotograph
+from photogram.project.validation.findings import Finding, some, things
+from photogram.project.validation.machine_needs import machine_needs
+from photogram.project.validation.preflight import check_survey, header_findings, project_faults, survey_findings
+from photogram.sfm.features import FeatureSettings
+from photogram.sfm.matching import MatchingSettings
+from photogram.sfm.orientation import OrientationSettings
+from photogram.sfm.pair_selection import PairSettings
+from photogram.sfm.transfer import TransferSettings
+from photogram.surface.contours import ContourSettings
+from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.ortho.orthophoto import OrthophotoSettings
+from photogram.surface.surface_model import SurfaceSettings
+from photogram.surface.terrain_model import TerrainSettings
 
 CRS = "EPSG:25832"
 CAMERA = Camera("p4", 4000, 3000, 3000.0, np.array([1999.5, 1499.5]))

@@ -14,9 +14,9 @@ from pyproj.crs import ProjectedCRS
 from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 from rio_cogeo import cog_validate
 
-from photogram.files.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
-from photogram.files.geo_keys import set_vertical_key
-from photogram.files.rasters import read_raster
+from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
+from photogram.files.maps.geo_keys import set_vertical_key
+from photogram.files.maps.rasters import read_raster
 from photogram.frames import height_system_of, product_crs
 from photogram.heights import DeclaredHeights, Geoid
 from photogram.map_grid import MapGrid

@@ -12,13 +12,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.adjustment import AdjustmentSettings
+from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.camera import PARAMETER_NAMES, Camera
 from photogram.errors import ImageError, ProjectError
-from photogram.features import FeatureSettings
-from photogram.files.control_files import read_marks, read_points
+from photogram.files.tables.control_files import read_marks, read_points
 from photogram.frames import LocalFrame
-from photogram.project import Project, read_project
+from photogram.project.project import Project, read_project
+from photogram.sfm.features import FeatureSettings
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "dtu_phantom4" / "project.yaml"
 SHARED = Path(__file__).parents[2] / "shared" / "data" / "dtu_phantom4"

@@ -13,10 +13,10 @@ import pytest
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, make_folder_within, remove_leftovers, replacing
 from photogram.files.matlab import read_camera
-from photogram.project import Project, read_project
-from photogram.results_record import recorded, remove_outdated
-from photogram.stage_folders import stage_folder_around
-from photogram.workspace import Workspace
+from photogram.files.stage_folders import stage_folder_around
+from photogram.pipeline.store.results_record import recorded, remove_outdated
+from photogram.pipeline.store.workspace import Workspace
+from photogram.project.project import Project, read_project
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

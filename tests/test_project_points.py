@@ -10,8 +10,8 @@ import pytest
 from photogram.camera import Camera
 from photogram.errors import FrameError, ProjectError
 from photogram.frames import map_from_crs, map_from_geodetic
-from photogram.orientation import OrientationSettings
-from photogram.project import Project, ProjectControlPoint, photograph_paths, read_project
+from photogram.project.project import Project, ProjectControlPoint, photograph_paths, read_project
+from photogram.sfm.orientation import OrientationSettings
 
 SHEFFIELD = Path(__file__).parents[2] / "shared" / "data" / "sheffield_cross"
 

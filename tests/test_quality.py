@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from photogram.features import FeatureSettings, coarseness, picture_scale
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.store.workspace import read_record
+from photogram.sfm.features import FeatureSettings, coarseness, picture_scale
 from photogram.survey import TiePoints
-from photogram.workspace import read_record
 
 
 def test_coarseness_is_that_of_the_picture_against_full_quality() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
 
 from photogram.errors import PhotogramError
-from photogram.ransac_study import (
+from photogram.sfm.ransac_study import (
     RansacStudy,
     draw_samples,
     epipolar_residual,
@@ -175,7 +175,7 @@ def test_a_study_reports_what_it_ran() -> None:
 def test_a_seed_repeats_and_sample_sizes_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second, _ = with_outliers(120, 0.3, seed=5)
     both: RansacStudy = study(first, second, (50,), (8, 12), (1.0,), seed=1)
-    monkeypatch.setattr("photogram.ransac_study.BATCH_RESIDUALS", 120 * 7)
+    monkeypatch.setattr("photogram.sfm.ransac_study.BATCH_RESIDUALS", 120 * 7)
     alone = study(first, second, (50,), (12,), (1.0,), seed=1)
     np.testing.assert_array_equal(both.inliers[1], alone.inliers[0])
     assert np.any(study(first, second, (50,), (12,), (1.0,), seed=2).inliers != alone.inliers)

@@ -8,7 +8,7 @@ import rasterio
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
-from photogram.files.rasters import NODATA, read_raster, write_geotiff
+from photogram.files.maps.rasters import NODATA, read_raster, write_geotiff
 from photogram.survey import Raster
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import load_project, run_pipeline
 
 DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
 BRIGHTON, SHEFFIELD = DATA / "brighton_beach", DATA / "sheffield_cross"

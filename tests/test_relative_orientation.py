@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.relative_orientation import RelativeOrientation, relative_orientations
+from photogram.sfm.relative_orientation import RelativeOrientation, relative_orientations
 
 FOCAL_PX = 1000.0
 NOISE = 0.5 / FOCAL_PX

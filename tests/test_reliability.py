@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photogram.accuracy import suspects
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.reliability import NONCENTRALITY, left_out, minimal_detectable_blunder, reliability, w_tests
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
-from photogram.reliability import NONCENTRALITY, left_out, minimal_detectable_blunder, reliability, w_tests
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.accuracy import suspects
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 
 PLAN = SurveyPlan(

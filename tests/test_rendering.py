@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, distort, image_plane, project
 from photogram.errors import ImageError
-from photogram.rendering import intersect, render, visible
-from photogram.scene import Material, Scene, make_scene, paint_targets
+from photogram.simulation.rendering import intersect, render, visible
+from photogram.simulation.scene import Material, Scene, make_scene, paint_targets
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

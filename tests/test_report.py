@@ -18,17 +18,17 @@ from pyproj import CRS
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.files.images import read_tags
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.registration import registered_block, with_all_photographs
+from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, map_from_geodetic
-from photogram.orientation import Orientation
-from photogram.registration import registered_block, with_all_photographs
+from photogram.pipeline.store.workspace import write_json
 from photogram.report.identity import VOLATILE
-from photogram.report.numbers import NOT_ADJUSTED, gnss_residual_m, report_numbers
-from photogram.report.overlap import ground_overlap
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.report.numbers.numbers import NOT_ADJUSTED, gnss_residual_m, report_numbers
+from photogram.report.numbers.overlap import ground_overlap
+from photogram.sfm.orientation import Orientation
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
-from photogram.workspace import write_json
 
 Json = dict[str, Any]
 

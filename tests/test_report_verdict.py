@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from photogram.asprs import ReportSettings
 from photogram.files.atomic import replacing
-from photogram.page_files import deliverables
-from photogram.report.completion import complete
+from photogram.pipeline.stages.page_files import deliverables
+from photogram.pipeline.store.results_record import recorded
+from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id
-from photogram.report.overall import length, overall
+from photogram.report.numbers.completion import complete
+from photogram.report.numbers.overall import length, overall
+from photogram.report.numbers.wording import capitalised, css_string, matching_settings
 from photogram.report.page import report_page
-from photogram.report.wording import capitalised, css_string, matching_settings
-from photogram.results_record import recorded
 
 Json = dict[str, Any]
 GNSS_ONLY = {

@@ -15,8 +15,8 @@ from scipy.stats import chi2
 from photogram.camera import Camera, Pose, image_plane, project, project_point_jacobians, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
-from photogram.pipeline import load_project
-from photogram.resection import collinear, p3p_poses, refine_pose, resect
+from photogram.pipeline.pipeline import load_project
+from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / ".." / "shared" / "data"

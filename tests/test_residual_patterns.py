@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
 from photogram.camera import Camera
-from photogram.deformation import height_modes, places_of
-from photogram.diagnosis import diagnose
 from photogram.factors import functionals
 from photogram.factors.functionals import factored, responses_to_pixels
-from photogram.remedies import block_deformation
-from photogram.report.page_figures import residual_caption
-from photogram.residual_patterns import pattern_sigmas_m, residual_pattern, residual_patterns, squares_of
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.deformation import height_modes, places_of
+from photogram.quality.diagnosis import diagnose
+from photogram.quality.remedies import block_deformation
+from photogram.quality.residual_patterns import pattern_sigmas_m, residual_pattern, residual_patterns, squares_of
+from photogram.report.figures.page_figures import residual_caption
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray, IntArray
 
 CAMERA = Camera("c", 4000, 3000, 2300.0, np.array([1999.5, 1499.5]))

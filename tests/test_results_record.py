@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from photogram.files.atomic import replacing
-from photogram.results_record import CHECKSUMS, read_record, recorded, remove_made, remove_outdated
+from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded, remove_made, remove_outdated
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

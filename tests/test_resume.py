@@ -18,10 +18,10 @@ from typing import Any
 
 import yaml
 
-from photogram.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
+from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
-from photogram.stages import Stage
-from photogram.workspace import Workspace
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -32,7 +32,10 @@ KILLED_AT = """
 import json, os, signal, sys
 from pathlib import Path
 from threading import Lock
-from photogram.cli import adjust, compare, demo, study
+from photogram.cli.commands import adjust
+from photogram.cli.commands import compare
+from photogram.cli.commands import demo
+from photogram.cli.commands import study
 from photogram.cli.main import main
 
 project, *moments = sys.argv[1:]

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from photogram import retrieval
-from photogram.features import FeatureSettings, find_features
-from photogram.files.images import read_pixels
-from photogram.retrieval import most_similar
-from photogram.simulation import SurveyPlan, render_photographs, simulate
+from photogram.files.photographs.images import read_pixels
+from photogram.sfm import retrieval
+from photogram.sfm.features import FeatureSettings, find_features
+from photogram.sfm.retrieval import most_similar
+from photogram.simulation.simulation import SurveyPlan, render_photographs, simulate
 from photogram.survey import Features
 
 BRIGHTON = Path(__file__).parents[1] / "../shared/data/brighton_beach/images"

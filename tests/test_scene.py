@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photogram.frames import LocalFrame
-from photogram.scene import (
+from photogram.simulation.scene import (
     BLOCK_CELLS,
     Material,
     Scene,

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from photogram.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
 from photogram.camera import CLASSIC, PARAMETER_NAMES, Camera, rotation_from_gimbal
-from photogram.self_calibration import Held, held_parameters, with_priors
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Adjustment, Block, FloatArray
 
 SETTINGS = AdjustmentSettings()

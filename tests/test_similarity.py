@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project
 from photogram.errors import OrientationError
-from photogram.similarity import (
+from photogram.sfm.similarity import (
     Similarity,
     fit_similarity,
     open_turn_rad,

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogram.camera import all_parameters, project
-from photogram.rendering import visible
-from photogram.simulation import (
+from photogram.simulation.rendering import visible
+from photogram.simulation.simulation import (
     SimulatedBlock,
     SimulatedSurvey,
     SurveyPlan,

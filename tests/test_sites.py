@@ -8,7 +8,7 @@ from pyproj import CRS, Geod
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from photogram.errors import FrameError
-from photogram.sites import (
+from photogram.project.draft.sites import (
     Exposure,
     gap_between_sites_m,
     group_sites,

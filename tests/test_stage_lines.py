@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from photogram.cli import run_compare, run_plan, run_view, terminal
-from photogram.cli.stage_lines import SENTENCES, sentence
-from photogram.files.points import write_xyz
-from photogram.pipeline import load_project, open_run
+from photogram.cli.screen import terminal
+from photogram.cli.screen.stage_lines import SENTENCES, sentence
+from photogram.cli.work import run_compare, run_plan, run_view
+from photogram.files.clouds.points import write_xyz
+from photogram.pipeline.pipeline import load_project, open_run
 from photogram.survey import PointCloud
 
 Run = Callable[..., Any]

@@ -16,18 +16,18 @@ from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 from PIL import Image
 
-from photogram.report.dense import DenseSurface, GroundMarks, OrthophotoPicture
-from photogram.report.dense_numbers import dense_numbers
-from photogram.report.profile_figure import gaps, hillshade, quantiles, sigma_counts
-from photogram.report.profiles import ProfileLine, profile, site_lines, step_line, surface_profiles
-from photogram.report.surface_figures import (
+from photogram.report.figures.profile_figure import gaps, hillshade, quantiles, sigma_counts
+from photogram.report.figures.profiles import ProfileLine, profile, site_lines, step_line, surface_profiles
+from photogram.report.figures.surface_figures import (
     DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
     surface_figures,
     write_surface_pictures,
 )
-from photogram.report.surface_maps import rays_scale, target_bounds_m, target_shares
+from photogram.report.figures.surface_maps import rays_scale, target_bounds_m, target_shares
+from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture
+from photogram.report.numbers.dense_numbers import dense_numbers
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

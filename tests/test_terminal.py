@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from photogram.cli import report_tables
+from photogram.cli.screen import report_tables
 
 Json = dict[str, Any]
 

@@ -10,9 +10,9 @@ import pytest
 
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
-from photogram.scene import Material, Scene, make_scene, surface_raster, terrain_height
+from photogram.simulation.scene import Material, Scene, make_scene, surface_raster, terrain_height
+from photogram.surface.terrain_model import Terrain, TerrainSettings, terrain_from_surface
 from photogram.survey import Raster
-from photogram.terrain_model import Terrain, TerrainSettings, terrain_from_surface
 
 SEED, RELIEF_M, NOISE_M = 5, 6.0, 0.03
 FRAME = LocalFrame.near("EPSG:25832", np.array([[602_300.0, 5_794_200.0, 40.0]]))

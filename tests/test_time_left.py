@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.cli.time_left import TimeLeft, in_words
-from photogram.cli.watching import stage_weights
-from photogram.pipeline import STAGES, load_project
+from photogram.cli.screen.time_left import TimeLeft, in_words
+from photogram.cli.screen.watching import stage_weights
+from photogram.pipeline.pipeline import STAGES, load_project
 
 WEIGHTS = {"features": 20.0, "matches": 10.0, "adjustment": 10.0, "dense": 50.0, "results": 10.0}
 SILENT = {"adjustment"}  # stages that do not say how far they are

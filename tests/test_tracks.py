@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.camera import Camera, Pose, undistort
-from photogram.features import SMALLEST_PX, FeatureSettings, coarseness, find_features, picture_scale
-from photogram.matching import MatchingSettings, match_pair
-from photogram.simulation import SurveyPlan, render_photographs, simulate
+from photogram.sfm.features import SMALLEST_PX, FeatureSettings, coarseness, find_features, picture_scale
+from photogram.sfm.matching import MatchingSettings, match_pair
+from photogram.sfm.tracks import join_matches, key_point_sigmas_px, seen_in_all
+from photogram.simulation.simulation import SurveyPlan, render_photographs, simulate
 from photogram.survey import Features, FloatArray, Matches
-from photogram.tracks import join_matches, key_point_sigmas_px, seen_in_all
 
 Key = tuple[int, int]
 

@@ -8,15 +8,15 @@ import gtsam
 import numpy as np
 import pytest
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.reliability import reliability
+from photogram.adjustment.variance_components import NO_OBSERVATION, scatters, variance_components
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
-from photogram.reliability import reliability
-from photogram.report.statistics import component_numbers
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.report.numbers.statistics import component_numbers
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Block, VarianceComponents
-from photogram.variance_components import NO_OBSERVATION, scatters, variance_components
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=2, flights=2,

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from photogram.files.described_points import DescribedCloud, read_described
-from photogram.files.previews import previews
+from photogram.files.clouds.described_points import DescribedCloud, read_described
+from photogram.files.photographs.previews import previews
 from photogram.report.printing import find_browser
 from photogram.report.view_record import view_record
 from photogram.report.viewer import view_page

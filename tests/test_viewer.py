@@ -20,8 +20,8 @@ from PIL import Image
 
 from photogram.camera import Pose, project
 from photogram.errors import ProjectError, ReportError
-from photogram.files.described_points import DescribedCloud, read_described
-from photogram.files.previews import previews
+from photogram.files.clouds.described_points import DescribedCloud, read_described
+from photogram.files.photographs.previews import previews
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.thinning import even_choice
 from photogram.report.view_record import ViewRecord, view_record

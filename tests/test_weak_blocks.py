@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.determinacy import WEAK_CAMERA, UnheldError, check_in_front, control_marks
+from photogram.adjustment.registration import with_all_marks, without_marks
 from photogram.camera import Pose, project
-from photogram.determinacy import WEAK_CAMERA, UnheldError, check_in_front, control_marks
 from photogram.errors import AdjustmentError
+from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.state import State
-from photogram.records import adjustment_arrays
-from photogram.registration import with_all_marks, without_marks
-from photogram.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.pipeline.store.records import adjustment_arrays
+from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, IntArray
 
 PLAN = SurveyPlan(

@@ -16,10 +16,10 @@ import pytest
 import yaml
 from scipy.stats import chi2
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.pipeline import load_project, run_pipeline
-from photogram.similarity import fit_similarity
-from photogram.simulation import (
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.sfm.similarity import fit_similarity
+from photogram.simulation.simulation import (
     SimulatedSurvey,
     SurveyPlan,
     render_photographs,
@@ -28,7 +28,7 @@ from photogram.simulation import (
     simulate_block,
     whole_survey_plan,
 )
-from photogram.survey_folder import shuffled_names, write_survey_folder
+from photogram.simulation.survey_folder import shuffled_names, write_survey_folder
 
 Run = Callable[..., Any]
 Pictures = dict[str, np.ndarray]

@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 
 from photogram.camera import Camera
 from photogram.errors import DamagedStageError, WorkspaceError
-from photogram.features import FeatureSettings
 from photogram.files.atomic import replacing
-from photogram.stage_files import journalled
-from photogram.survey import Features
-from photogram.workspace import (
+from photogram.pipeline.store.stage_files import journalled
+from photogram.pipeline.store.workspace import (
     Workspace,
     file_fingerprint,
     fingerprint,
@@ -30,6 +28,8 @@ from photogram.workspace import (
     write_json,
     write_record,
 )
+from photogram.sfm.features import FeatureSettings
+from photogram.survey import Features
 
 EMPTY = ["made-by-photogram.txt", "stage.json"]
 
@@ -106,7 +106,10 @@ def test_what_is_listed_counts_with_its_place() -> None:
 
 
 def test_a_fingerprint_is_the_same_in_every_run() -> None:
-    program = "from photogram.workspace import fingerprint; print(fingerprint({'b': 1.5, 'a': ('x', None)}, 'é'))"
+    program = (
+        "from photogram.pipeline.store.workspace import fingerprint; "
+        "print(fingerprint({'b': 1.5, 'a': ('x', None)}, 'é'))"
+    )
     environment = {"PYTHONHASHSEED": "7", "PATH": ""}
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
     assert run.stdout.strip() == fingerprint({"a": ["x", None], "b": 1.5}, "é")
@@ -351,7 +354,7 @@ def test_a_discarded_stage_is_gone(tmp_path: Path) -> None:
 HOLDER = """
 import sys
 from pathlib import Path
-from photogram.workspace import Workspace
+from photogram.pipeline.store.workspace import Workspace
 with Workspace(Path(sys.argv[1])).locked():
     print("held", flush=True)
     sys.stdin.read()

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment import AdjustmentSettings, adjust
-from photogram.blunder_names import withdrawn_attitudes
-from photogram.blunders import contradictions, scatter, simplified, unmeasured, without
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
-from photogram.ground_check import Verdict, adjust_and_judge
-from photogram.mark_scale import picture_factor
-from photogram.robust_start import grossly_off
-from photogram.simulation import SurveyPlan, simulate_block
+from photogram.quality.gross_errors.blunder_names import withdrawn_attitudes
+from photogram.quality.gross_errors.blunders import contradictions, scatter, simplified, unmeasured, without
+from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.sfm.mark_scale import picture_factor
+from photogram.simulation.simulation import SurveyPlan, simulate_block
 from photogram.survey import Block, FloatArray
 
 SETTINGS = AdjustmentSettings()

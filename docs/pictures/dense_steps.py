@@ -22,7 +22,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LightSource, Normalize
 from numpy.typing import NDArray
 
-from photogram.dense_levels import (
+from photogram.files.photographs.images import read_grey
+from photogram.map_grid import Window
+from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.dense_stages import CELL_GSD, MINIMUM_RAYS, round_cell_m
+from photogram.pipeline.stages.surface_stages import FILL_CELLS
+from photogram.pipeline.store.records import Run
+from photogram.surface.dense.dense_levels import (
     Level,
     choose_views,
     correlation_histogram,
@@ -33,15 +39,9 @@ from photogram.dense_levels import (
     plan_levels,
     survey_grid,
 )  # fmt: skip
-from photogram.dense_matching import MARGIN_CELLS, Heights, Scene, match_block
-from photogram.dense_stages import CELL_GSD, MINIMUM_RAYS, round_cell_m
-from photogram.dense_surface import filled_heights, kept_heights
-from photogram.files.images import read_grey
-from photogram.map_grid import Window
-from photogram.pipeline import load_project, open_run
-from photogram.records import Run
-from photogram.surface_stages import FILL_CELLS
-from photogram.views import Views, places_in_view
+from photogram.surface.dense.dense_matching import MARGIN_CELLS, Heights, Scene, match_block
+from photogram.surface.dense_surface import filled_heights, kept_heights
+from photogram.surface.views import Views, places_in_view
 
 HALF, REACH_M = 3, 2.5
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """What view.html knows of the errors of distances: those of photographs and calibration on a grid over the cloud.
 
 An error that two places share drops out of the distance between them: the grid holds L (3, R) at its nodes, and the
-difference of the errors at i and j has the covariance (L_i − L_j)(L_i − L_j)ᵀ, see photogram.ground_errors.
+difference of the errors at i and j has the covariance (L_i − L_j)(L_i − L_j)ᵀ, see photogram.quality.ground_errors.
 """
 
 from __future__ import annotations

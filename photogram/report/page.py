@@ -12,11 +12,11 @@ from typing import Any
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
-from photogram.report.completion import axis_roles
 from photogram.report.identity import grouped
-from photogram.report.overall import length
-from photogram.report.traffic_lights import AXES, number
-from photogram.report.wording import (
+from photogram.report.numbers.completion import axis_roles
+from photogram.report.numbers.overall import length
+from photogram.report.numbers.traffic_lights import AXES, number
+from photogram.report.numbers.wording import (
     capitalised,
     css_string,
     matching_settings,
@@ -29,7 +29,7 @@ from photogram.report.wording import (
     small,
     whole,
 )
-from photogram.report.wording import (
+from photogram.report.numbers.wording import (
     fixed as fixed,
 )
 

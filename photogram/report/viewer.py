@@ -17,13 +17,13 @@ from scipy.spatial import cKDTree
 
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.errors import ReportError
-from photogram.files.described_points import DescribedCloud
+from photogram.files.clouds.described_points import DescribedCloud
 from photogram.report.distances import error_grid
+from photogram.report.figures.pictures import round_length
 from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
 from photogram.report.page import fixed, templates
-from photogram.report.pictures import round_length
 from photogram.report.thinning import even_choice
 from photogram.report.view_record import CameraRecord, ViewRecord
 from photogram.survey import FloatArray

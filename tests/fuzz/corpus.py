@@ -11,12 +11,12 @@ import laspy
 import numpy as np
 from PIL import Image
 
-from photogram.demonstration import write_demonstration
-from photogram.files.images import Dewarp, PhotographTags, write_photograph
-from photogram.files.points import write_laz
-from photogram.files.rasters import write_geotiff
-from photogram.pipeline import load_project, run_pipeline
-from photogram.simulation import SurveyPlan
+from photogram.files.clouds.points import write_laz
+from photogram.files.maps.rasters import write_geotiff
+from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
+from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.simulation import SurveyPlan
 from photogram.survey import PointCloud, Raster
 
 CRS = "EPSG:25832"

@@ -15,22 +15,22 @@ from random import Random
 import numpy as np
 from mutations import spoil_bytes, spoil_json, spoil_text
 
-from photogram.asprs import ReportSettings
 from photogram.cli.main import main
 from photogram.errors import PhotogramError
 from photogram.files.arrays import read_npz
-from photogram.files.control_files import read_marks, read_points
-from photogram.files.described_points import read_described
-from photogram.files.images import check_photograph, inspect_photograph, read_grey
-from photogram.files.photograph_headers import read_headers
-from photogram.files.points import read_cloud
-from photogram.files.position_tables import read_positions
-from photogram.files.rasters import read_raster
-from photogram.input_validation import validate_project_file
-from photogram.plan_file import flight_plan, plan_settings
-from photogram.project_draft import LeftOut, TaggedPhotograph, Wishes, draft_project
-from photogram.project_text import project_text
-from photogram.report.completion import complete
+from photogram.files.clouds.described_points import read_described
+from photogram.files.clouds.points import read_cloud
+from photogram.files.maps.rasters import read_raster
+from photogram.files.photographs.images import check_photograph, inspect_photograph, read_grey
+from photogram.files.photographs.photograph_headers import read_headers
+from photogram.files.tables.control_files import read_marks, read_points
+from photogram.files.tables.position_tables import read_positions
+from photogram.pipeline.input_validation import validate_project_file
+from photogram.project.draft.project_draft import LeftOut, TaggedPhotograph, Wishes, draft_project
+from photogram.project.draft.project_text import project_text
+from photogram.project.plan_file import flight_plan, plan_settings
+from photogram.quality.asprs import ReportSettings
+from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page
 from photogram.report.reading import making_of, read_report
 from photogram.report.viewer import view_page

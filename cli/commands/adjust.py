@@ -1,0 +1,40 @@
+"""photogram adjust: the whole survey. Arguments only; run_adjust.py does it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+from photogram.cli.arguments import Pdf, Photographs, ProjectFile
+from photogram.pipeline.stage_names import StageName
+
+
+@app.command()
+def adjust(
+    project: ProjectFile,
+    photographs: Photographs = None,
+    start: Annotated[
+        StageName | None,
+        typer.Option("--from", metavar="STAGE", help="Re-run from this stage on."),
+    ] = None,
+    until: Annotated[StageName | None, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = None,
+    pdf: Pdf = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit with 1 if a measurement was left out because the others contradict it."),
+    ] = False,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")
+    ] = True,
+) -> None:
+    """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
+
+    An interrupted run resumes where it was. The stages are photographs, features,
+    pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
+    dense, surface, relief, orthophoto, comparison and results.
+    """
+    from photogram.cli.work.run_adjust import run
+
+    run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)

@@ -1,0 +1,14 @@
+"""photogram check: validates a project before processing. Arguments only; run_check.py does it."""
+
+from __future__ import annotations
+
+from photogram.cli.app import app
+from photogram.cli.arguments import Photographs, ProjectFile
+
+
+@app.command()
+def check(project: ProjectFile, photographs: Photographs = None) -> None:
+    """Validate a project before processing (takes seconds)."""
+    from photogram.cli.work.run_check import run
+
+    run(project, photographs)

@@ -1,0 +1,29 @@
+"""photogram compare: point clouds against a reference. Arguments only; run_compare.py does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+
+
+@app.command()
+def compare(
+    clouds: Annotated[
+        list[Path], typer.Argument(help="Point clouds: .txt, .csv, .xyz, .las, .laz.", show_default=False)
+    ],
+    reference: Annotated[
+        Path, typer.Option(help="Reference: a surface as GeoTIFF, or a point cloud.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option(help="Folder for comparison.json and comparison.png.")] = Path("comparison"),
+    sor: Annotated[
+        bool, typer.Option(help="First remove statistical outliers (SOR, 6 neighbours, 1 standard deviation).")
+    ] = True,
+) -> None:
+    """Compare point clouds with a reference: height over its surface, and distance to its nearest point."""
+    from photogram.cli.work.run_compare import run
+
+    run(clouds, reference, output, sor)

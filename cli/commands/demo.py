@@ -1,0 +1,24 @@
+"""photogram demo: the built-in simulated survey, end to end. Arguments only; run_demo.py does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Argument(help="Folder for the simulated survey and its results.")] = Path("demo"),
+    seed: Annotated[int, typer.Option(help="Seed of the simulated site.")] = 1,
+    dense: Annotated[
+        bool, typer.Option("--dense", help="Also produce a dense surface and an orthophoto (90 s longer).")
+    ] = False,
+) -> None:
+    """Render a small simulated survey, process it, and compare the result with the truth."""
+    from photogram.cli.work.run_demo import run
+
+    run(folder, seed, dense)

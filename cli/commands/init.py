@@ -1,0 +1,94 @@
+"""photogram init: a project file from a folder of photographs. Arguments only; run_init.py does it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from photogram.cli.app import app
+
+HeightSystemName = Literal["ellipsoidal", "orthometric"]
+RoleName = Literal["control", "check"]
+
+
+def _picture_size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([1-9]\d{0,5})\s*[xX×]\s*([1-9]\d{0,5})\s*", text)
+    if found is None:
+        raise typer.BadParameter(f"{text!r} is no size in pixels: write width x height, 4000x3000 for example")
+    return int(found[1]), int(found[2])
+
+
+@app.command()
+def init(
+    photographs: Annotated[Path, typer.Argument(help="Folder of the photographs.", show_default=False)],
+    control: Annotated[
+        list[Path] | None,
+        typer.Option("--control", help="Control points: gcp_list.txt or a table (CSV); may be repeated."),
+    ] = None,
+    check: Annotated[
+        list[Path] | None,
+        typer.Option("--check", help="Check points, not used by the adjustment; may be repeated."),
+    ] = None,
+    marks: Annotated[
+        Path | None, typer.Option("--marks", help="Image marks of the points (CSV): name, photograph, u, v.")
+    ] = None,
+    crs: Annotated[str | None, typer.Option("--crs", help="Map grid, for example EPSG:25832.")] = None,
+    project: Annotated[Path, typer.Option("--project", help="Project file to write.")] = Path("project.yaml"),
+    picture_size: Annotated[
+        str | None,
+        typer.Option(
+            "--picture-size",
+            metavar="WxH",
+            help="Size of the pictures in which the marks were measured, for example 4000x3000 (px).",
+        ),
+    ] = None,
+    control_sigma: Annotated[
+        float | None,
+        typer.Option(
+            "--control-sigma", min=1e-4, metavar="M", help="Standard deviation of the ground points' coordinates in m."
+        ),
+    ] = None,
+    heights: Annotated[
+        HeightSystemName | None,
+        typer.Option("--heights", help="Vertical reference of the ground points' heights."),
+    ] = None,
+    geoid: Annotated[
+        str | None,
+        typer.Option("--geoid", help="Geoid of orthometric heights: EGM96, EPSG:5799 or a grid (.gtx, .tif)."),
+    ] = None,
+    focal_px: Annotated[
+        float | None,
+        typer.Option("--focal-px", min=1.0, metavar="PX", help="Focal length in px, if the tags do not give it."),
+    ] = None,
+    recursive: Annotated[bool, typer.Option("--recursive", help="Search subfolders too.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the project file.")] = False,
+) -> None:
+    """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags."""
+    size = _picture_size(picture_size)
+    if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
+        raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
+    from photogram.cli.work.run_init import Request, run
+
+    roles: list[tuple[Path, RoleName]] = [(path, "control") for path in control or ()]
+    roles += [(path, "check") for path in check or ()]
+    run(
+        Request(
+            photographs=photographs,
+            ground_points=tuple(roles),
+            marks=marks,
+            crs=crs,
+            project=project,
+            picture_size_px=size,
+            control_sigma_m=control_sigma,
+            heights=heights,
+            geoid=geoid,
+            focal_px=focal_px,
+            recursive=recursive,
+            force=force,
+        )
+    )

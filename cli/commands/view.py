@@ -1,0 +1,34 @@
+"""photogram view: the results in 3-D, as one page for a browser. Arguments only; run_view.py does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+
+
+@app.command()
+def view(
+    results: Annotated[Path, typer.Argument(help="Folder of results, with report.json.", show_default=False)],
+    points: Annotated[
+        int,
+        typer.Option(min=1000, max=20_000_000, metavar="N", help="Maximum number of points shown (thinned evenly)."),
+    ] = 1_500_000,
+    cloud: Annotated[
+        Path | None, typer.Option(help="Another cloud of the survey, LAS or LAZ in its map grid.", show_default=False)
+    ] = None,
+    photographs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Image folder, for thumbnails; default: that of project.yaml above the results.", show_default=False
+        ),
+    ] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+) -> None:
+    """Write view.html: point cloud, photographs, control and check points in 3-D, one file that works offline."""
+    from photogram.cli.work.run_view import run
+
+    run(results, points, cloud, photographs, show)

@@ -1,0 +1,234 @@
+"""What the terminal says of a finished survey: short tables and sentences of report.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from photogram.cli.screen.surface_table import surface_table
+from photogram.cli.screen.terminal import console
+from photogram.simulation.demonstration import Judgement
+
+MAXIMUM_SENTENCES = 4
+MAXIMUM_SUSPECTS = 5
+MAXIMUM_LEFT_OUT = 10
+_CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _resections(report: Mapping[str, Any]) -> Table | None:
+    resected = {
+        n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})
+    }
+    if not resected or len(resected) > 20:
+        return None
+    table = Table(title="Exterior orientation: P3P, refined resection, sigmas after the adjustment")
+    table.add_column("photograph", no_wrap=True)
+    for title in ("P3P–GNSS m", "check px", "refined–GNSS m", "σE m", "σN m", "σH m"):
+        table.add_column(title, justify="right")
+    for name, resection in resected.items():
+        sigma = [_metres(s) for s in report["photographs"][name]["sigma_m"]]
+        check = resection["check_px"]
+        refined = resection["refined"]["gnss_difference_m"]
+        table.add_row(
+            name,
+            _metres(resection["gnss_difference_m"]),
+            "–" if check is None else f"{check:.1f}",
+            _metres(refined),
+            *sigma,
+        )
+    return table
+
+
+def _block(report: Mapping[str, Any]) -> Table:
+    block = report["block"]
+    table = Table("figure", "value", title="Block", show_header=False)
+    table.add_row("photographs registered", f"{block['registered']} of {block['photographs']}, by {block['method']}")
+    sizes = block["component_sizes"]
+    if len(sizes) > 1:
+        table.add_row(
+            "parts without tie points in common", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
+        )
+    if block["gsd_m"] is not None:
+        table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
+    overlap = block["overlap"]
+    if overlap is not None:
+        seen = f"median {overlap['median']:.0f}, 3 or more on {overlap['share_3_or_more']:.0%} of the area"
+        table.add_row("overlap, photographs", seen)
+    if block["mean_track_length"] is not None:
+        table.add_row("mean track length", f"{block['mean_track_length']:.2f} photographs per tie point")
+    rms = block["gnss_residual_rms_m"]
+    if rms["three_d"] is not None:
+        table.add_row("GNSS residual RMS in plan, height", f"{rms['plan']:.3f}, {rms['height']:.3f} m")
+    return table
+
+
+def _left_out(report: Mapping[str, Any]) -> Table | None:
+    missing = [(name, p["reason"]) for name, p in report["photographs"].items() if not p["registered"]]
+    if not missing:
+        return None
+    table = Table("photograph", "why", title=f"Left out: {len(missing)} photographs")
+    for name, reason in missing[:MAXIMUM_LEFT_OUT]:
+        table.add_row(escape(name), escape(reason))
+    if len(missing) > MAXIMUM_LEFT_OUT:
+        table.add_row(f"and {len(missing) - MAXIMUM_LEFT_OUT} more", "see photographs in report.json")
+    return table
+
+
+def show_gnss(gnss: Mapping[str, Any]) -> None:
+    """Print what GNSS says of itself: who took part, offsets that are significant, warnings."""
+    if not gnss["flights"] and not gnss.get("warnings"):
+        return
+    if gnss["flights"]:
+        kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
+        console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
+    said = [
+        f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
+    ]
+    for sentence in said[:MAXIMUM_SENTENCES]:
+        console.print(f"[bold]GNSS:[/bold] {escape(sentence)}")
+    for sentence in gnss["warnings"][:MAXIMUM_SENTENCES]:
+        console.print(f"[bold yellow]Warning:[/bold yellow] {escape(sentence)}")
+    more = len(said[MAXIMUM_SENTENCES:]) + len(gnss["warnings"][MAXIMUM_SENTENCES:])
+    if more:
+        console.print(f"and {more} more sentences, see gnss in report.json")
+
+
+def _consistency(report: Mapping[str, Any]) -> list[str]:
+    """Return what check points say of the prediction, and which sigmas the survey refutes as too small."""
+    achieved = report["predicted_against_achieved"]
+    found = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
+    refuted = [c for c in report["variance_components"].values() if c["significant"] and c["sigma_factor"] > 1.0]
+    return found + [f"Stated sigmas: {c['sentence']}" for c in refuted]
+
+
+def _result(report: Mapping[str, Any]) -> Table:
+    a = report["adjustment"]
+    table = Table("figure", "value", title="Result", show_header=False)
+    table.add_row("tie points, observations", f"{a['tie_points']}, {a['observations']}")
+    table.add_row("discarded observations", str(a["discarded_observations"]))
+    table.add_row("reprojection RMS", f"{a['reprojection_rms_px']:.3f} px")
+    table.add_row("sigma0 (a priori 1)", f"{a['sigma0']:.3f}")
+    table.add_row(
+        "converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s"
+    )
+    for name, camera in report["cameras"].items():
+        sigma = camera["sigma"]["focal_px"]
+        table.add_row(
+            f"focal length, {name}",
+            f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
+        )
+    table.add_row(*_accuracy(report))
+    figures = [f for f in (report.get("verdict") or {}).get("figures", ()) if report["check_points"]["n"]]
+    if figures and all(f["rmse_m"] is not None and f["target_m"] is not None for f in figures):
+        reached, targets = (", ".join(f"{f[key]:.3f}" for f in figures) for key in ("rmse_m", "target_m"))
+        table.add_row("the same with the uncertainty of their survey, targets", f"{reached} m; {targets} m")
+    unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
+    if unused:
+        table.add_row("check points without two marks that meet", ", ".join(unused))
+    return table
+
+
+def _accuracy(report: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what tests the accuracy, and what it found."""
+    check, left = report["check_points"], report["leave_one_out"]
+    if check["n"]:
+        tested, by = check, f"check points ({check['n']})"
+    elif left is not None:
+        tested, by = left, f"leave-one-out ({left['n']}, no check points)"
+    else:
+        return "check points", "none: the accuracy of this survey is predicted, not tested"
+    return f"{by}: RMSE in plan, height", f"{tested['rmse_h_m']:.3f}, {tested['rmse_v_m']:.3f} m"
+
+
+def _show_blunders(report: Mapping[str, Any]) -> None:
+    for blunder in report["blunders"]:
+        console.print(f"[bold red]Left out:[/bold red] {escape(blunder['sentence'])}")
+    if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
+        sentence = report["blunders_effect"]["sentence"]
+        console.print(escape(sentence[0].upper() + sentence[1:]))
+
+
+def _show_focal_lengths(report: Mapping[str, Any]) -> None:
+    for name, camera in report["cameras"].items():
+        if camera["focal_length"]:
+            console.print(
+                f"[bold yellow]Focal length of {escape(name)}:[/bold yellow] {escape(camera['focal_length'])}"
+            )
+
+
+def _show_suspects(report: Mapping[str, Any]) -> None:
+    # what one blunder spreads to its neighbours is suspected too
+    suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]
+    for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):
+        also = "" if n == 0 else " (may be an effect of the first)"
+        console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
+
+
+def _show_diagnosis(diagnosis: Mapping[str, Any]) -> None:
+    for sentence in diagnosis["warnings"]:
+        console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
+    if diagnosis["warnings"] and diagnosis["remedies"]:
+        console.print(f"[bold]What would help most:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
+    for resections in diagnosis["resections"]:
+        console.print(escape(resections["sentence"]))
+
+
+def _over_reference(clouds: Mapping[str, Any]) -> Table | None:
+    if all(cloud["nmad_m"] is None for cloud in clouds.values()):
+        return None
+    table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
+    for name, cloud in clouds.items():
+        spread = (_metres(cloud[key]) for key in ("mean_m", "std_m", "nmad_m"))
+        table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), *spread)
+    return table
+
+
+def show_report(report: Mapping[str, Any]) -> None:
+    """Print the essentials of report.json."""
+    _show_tables(_resections(report), _block(report), _left_out(report), _result(report))
+    _show_blunders(report)
+    _show_focal_lengths(report)
+    for sentence in _consistency(report):
+        console.print(escape(sentence))
+    show_gnss(report["gnss"])
+    _show_suspects(report)
+    _show_diagnosis(report["diagnosis"])
+    _show_tables(surface_table(report), _over_reference(report["clouds"]))
+    if report.get("verdict"):
+        console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
+
+
+def _show_tables(*tables: Table | None) -> None:
+    for table in tables:
+        if table is not None:
+            console.print(table)
+
+
+def show_judgement(judgement: Judgement) -> None:
+    """Print a simulated survey's result against its truth."""
+    j = judgement
+    table = Table("simulated survey against its truth", "value", "in GSD")
+    table.add_row("ground sampling distance, planned", f"{j.gsd_m:.4f} m", "1")
+    table.add_row(
+        f"{j.check_points} check points, RMSE in plan",
+        f"{j.check_rmse_plan_m:.4f} m",
+        f"{j.check_rmse_plan_m / j.gsd_m:.2f}",
+    )
+    table.add_row(
+        f"{j.check_points} check points, RMSE in height",
+        f"{j.check_rmse_height_m:.4f} m",
+        f"{j.check_rmse_height_m / j.gsd_m:.2f}",
+    )
+    table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
+    table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
+    for name, nmad in j.nmad_m.items():
+        table.add_row(f"{_CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
+    table.add_row("adjusted closer to the truth than three-view", f"{j.gain:.1f} times", "")
+    console.print(table)

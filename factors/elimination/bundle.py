@@ -1,0 +1,273 @@
+"""Bundle adjustment with the points eliminated: Levenberg–Marquardt on the reduced system.
+
+``minimise_bundle`` is the engine of the joint adjustment; ``adjust_bundle`` is the adjustment of a growing block in a
+free gauge, with nothing known of the ground.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
+
+from photogram.factors.elimination.elimination import (
+    CHUNKS,
+    MANY_OBSERVATIONS,
+    Cameras,
+    Points,
+    Rays,
+    eliminate,
+    first_observations,
+    lay_out,
+    observation_cost,
+    substitute,
+)
+from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
+from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
+from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
+from photogram.factors.elimination.reprojection import Observations, calibration_scale
+from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
+from photogram.factors.elimination.state import State
+from photogram.survey import FloatArray
+
+
+class SingularPointError(Singular):
+    """A point's own normal equations are singular; ``kind`` is "tie" or "control"."""
+
+    def __init__(self, kind: str, point: int) -> None:
+        super().__init__(f"{kind} point {point} cannot be intersected")
+        self.kind, self.point = kind, point
+
+
+class Ground(Protocol):
+    """What is known of the cameras and the ground besides image points."""
+
+    def cost(self, state: State) -> float:
+        """Return half the sum of squared whitened residuals."""
+
+    def linearise(self, state: State) -> Terms:
+        """Return the information at ``state``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """What is minimised: rays of tie points under a loss, marks of control points without one, and the ground."""
+
+    layout: Layout
+    tie: Rays
+    marks: Rays
+    ground: Ground
+    loss: Loss
+
+    def eliminated(
+        self, state: State, terms: Terms, damping: float, pool: ThreadPoolExecutor | None
+    ) -> NormalEquations:
+        """Return the reduced normal equations. Raises SingularPointError where the rays of a point are parallel."""
+        normal = NormalEquations.zero(self.layout)
+        cameras = Cameras(state.parameters, state.rotation, state.position)
+        lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
+        if lost >= 0:
+            raise SingularPointError("tie", lost)
+        control = Points(state.control, terms.control_prior)
+        lost = eliminate(self.marks, cameras, control, normal, NO_LOSS, damping)
+        if lost >= 0:
+            raise SingularPointError("control", lost)
+        terms.add_to(normal)
+        return normal
+
+    def cost(self, state: State, pool: ThreadPoolExecutor | None = None) -> float:
+        """Return half the sum of squared whitened residuals, those of tie points under the loss."""
+        cameras = Cameras(state.parameters, state.rotation, state.position)
+        tie = observation_cost(self.tie, cameras, state.tie_point, self.layout, self.loss, pool)
+        marks = observation_cost(self.marks, cameras, state.control, self.layout, NO_LOSS)
+        return tie + marks + self.ground.cost(state)
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+@contextmanager
+def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
+    """Give a pool for the work on so many observations, None when one thread does it sooner.
+
+    Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it, and sum in an order that
+    depends on the number of cores.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with _blas().limit(limits=1, user_api="blas"):
+        if observations < MANY_OBSERVATIONS or cores == 1:
+            yield None
+            return
+        with ThreadPoolExecutor(min(CHUNKS, cores)) as pool:
+            yield pool
+
+
+def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) -> State:
+    """Move cameras and offsets by a step: R Exp(ω), C + R v, and sums for everything else."""
+    layout = bundle.layout
+    tangent = np.zeros((len(state.rotation), 6))
+    tangent[layout.photograph_at] = poses.reshape(-1, 6)
+    parameters, free = state.parameters.copy(), layout.free_parameters
+    parameters[free] += border[: layout.offset_column] * layout.unit[free]
+    return replace(
+        state,
+        rotation=state.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
+        position=state.position + np.einsum("nij,nj->ni", state.rotation, tangent[:, 3:]),
+        parameters=parameters,
+        offset=state.offset + border[layout.offset_column :].reshape(-1, 3),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """A bundle as Levenberg–Marquardt sees it, its work shared by the threads of ``pool``."""
+
+    bundle: Bundle
+    solve: Solver
+    pool: ThreadPoolExecutor | None
+
+    def cost(self, state: State) -> float:
+        return self.bundle.cost(state, self.pool)
+
+    def linearise(self, state: State, near: bool) -> Callable[[float], Trial]:
+        terms = self.bundle.ground.linearise(state)
+        loss = self.bundle.loss if near else self.bundle.loss.weights_alone()
+        bundle = replace(self.bundle, loss=loss)
+        return lambda damping: self._step(bundle, state, terms, damping)
+
+    def _step(self, bundle: Bundle, state: State, terms: Terms, damping: float) -> Trial:
+        pool = self.pool
+        normal = bundle.eliminated(state, terms, damping, pool)
+        poses, border = self.solve(normal, damping)
+        moved = _moved(bundle, state, poses, border)
+        old = Cameras(state.parameters, state.rotation, state.position)
+        new = Cameras(moved.parameters, moved.rotation, moved.position)
+        step, layout = (poses, border), bundle.layout
+        ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
+        moved_ties, saved, tie = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
+        moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
+        damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
+        known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
+        moved = replace(moved, tie_point=moved_ties, control=moved_control)
+        return Trial(moved, tie + marks + bundle.ground.cost(moved), saved + more + 0.5 * (damped + known))
+
+
+def minimise_bundle(
+    bundle: Bundle,
+    state: State,
+    maximum_iterations: int,
+    relative_tolerance: float,
+    watch: Watch = nobody,
+    solver: SolverName = "banded",
+) -> Minimum:
+    """Minimise by Levenberg–Marquardt, the reduced system solved by ``solver``.
+
+    The same steps as those of the graph with every point a variable, but that points with mismatches are moved down
+    their own cost after each. Raises SingularError or SingularPointError when no
+    damping makes the system solvable.
+    """
+    with limited_threads(len(bundle.tie)) as pool:
+        system = _System(bundle, SOLVERS[solver], pool)
+        return minimise(system, state, maximum_iterations, relative_tolerance, watch)
+
+
+# ---- blocks in a free gauge ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BundleState:
+    """A block in its own frame: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras,
+    11), ``point`` (P, 3).
+
+    ``cost`` is half the sum of squared whitened residuals under the loss, infinite before an adjustment; ``converged``
+    is False when no step makes it smaller, or iterations ran out.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    parameters: FloatArray
+    point: FloatArray
+    cost: float = float("inf")
+    iterations: int = 0
+    converged: bool = False
+
+
+class _CalibrationPrior:
+    """Priors of calibrations alone."""
+
+    def __init__(self, layout: Layout, expected: FloatArray, sigma: FloatArray) -> None:
+        self._layout = layout
+        free = (layout.unit > 0) & np.isfinite(sigma)
+        self._weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
+        self._expected = expected
+
+    def cost(self, state: State) -> float:
+        return 0.5 * float(np.sum(self._weight * (state.parameters - self._expected) ** 2))
+
+    def linearise(self, state: State) -> Terms:
+        layout, terms = self._layout, Terms.zero(self._layout, 0)
+        free, columns = layout.free_parameters, np.arange(layout.offset_column)
+        unit, weight = layout.unit[free], self._weight[free]
+        terms.border[columns, columns] = weight * unit**2
+        terms.border_gradient[columns] = weight * unit * (self._expected - state.parameters)[free]
+        return replace(terms, cost=self.cost(state))
+
+
+def adjust_bundle(
+    observations: Observations,
+    state: BundleState,
+    *,
+    held_poses: NDArray[np.bool_],
+    free: NDArray[np.bool_],
+    prior_sigma: FloatArray,
+    prior_parameters: FloatArray,
+    loss: RobustLoss = "huber",
+    threshold: float = 3.0,
+    maximum_iterations: int = 20,
+    relative_tolerance: float = 1e-6,
+    watch: Watch = nobody,
+    solver: SolverName = "banded",
+) -> BundleState:
+    """Adjust poses, points and free calibration parameters of a block from image observations alone.
+
+    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 11) are the parameters that move, with
+    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 11), infinite for none. Observations sorted by point, of
+    points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
+    the damping does. A result that could not move has ``converged`` False.
+    """
+    index = np.flatnonzero(np.bincount(observations.point, minlength=len(state.point)))
+    first = first_observations(np.searchsorted(index, observations.point), len(index))
+    seen = np.bincount(observations.camera, minlength=len(state.parameters)) > 0
+    unit = np.array([calibration_scale(q[0]) for q in state.parameters]) * (free & seen[:, None])
+    used = np.zeros(len(held_poses), dtype=bool)
+    used[observations.photograph] = True
+    layout = make_layout([(first, observations.photograph)], held_poses | ~used, state.position, unit)
+    none = observations.select(np.zeros(len(observations), dtype=bool))
+    bundle = Bundle(
+        layout,
+        lay_out(observations, index, layout),
+        lay_out(none, np.zeros(0, np.int64), layout),
+        _CalibrationPrior(layout, prior_parameters, prior_sigma),
+        steering(loss, threshold),
+    )
+    start = State(
+        np.ascontiguousarray(state.rotation), np.ascontiguousarray(state.position), state.parameters, state.point,
+        np.zeros((0, 3)), np.zeros((0, 3)),
+    )  # fmt: skip
+    try:
+        found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance, watch, solver)
+    except (SingularError, SingularPointError):
+        return replace(state, converged=False)
+    s = found.state
+    return BundleState(s.rotation, s.position, s.parameters, s.tie_point, found.cost, found.iterations, found.converged)

@@ -1,0 +1,253 @@
+"""Points eliminated from the normal equations by their 3 × 3 Schur complements, in one pass over all observations.
+
+With the normal equations [U W; Wᵀ V] of cameras and points (Triggs et al. 2000, sec. 6.1), the reduced system of the
+cameras is S = U − Σ_p W_p V_p⁻¹ W_pᵀ, and the covariance of a point is V_p⁻¹ + V_p⁻¹ W_pᵀ S⁻¹ W_p V_p⁻¹ (Förstner &
+Wrobel 2016, sec. 15.4). With V_p = L Lᵀ, the Jacobians A_i on the pose and B_i on the point of ray i, and Z_i = B_i L⁻ᵀ
+(2 × 3), the block of two photographs is A_iᵀ (δ_ij I − Z_i Z_jᵀ) A_j: nothing wider than two rows is ever multiplied.
+
+Chunks of points are summed apart and added in order, so results do not depend on the number of cores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from photogram.factors.elimination.covariance_kernels import covariances_of_points
+from photogram.factors.elimination.kernels import accumulate, cost_of_points, substitute_points
+from photogram.factors.elimination.loss import Loss
+from photogram.factors.elimination.reduced import Layout, NormalEquations
+from photogram.factors.elimination.reprojection import Observations
+from photogram.survey import FloatArray, IntArray
+
+MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
+CHUNKS = 4
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """Interior and exterior orientation: ``parameters`` (cameras, 11), ``rotation`` (N, 3, 3) world from camera,
+    ``position`` (N, 3) in the world, m."""
+
+    parameters: FloatArray
+    rotation: FloatArray
+    position: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Observations laid out for elimination: points in the order of their first photograph in the band.
+
+    ``index`` (P,) are the points' own numbers; rays of point p are ``[first[p], first[p + 1])``, in the order of the
+    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``model`` (cameras,) are the
+    cameras' models. ``chunks`` are ranges of points.
+    """
+
+    index: IntArray
+    first: IntArray
+    seen: IntArray
+    measured: FloatArray
+    model: IntArray
+    chunks: tuple[tuple[int, int], ...]
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+
+def first_observations(point: IntArray, count: int) -> IntArray:
+    """Return the index (count + 1,) of each point's first observation in the sorted array ``point`` (N,)."""
+    return np.searchsorted(point, np.arange(count + 1)).astype(np.int64)
+
+
+def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays:
+    """Lay out observations for the points ``index`` (P,), ascending; each of its points must be among them."""
+    o, last = observations, len(layout.place)
+    place = layout.place[o.photograph]
+    number = np.searchsorted(index, o.point)
+    lowest = np.full(len(index), last, dtype=np.int64)
+    np.minimum.at(lowest, number, np.where(place < 0, last, place))
+    points = np.argsort(lowest, kind="stable")
+    rank = np.empty(len(index), dtype=np.int64)
+    rank[points] = np.arange(len(index))
+    order = np.argsort(rank[number] * (last + 1) + place + 1, kind="stable")
+    first = first_observations(rank[number[order]], len(index))
+    chunks = 1 if len(o) < MANY_OBSERVATIONS else CHUNKS
+    edges = np.searchsorted(first, np.linspace(0, len(o), chunks + 1)[1:-1]).tolist()
+    edges = [0, *edges, len(index)]
+    return Rays(
+        index[points],
+        first,
+        np.column_stack([o.photograph[order], o.camera[order]]),
+        np.column_stack([o.pixel[order], 1.0 / o.sigma_px[order]]),
+        o.model,
+        tuple(pairwise(edges)),
+    )
+
+
+def in_chunks(work: Callable[[int, int], T], rays: Rays, pool: ThreadPoolExecutor | None) -> list[T]:
+    """Call ``work`` on every chunk, in threads where there is a pool; results in the order of the chunks."""
+    if pool is None or len(rays.chunks) == 1:
+        return [work(begin, end) for begin, end in rays.chunks]
+    return list(pool.map(work, *zip(*rays.chunks, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points as they stand: ``position`` (P, 3) in the world, m, and what is known of them apart from their rays:
+    ``prior`` (P, 12), information row by row and right-hand side, empty for nothing."""
+
+    position: FloatArray
+    prior: FloatArray
+
+    @staticmethod
+    def unknown(position: FloatArray) -> Points:
+        """Return points known from their rays alone."""
+        return Points(position, np.zeros((0, 12)))
+
+
+def _packed(cameras: Cameras, model: IntArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return interior orientations, their units and their models (cameras, 23), rotations and positions (N, 12)."""
+    count = len(cameras.position)
+    q = np.concatenate([cameras.parameters, layout.unit, model[:, None]], axis=1)
+    return q, np.concatenate([cameras.rotation.reshape(count, 9), cameras.position], axis=1)
+
+
+def eliminate(
+    rays: Rays,
+    cameras: Cameras,
+    points: Points,
+    normal: NormalEquations,
+    loss: Loss,
+    damping: float,
+    pool: ThreadPoolExecutor | None = None,
+) -> int:
+    """Add the reduced information of all points to the normal equations, in place.
+
+    The points' own diagonal is scaled by 1 + ``damping`` (Marquardt 1963). Returns the first point
+    that cannot be intersected, −1 when all can.
+    """
+    layout, whole = normal.layout, len(rays.chunks) == 1
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
+
+    def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
+        origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
+        part = normal if whole else normal.part(origin, last)
+        failed = accumulate(
+            begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
+            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, origin,
+            layout.stride, part.A, part.Q.reshape(-1), part.H,
+        )  # fmt: skip
+        return int(failed), origin, part
+
+    worst = -1
+    for failed, origin, part in in_chunks(work, rays, pool):
+        if not whole:
+            normal.add(part, origin)
+        worst = failed if worst < 0 else worst
+    return worst
+
+
+def observation_cost(
+    rays: Rays,
+    cameras: Cameras,
+    position: FloatArray,
+    layout: Layout,
+    loss: Loss,
+    pool: ThreadPoolExecutor | None = None,
+) -> float:
+    """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
+    q, pose = _packed(cameras, rays.model, layout)
+
+    def work(begin: int, end: int) -> float:
+        return float(
+            cost_of_points(
+                begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, position, loss.kind,
+                loss.threshold,
+            )
+        )  # fmt: skip
+
+    return sum(in_chunks(work, rays, pool))
+
+
+def _span(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
+    """Return the first and last place in the band of the photographs that see the points of a range."""
+    places = layout.place[rays.seen[rays.first[begin] : rays.first[end], 0]]
+    places = places[places >= 0]
+    return (int(places.min()), int(places.max())) if len(places) else (0, 0)
+
+
+def substitute(
+    rays: Rays,
+    cameras: Cameras,
+    points: Points,
+    layout: Layout,
+    loss: Loss,
+    damping: float,
+    step: tuple[FloatArray, FloatArray],
+    moved: Cameras,
+    pool: ThreadPoolExecutor | None = None,
+) -> tuple[FloatArray, float, float]:
+    """Return the points (P, 3) moved by their part of a step, the decrease that the linear model of the observations
+    predicts, and the cost of the observations after it.
+
+    ``step`` are the steps of the poses (6 free,) and the border; ``moved`` the cameras after it; the decrease lacks the
+    damping of the cameras and everything that is known of them but for the observations.
+    """
+    result = points.position.copy()
+    q, pose = _packed(cameras, rays.model, layout)
+    free_of = layout.free_of
+    moved_q, moved_pose = _packed(moved, rays.model, layout)
+
+    def work(begin: int, end: int) -> tuple[float, float]:
+        found: tuple[float, float] = substitute_points(
+            begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
+            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, *step,
+            moved_q, moved_pose, result,
+        )  # fmt: skip
+        return found
+
+    parts = in_chunks(work, rays, pool)
+    return result, sum(p[0] for p in parts), sum(p[1] for p in parts)
+
+
+def point_covariances(
+    rays: Rays,
+    cameras: Cameras,
+    points: Points,
+    layout: Layout,
+    loss: Loss,
+    covariance: tuple[FloatArray, FloatArray, FloatArray],
+    pool: ThreadPoolExecutor | None = None,
+) -> tuple[FloatArray, int]:
+    """Return the covariances (P, 3, 3) of all points in the world, m², and the first that is singular, −1 when none is.
+
+    ``covariance`` are the inverse of the poses' matrix within its band (flat, as A), T = A⁻¹ B (6 free, border) and the
+    covariance of the border.
+    """
+    inverse, T, border = covariance
+    rows = np.arange(layout.columns).reshape(-1, 6)
+    low, high = np.minimum(rows[:, :, None], rows[:, None, :]), np.maximum(rows[:, :, None], rows[:, None, :])
+    own = inverse[low * layout.stride + high].reshape(-1)
+    turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
+    result = np.full((len(points.position), 3, 3), np.nan)
+    free_of = layout.free_of
+    q, pose = _packed(cameras, rays.model, layout)
+
+    def work(begin: int, end: int) -> int:
+        return int(
+            covariances_of_points(
+                begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
+                free_of, loss.kind, loss.threshold, loss.least_curvature, points.prior, layout.stride,
+                inverse, own, turned, border, result,
+            )
+        )  # fmt: skip
+
+    failed = [f for f in in_chunks(work, rays, pool) if f >= 0]
+    return result, failed[0] if failed else -1

@@ -1,0 +1,442 @@
+"""The reduced system of poses and a border of what is common to many of them, [A B; Bᵀ E]: layout, factor, solution.
+
+The poses' matrix A is a band when photographs are numbered so that those with common points lie close together
+(reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free
+parameters of the calibrations and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks
+of the inverse come from the recursion of Takahashi et al. (1973), panel by panel.
+
+Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
+storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
+kept dense, and whoever adds to A need not know.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+from scipy.linalg import blas, lapack
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from photogram.compilation import njit
+from photogram.factors.elimination.levenberg_marquardt import Singular
+from photogram.survey import FloatArray, IntArray
+
+BoolArray = NDArray[np.bool_]
+PANEL = 48  # columns of the inverse computed together
+
+
+class SingularError(Singular):
+    """A matrix is not positive definite at ``column`` of the reduced system."""
+
+    def __init__(self, column: int) -> None:
+        super().__init__(f"not positive definite at column {column}")
+        self.column = column
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where variables sit in the reduced system.
+
+    ``place`` (N,) of each photograph in the band, −1 for one that is held; ``photograph_at`` its inverse; ``reach`` how
+    many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
+    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 11) units of its parameters, 0 where held:
+    each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
+    number of border columns.
+    """
+
+    place: IntArray
+    photograph_at: IntArray
+    reach: int
+    camera_column: IntArray
+    unit: FloatArray
+    offset_column: int
+    border: int
+
+    @property
+    def free(self) -> int:
+        """Return the number of photographs in the band."""
+        return len(self.photograph_at)
+
+    @property
+    def columns(self) -> int:
+        """Return the number of unknowns of the poses."""
+        return 6 * self.free
+
+    @property
+    def dense(self) -> bool:
+        """Return whether A is kept as a dense matrix."""
+        return 2 * (self.reach + 1) > self.free
+
+    @property
+    def stride(self) -> int:
+        """Return the distance of two columns of A in memory, less one in a band."""
+        return self.columns if self.dense else 6 * self.reach + 5
+
+    @property
+    def free_parameters(self) -> tuple[IntArray, IntArray]:
+        """Return camera and parameter of each of the border's first columns, those of the calibrations."""
+        camera, parameter = np.nonzero(self.unit > 0)
+        return camera.astype(np.int64), parameter.astype(np.int64)
+
+    @property
+    def border_unit(self) -> FloatArray:
+        """Return the units (border,) of the border: those of the calibrations, and 1 for the GNSS offsets."""
+        return np.concatenate([self.unit[self.free_parameters], np.ones(self.border - self.offset_column)])
+
+    @property
+    def free_of(self) -> IntArray:
+        """Return for compiled loops, by camera (cameras, 13): its first border column, −1 for none, how many of its
+        parameters are free, and which."""
+        table = np.zeros((len(self.unit), 2 + self.unit.shape[1]), dtype=np.int64)
+        for c, unit in enumerate(self.unit):
+            free = np.flatnonzero(unit > 0)
+            table[c, 0], table[c, 1], table[c, 2 : 2 + len(free)] = self.camera_column[c], len(free), free
+        return table
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _neighbours(first: IntArray, photograph: IntArray, number: IntArray, adjacent: BoolArray) -> None:
+    for p in range(len(first) - 1):
+        for i in range(first[p], first[p + 1]):
+            a = number[photograph[i]]
+            if a < 0:
+                continue
+            for j in range(first[p], i):
+                b = number[photograph[j]]
+                if b >= 0:
+                    adjacent[a, b] = True
+                    adjacent[b, a] = True
+
+
+def _order(rows: IntArray, columns: IntArray, position: FloatArray) -> IntArray:
+    """Return the order of photographs in which the farthest two with common points, ``rows`` and ``columns``, lie
+    closest together: that of reverse Cuthill–McKee, or along one of the two main axes of their ``position`` (n, 3)."""
+    n = len(position)
+    if not len(rows):
+        return np.arange(n)
+    graph = csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    orders = [reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)]
+    if np.isfinite(position).all():
+        centred = position - position.mean(axis=0)
+        axes = np.linalg.eigh(centred.T @ centred)[1]
+        orders += [np.argsort(centred @ axes[:, k], kind="stable") for k in (2, 1)]
+
+    def reach(order: IntArray) -> int:
+        rank = np.argsort(order)
+        return int(np.abs(rank[rows] - rank[columns]).max())
+
+    return min(orders, key=reach)
+
+
+def make_layout(
+    points: list[tuple[IntArray, IntArray]], held: BoolArray, position: FloatArray, unit: FloatArray, offsets: int = 0
+) -> Layout:
+    """Order the photographs that are not ``held`` (N,) and lay out the border.
+
+    ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
+    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 11) the units of free parameters, 0 where
+    held; ``offsets`` the number of GNSS offsets.
+    """
+    free = np.flatnonzero(~held)
+    number = np.full(len(held), -1, dtype=np.int64)
+    number[free] = np.arange(len(free))
+    adjacent = np.zeros((len(free), len(free)), dtype=bool)
+    for first, photograph in points:
+        _neighbours(first, photograph, number, adjacent)
+    rows, columns = np.nonzero(adjacent)
+    order = _order(rows, columns, position[free])
+    rank = np.empty(len(free), dtype=np.int64)
+    rank[order] = np.arange(len(free))
+    place = np.full(len(held), -1, dtype=np.int64)
+    place[free] = rank
+    reach = int(np.abs(rank[rows] - rank[columns]).max(initial=0))
+    size = np.count_nonzero(unit > 0, axis=1)
+    column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
+    offset_column = int(size.sum())
+    return Layout(place, free[order], reach, column, unit, offset_column, offset_column + 3 * offsets)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """The reduced normal equations of a layout, filled in place.
+
+    ``A`` (flat) lower part of the poses' matrix but for its diagonal blocks. ``Q`` (free, 48 + 6 border) holds for each
+    photograph its diagonal block, the diagonal before the elimination of points, the right-hand side and the columns of
+    B; ``H`` (border + 2, border) the lower part of the border's matrix, its diagonal before elimination and its
+    right-hand side.
+    """
+
+    layout: Layout
+    A: FloatArray
+    Q: FloatArray
+    H: FloatArray
+
+    @staticmethod
+    def zero(layout: Layout, size: int | None = None) -> NormalEquations:
+        """Return empty normal equations, with a flat matrix of ``size``."""
+        n, k = layout.columns, layout.border
+        size = n * (layout.stride if layout.dense else layout.stride + 1) if size is None else size
+        return NormalEquations(layout, np.zeros(size), np.zeros((layout.free, 48 + 6 * k)), np.zeros((k + 2, k)))
+
+    def part(self, origin: int, last: int) -> NormalEquations:
+        """Return empty normal equations for points seen by the places ``origin`` to ``last`` of the band alone."""
+        n = 6 * (last + 1 - origin)
+        return NormalEquations.zero(self.layout, (n - 1) * (self.layout.stride + 1) + 1 if n else 0)
+
+    def add(self, part: NormalEquations, origin: int) -> None:
+        """Add a part that begins at ``origin`` of the band."""
+        start = 6 * origin * (self.layout.stride + 1)
+        self.A[start : start + len(part.A)] += part.A
+        self.Q[...] += part.Q
+        self.H[...] += part.H
+
+    @property
+    def U(self) -> FloatArray:  # noqa: N802 - the formulas' names
+        """Return the diagonal blocks (free, 6, 6) of the poses."""
+        return self.Q[:, :36].reshape(-1, 6, 6)
+
+    @property
+    def D(self) -> FloatArray:  # noqa: N802 - the formulas' names
+        """Return the poses' diagonal (6 free,) before the elimination of points."""
+        return self.Q[:, 36:42].reshape(-1)
+
+    @property
+    def g(self) -> FloatArray:
+        """Return the poses' right-hand side (6 free,)."""
+        return self.Q[:, 42:48].reshape(-1)
+
+    @property
+    def B(self) -> FloatArray:  # noqa: N802 - the formulas' names
+        """Return the block (6 free, border) of poses and border."""
+        layout = self.layout
+        B = self.Q[:, 48:].reshape(layout.free, layout.border, 6).transpose(0, 2, 1)
+        return np.ascontiguousarray(B).reshape(layout.columns, layout.border)
+
+    @property
+    def E(self) -> FloatArray:  # noqa: N802 - the formulas' names
+        """Return the matrix (border, border) of the border."""
+        lower = self.H[:-2]
+        return np.tril(lower) + np.tril(lower, -1).T
+
+    @property
+    def F(self) -> FloatArray:  # noqa: N802 - the formulas' names
+        """Return the diagonal (border,) of the border before the elimination of points."""
+        return np.asarray(self.H[-2])
+
+    @property
+    def h(self) -> FloatArray:
+        """Return the right-hand side (border,) of the border."""
+        return np.asarray(self.H[-1])
+
+    def diagonal(self) -> FloatArray:
+        """Return the diagonal (6 free + border,) of the reduced system."""
+        return np.concatenate([np.einsum("naa->na", self.U).ravel(), np.diag(self.E)])
+
+    def damped_poses(self, damping: float) -> FloatArray:
+        """Return the poses' matrix (flat) with its diagonal raised by ``damping`` times D."""
+        A = self.A.copy()
+        _fill_diagonal(A, self.U, self.layout.stride)
+        A[np.arange(self.layout.columns) * (self.layout.stride + 1)] += damping * self.D
+        return A
+
+    def damped_border(self, damping: float) -> FloatArray:
+        """Return the border's matrix with its diagonal raised by ``damping`` times F."""
+        E = self.E
+        E[np.diag_indices(len(E))] += damping * self.F
+        return E
+
+    def factor(self, damping: float = 0.0, scale: FloatArray | None = None, shift: float = 0.0) -> Factor:
+        """Factor the system: its diagonal raised by ``damping`` times D and F; or, with ``scale`` (6 free + border,),
+        its rows and columns divided by it; then ``shift`` added to the diagonal.
+
+        Raises SingularError where it is not positive definite.
+        """
+        layout, m = self.layout, self.layout.columns
+        A, B, E = self.damped_poses(damping), self.B, self.damped_border(damping)
+        at = np.arange(m) * (layout.stride + 1)
+        if scale is not None:
+            scale_matrix(A, scale, layout)
+            B /= np.outer(scale[:m], scale[m:])
+            E /= np.outer(scale[m:], scale[m:])
+        A[at] += shift
+        E[np.diag_indices(len(E))] += shift
+        return _factor(layout, A, B, E)
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Information of a linearisation, and half its squared residuals in ``cost``.
+
+    Poses: ``pose`` (free, 6, 6), ``pose_border`` (6 free, border), ``pose_gradient`` (6 free,), in the order of the
+    band; ``border`` (border, border), ``border_gradient`` (border,); ``control`` (G, 3, 3), ``control_gradient`` (G,
+    3). Gradients are right-hand sides, −Jᵀr.
+    """
+
+    cost: float
+    pose: FloatArray
+    pose_border: FloatArray
+    pose_gradient: FloatArray
+    border: FloatArray
+    border_gradient: FloatArray
+    control: FloatArray
+    control_gradient: FloatArray
+
+    @staticmethod
+    def zero(layout: Layout, controls: int) -> Terms:
+        """Return terms that say nothing."""
+        n, m, k = layout.free, layout.columns, layout.border
+        return Terms(
+            0.0, np.zeros((n, 6, 6)), np.zeros((m, k)), np.zeros(m), np.zeros((k, k)), np.zeros(k),
+            np.zeros((controls, 3, 3)), np.zeros((controls, 3)),
+        )  # fmt: skip
+
+    @property
+    def control_prior(self) -> FloatArray:
+        """Return information and right-hand side (G, 12) of the control points."""
+        return np.concatenate([self.control.reshape(-1, 9), self.control_gradient], axis=1)
+
+    def add_to(self, normal: NormalEquations) -> None:
+        """Add everything but the control points to the normal equations, in place."""
+        layout = normal.layout
+        free, border = layout.free, layout.border
+        normal.Q[:, :36] += self.pose.reshape(free, 36)
+        normal.Q[:, 36:42] += np.einsum("naa->na", self.pose)
+        normal.Q[:, 42:48] += self.pose_gradient.reshape(free, 6)
+        normal.Q[:, 48:] += self.pose_border.reshape(free, 6, border).transpose(0, 2, 1).reshape(free, 6 * border)
+        normal.H[:-2] += self.border
+        normal.H[-2] += np.diag(self.border)
+        normal.H[-1] += self.border_gradient
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill_diagonal(A: FloatArray, U: FloatArray, stride: int) -> None:
+    for n in range(len(U)):
+        for c in range(6):
+            for r in range(c, 6):
+                A[(6 * n + c) * stride + 6 * n + r] += U[n, c, r]
+
+
+def scale_matrix(A: FloatArray, scale: FloatArray, layout: Layout) -> None:
+    """Divide rows and columns of a flat matrix by ``scale`` (at least 6 free,), in place."""
+    _scale(A, scale, layout.stride, layout.columns, layout.columns if layout.dense else layout.stride)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _scale(A: FloatArray, scale: FloatArray, stride: int, size: int, width: int) -> None:
+    for c in range(size):
+        for r in range(c, min(size, c + width + 1)):
+            A[c * stride + r] /= scale[c] * scale[r]
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """The Cholesky factor L of A (flat, as A), T = A⁻¹ B, and the factor of the border's Schur complement."""
+
+    layout: Layout
+    L: FloatArray
+    T: FloatArray
+    B: FloatArray
+    border: FloatArray
+
+    def solve_poses(self, right: FloatArray) -> FloatArray:
+        """Return A⁻¹ times ``right`` (6 free, k)."""
+        return _solve_poses(self.layout, self.L, right)
+
+    def solve(self, g: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the solution for the right-hand sides g (6 free,) or (6 free, k) and h (border,) or (border, k)."""
+        poses = self.solve_poses(g.reshape(len(g), -1)).reshape(g.shape) if len(g) else g
+        if not len(h):
+            return poses, h
+        border, _ = lapack.dpotrs(self.border, h - self.B.T @ poses, lower=1)
+        return poses - self.T @ border, border
+
+    def solve_scaled(self, columns: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return S⁻¹ times columns (6 free + border, k) of the system S whose rows and columns were divided by
+        ``scale`` before it was factored."""
+        m, divisor = self.layout.columns, scale[:, None]
+        return np.concatenate(self.solve(columns[:m] / divisor[:m], columns[m:] / divisor[m:])) / divisor
+
+    def inverse_within_band(self) -> FloatArray:
+        """Return the inverse of A (flat, as A), all of it where A is dense."""
+        layout, n = self.layout, self.layout.columns
+        if layout.dense:
+            inverse, _ = lapack.dpotri(_matrix(layout, self.L), lower=1)
+            return np.asarray(inverse.T.reshape(-1))
+        kd = layout.stride
+        result = np.zeros_like(self.L)
+        window = np.zeros((2 * kd + PANEL, 2 * kd + PANEL), order="F")
+        at = len(window)
+        for start in range((n - 1) // PANEL * PANEL, -1, -PANEL):
+            size = min(PANEL, n - start)
+            rows = min(n - start, size + kd)
+            panel, within = _panel(self.L, start, rows, size, kd)
+            panel = np.where(within, panel, 0.0)
+            own = panel[:size]
+            known = window[at : at + rows - size, at : at + rows - size]
+            G = blas.dtrsm(1.0, own, panel[size:], side=1, lower=1)
+            below = -(known @ G)
+            diagonal, _ = lapack.dpotri(own, lower=1)
+            diagonal = np.tril(diagonal) + np.tril(diagonal, -1).T - below.T @ G
+            found = np.concatenate([diagonal, below])
+            target, _ = _panel(result, start, rows, size, kd)
+            target[within] = found[within]
+            if at < size:
+                end = len(window)
+                window[end - len(known) :, end - len(known) :] = known.copy()
+                at = end - len(known)
+            at -= size
+            window[at : at + rows, at : at + size] = found
+            window[at : at + size, at : at + rows] = found.T
+        return result
+
+    def border_covariance(self) -> FloatArray:
+        """Return the inverse (border, border) of the border's Schur complement."""
+        if not self.layout.border:
+            return np.zeros((0, 0))
+        inverse, _ = lapack.dpotri(self.border, lower=1)
+        return np.ascontiguousarray(np.tril(inverse) + np.tril(inverse, -1).T)
+
+
+def _matrix(layout: Layout, flat: FloatArray) -> FloatArray:
+    """Return the view of a flat matrix that LAPACK works on: (n, n) or (kd + 1, n), in Fortran order."""
+    return flat.reshape(layout.columns, -1).T
+
+
+def _panel(flat: FloatArray, start: int, rows: int, size: int, kd: int) -> tuple[FloatArray, BoolArray]:
+    """Return the view (rows, size) of a band from column ``start`` down, and which of its elements are in the band."""
+    step = flat.itemsize
+    panel = as_strided(flat[start * (kd + 1) :], (rows, size), (step, kd * step))
+    below = np.arange(rows)[:, None] - np.arange(size)
+    return panel, (below >= 0) & (below <= kd)
+
+
+def _solve_poses(layout: Layout, L: FloatArray, right: FloatArray) -> FloatArray:
+    if not right.size:
+        return right.copy()
+    if layout.dense:
+        solution, _ = lapack.dpotrs(_matrix(layout, L), right, lower=1)
+    else:
+        solution, _ = lapack.dpbtrs(_matrix(layout, L), right, lower=1)
+    return np.ascontiguousarray(solution)
+
+
+def _factor(layout: Layout, A: FloatArray, B: FloatArray, E: FloatArray) -> Factor:
+    if layout.free:
+        if layout.dense:
+            L, info = lapack.dpotrf(_matrix(layout, A), lower=1, overwrite_a=1, clean=0)
+        else:
+            L, info = lapack.dpbtrf(_matrix(layout, A), lower=1, overwrite_ab=1)
+        if info:
+            raise SingularError(int(info) - 1)
+        A = L.T.reshape(-1)
+    T = _solve_poses(layout, A, B)
+    border = E - B.T @ T
+    if layout.border:
+        border, info = lapack.dpotrf(border, lower=1)
+        if info:
+            raise SingularError(layout.columns + int(info) - 1)
+    return Factor(layout, A, T, B, border)

@@ -1,0 +1,90 @@
+"""The damped reduced system solved: by LAPACK's Cholesky factor of a band, or by GTSAM.
+
+GTSAM gets a Gaussian factor graph of few large Hessian factors. Photographs that are neighbours in the band are one
+variable; where two such groups have points in common a factor joins them, and a factor joins each with the border of
+calibrations and offsets, which is eliminated last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Literal
+
+import gtsam
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+
+from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError
+from photogram.survey import FloatArray
+
+SolverName = Literal["banded", "gtsam"]
+Solver = Callable[[NormalEquations, float], tuple[FloatArray, FloatArray]]
+GROUP = 16  # photographs of one variable
+
+
+def solve_banded(normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
+    """Return the steps of poses (6 free,) and border, the diagonal raised by ``damping`` times that before elimination.
+
+    Raises SingularError where the system is not positive definite.
+    """
+    return normal.factor(damping).solve(normal.g, normal.h)
+
+
+def _block(A: FloatArray, layout: Layout, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
+    """Return a block of the poses' matrix on or below its diagonal, zero above it and beyond the band."""
+    (top, bottom), (left, right), step = rows, columns, A.itemsize
+    view = as_strided(A[left * layout.stride + top :], (bottom - top, right - left), (step, layout.stride * step))
+    below = np.arange(top, bottom)[:, None] - np.arange(left, right)
+    return np.where((below >= 0) & (layout.dense | (below <= layout.stride)), view, 0.0)
+
+
+def _joint(first: int, second: int, block: FloatArray) -> gtsam.HessianFactor:
+    """Return the factor of two variables that has nothing but the ``block`` (n, m) between them."""
+    n, m = block.shape
+    return gtsam.HessianFactor(
+        first, second, np.zeros((n, n)), np.ascontiguousarray(block), np.zeros(n), np.zeros((m, m)), np.zeros(m), 0.0
+    )
+
+
+def _graph(normal: NormalEquations, damping: float, edges: list[int]) -> gtsam.GaussianFactorGraph:
+    """Return the factors of groups of columns between ``edges``; the border's variable has the number of groups."""
+    layout, graph, groups = normal.layout, gtsam.GaussianFactorGraph(), list(pairwise(edges))
+    A, B, border = normal.damped_poses(damping), normal.B, len(groups)
+    for i, (left, right) in enumerate(groups):
+        lower = _block(A, layout, (left, right), (left, right))
+        graph.push_back(gtsam.HessianFactor(i, lower + np.tril(lower, -1).T, normal.g[left:right], 0.0))
+        for j in range(i + 1, border):
+            if edges[j] // 6 > (right - 1) // 6 + layout.reach:
+                break
+            graph.push_back(_joint(i, j, _block(A, layout, groups[j], (left, right)).T))
+        if layout.border:
+            graph.push_back(_joint(i, border, B[left:right]))
+    if layout.border:
+        graph.push_back(gtsam.HessianFactor(border, normal.damped_border(damping), normal.h, 0.0))
+    return graph
+
+
+def solve_with_gtsam(normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
+    """Return the steps as ``solve_banded`` does, GTSAM eliminating groups of photographs in the order of the band."""
+    layout = normal.layout
+    edges = [*range(0, layout.columns, 6 * GROUP), layout.columns]
+    graph, ordering = _graph(normal, damping, edges), gtsam.Ordering()
+    groups = len(edges) - 1
+    for variable in range(groups + (layout.border > 0)):
+        ordering.push_back(variable)
+    try:
+        found = graph.optimize(ordering)
+    except RuntimeError as fault:
+        raise SingularError(_first_column(str(fault), edges)) from fault
+    poses = np.concatenate([np.zeros(0), *(found.at(i) for i in range(groups))])
+    return poses, found.at(groups) if layout.border else np.zeros(0)
+
+
+def _first_column(message: str, edges: list[int]) -> int:
+    """Return the first column of the variable that GTSAM names near its fault."""
+    numbers = [int(word.strip(".,)")) for word in message.split() if word.strip(".,)").isdigit()]
+    return edges[min(numbers[0], len(edges) - 1)] if numbers else 0
+
+
+SOLVERS: dict[SolverName, Solver] = {"banded": solve_banded, "gtsam": solve_with_gtsam}

@@ -1,0 +1,325 @@
+"""The joint adjustment: Levenberg–Marquardt on the factor graph, outlier rounds, covariances.
+
+Poses, calibration, tie points, control points and GNSS offsets are estimated together. Tie points carry a robust loss
+and are tested between rounds, with re-admission; control points, marks and GNSS positions are never down-weighted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.adjustment.determinacy import UnheldError, check_determined, check_in_front, undetermined, weak_parts
+from photogram.adjustment.gnss_offsets import implied_offsets
+from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
+from photogram.adjustment.lever_arms import left_arm
+from photogram.adjustment.outliers import (
+    agreeing_observations,
+    first_agreement,
+    noise_scale,
+    outlier_limit_px,
+    settled,
+    without_narrow,
+)
+from photogram.adjustment.partial_control import control_positions
+from photogram.adjustment.registration import registered_block, with_all_marks, with_all_photographs, without_marks
+from photogram.adjustment.reliability import reliability
+from photogram.adjustment.variance_components import variance_components
+from photogram.camera import PARAMETERS, Pose, models_of
+from photogram.errors import AdjustmentError
+from photogram.factors.consider import with_considered
+from photogram.factors.covariance import covariances
+from photogram.factors.elimination.levenberg_marquardt import Minimum
+from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
+from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
+from photogram.factors.minimisation import minimise_graph, minimise_problem
+from photogram.survey import Adjustment, Block, FloatArray, IntArray, check_range
+
+Progress = Callable[[str], None]
+
+LEFT_OUT = 0.25  # of the oriented photographs, that may be left out for the rest to be adjusted
+MOST_LOST_MARKS = 3
+
+
+@dataclass(frozen=True)
+class AdjustmentSettings:
+    """How the joint adjustment is run; thresholds are in sigmas of the measurement."""
+
+    tie_point_sigma_px: float = 0.5
+    robust_loss: Literal["none", "huber", "cauchy"] = "huber"
+    robust_threshold: float = 3.0
+    outlier_threshold: float = 4.0
+    first_outlier_threshold_px: float = 40.0  # agreement of rays before anything is adjusted
+    minimum_ray_angle_deg: float = 1.0
+    maximum_rounds: int = 10
+    maximum_iterations: int = 200  # per round
+    relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
+    engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
+    solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
+
+    def __post_init__(self) -> None:
+        for name in ("tie_point_sigma_px", "robust_threshold", "outlier_threshold", "first_outlier_threshold_px"):
+            check_range(name, getattr(self, name), 1e-3)
+        check_range("minimum_ray_angle_deg", self.minimum_ray_angle_deg, 0.0, 90.0)
+        check_range("maximum_rounds", self.maximum_rounds, 1)
+        check_range("maximum_iterations", self.maximum_iterations, 1)
+        check_range("relative_tolerance", self.relative_tolerance, 0.0, 0.1)
+
+
+def minimise(
+    problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = lambda _: None
+) -> Minimum:
+    """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
+
+    Raises IndeterminateError when the linear system has no unique solution.
+    """
+
+    def watch(iteration: int, value: float) -> None:
+        progress(f"iteration {iteration}: cost {value:.6g}")
+
+    limits = settings.maximum_iterations, settings.relative_tolerance
+    if settings.engine == "reference":
+        return minimise_graph(problem, state, *limits, watch)
+    return minimise_problem(problem, state, *limits, watch, settings.solver)
+
+
+def start_state(block: Block, flights: tuple[str, ...]) -> State:
+    """Return the starting values of a block whose photographs are all oriented."""
+    poses = [pose for pose in block.poses if pose is not None]
+    return State(
+        np.array([pose.rotation_world_from_camera for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose.position_world_m for pose in poses]).reshape(-1, 3),
+        np.array([camera.parameters for camera in block.cameras]).reshape(-1, PARAMETERS),
+        block.tie_points.position_world_m.copy(),
+        control_positions(block)[0],
+        np.zeros((len(flights), 3)),
+    )
+
+
+def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
+    """Return the problem of a block, with all its tie-point observations.
+
+    Raises AdjustmentError naming every photograph that has no pose, or a control point that nothing places.
+    """
+    missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
+    if missing:
+        raise AdjustmentError(f"not oriented, so they cannot be adjusted: {', '.join(missing)}")
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    tie, control = block.tie_points, block.control_points.with_role("control")
+    flights: tuple[str, ...] = ()
+    models = models_of(block.cameras)
+    position, axes = control_positions(block)
+    if np.any(block.gnss_offset_sigma_m > 0):
+        flights = tuple(sorted({p.flight for p in block.photographs if p.gnss_world_m is not None}))
+    return Problem(
+        block,
+        Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], models),
+        Observations(
+            control.mark_photograph,
+            control.mark_point,
+            control.mark_pixel,
+            control.mark_sigma_px,
+            camera_of[control.mark_photograph],
+            models,
+        ).select(np.isfinite(control.mark_sigma_px)),
+        position,
+        np.where(control.controlled, control.sigma_m, np.inf),
+        axes,
+        flights,
+        settings.robust_loss,
+        settings.robust_threshold,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The end of the outlier rounds: the problem with the observations that took part, and its minimum."""
+
+    problem: Problem
+    minimum: Minimum
+    used: NDArray[np.bool_]
+    rounds: int
+    iterations: int
+
+
+def _with_cameras_held(block: Block) -> Block:
+    return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
+
+
+def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
+    """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
+    tie = whole.block.tie_points
+    angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
+    first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
+    used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
+    draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
+    for number in range(1, settings.maximum_rounds + 1):
+        last = number == settings.maximum_rounds or (number > 2 and settled(used, chosen))
+        used = chosen
+        problem = whole.with_tie_observations(whole.tie.select(used))
+        check_determined(problem)
+        if number == 1 and not last and first > settings.first_outlier_threshold_px:
+            # Poses so far off would bend the calibration to fit them.
+            problem = replace(problem, block=_with_cameras_held(whole.block))
+        progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
+        minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
+        iterations += minimum.iterations
+        if last:
+            break
+        state = minimum.state
+        whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+        scale = noise_scale(whitened, problem.tie.point, len(tie))
+        limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
+        chosen, points = agreeing_observations(whole, state, limit, angle)
+    check_in_front(problem, minimum.state)
+    return Solved(problem, minimum, without_narrow(tie, minimum.state, used, angle), number, iterations)
+
+
+def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
+    """Return sigma0 = sqrt(vᵀPv / r) of the minimised squares, and the redundancy r."""
+    block = problem.block
+    graph = ground_graph(problem)
+    image = 2 * (len(problem.tie) + len(problem.marks))
+    ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
+    points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
+    unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
+    redundancy = image + ground - unknowns
+    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
+    squares = 2.0 * (cost(problem, graph, state) - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
+    return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
+
+
+def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tuple[Block, NDArray[np.bool_]]:
+    """Return the block with adjusted values and only what took part, and the mask (P,) of tie points kept."""
+    kept = np.bincount(block.tie_points.point[used], minlength=len(block.tie_points)) >= 2
+    tie_points = replace(block.tie_points, position_world_m=state.tie_point).select(kept, used)
+    cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
+    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
+    return replace(block, cameras=cameras, poses=poses, tie_points=tie_points), kept
+
+
+def adjust(
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress = lambda _: None,
+    *,
+    start: Sequence[FloatArray] = (),
+) -> Adjustment:
+    """Adjust a block jointly, reject mismatched observations, and compute covariances.
+
+    Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
+    orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
+    what is held stays as given. A single photograph or mark that keeps the rest from a solution is left out, with the
+    reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    """
+    part, oriented = block, len(registered_block(block)[1])
+    if not oriented:
+        raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
+    left: dict[int, str] = {}
+    marks = np.ones(len(block.control_points.mark_point), dtype=bool)
+    lost_marks: list[str] = []
+    while True:
+        solvable, kept = registered_block(part)
+        try:
+            adjusted = _adjust_oriented(solvable, settings, progress, start)
+            break
+        except UnheldError as fault:
+            left |= {int(kept[i]): why for i, why in fault.photographs.items()}
+            lost_marks += fault.marks.values()
+            if (
+                len(left) > max(1.0, LEFT_OUT * oriented)
+                or oriented - len(left) < 2
+                or len(lost_marks) > MOST_LOST_MARKS
+            ):
+                raise
+            marks[_of_all(block, marks, kept)[list(fault.marks)]] = False
+            poses = tuple(None if i in left else pose for i, pose in enumerate(block.poses))
+            part = without_marks(replace(block, poses=poses), marks)
+    names = [photograph.name for photograph in block.photographs]
+    said = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
+    said += [f"A mark is left out: {why}" for why in lost_marks]
+    reason = tuple(left.get(i, "") for i in range(len(names))) if left else ()
+    adjusted = replace(adjusted, warnings=(*said, *adjusted.warnings), reason=reason)
+    if len(kept) < len(block.poses):
+        adjusted = with_all_photographs(adjusted, part, kept)
+    return adjusted if marks.all() else with_all_marks(adjusted, block, marks)
+
+
+def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
+    """Return the numbers in ``block`` of the marks ``marks`` (M,) in the photographs ``kept`` (K,)."""
+    return np.flatnonzero(marks & np.isin(block.control_points.mark_photograph, kept))
+
+
+def _adjust_oriented(
+    block: Block, settings: AdjustmentSettings, progress: Progress, start: Sequence[FloatArray]
+) -> Adjustment:
+    """Adjust a block whose photographs all have a pose to start from."""
+    whole = make_problem(block, settings)
+    try:
+        first = start_state(block, whole.flights)
+        if len(start):
+            free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
+            first = replace(first, parameters=np.where(free, np.array(start), first.parameters))
+        solved = _solve_rounds(whole, first, settings, progress)
+        state = solved.minimum.state
+        adjusted, kept = _adjusted_block(block, state, solved.used)
+        camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+        tie = adjusted.tie_points
+        final_state = replace(state, tie_point=tie.position_world_m)
+        final = solved.problem.with_tie_observations(
+            Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], whole.tie.model)
+        )
+        progress("covariances")
+        held = covariances(final, final_state)
+        counted = with_considered(final, final_state)
+        found = held if counted is final else covariances(counted, final_state)
+    except IndeterminateError as fault:
+        raise undetermined(whole, fault) from fault
+    sigma0, redundancy = sigma0_and_redundancy(final, final_state)
+    ground, ground_covariance = ground_points(final, final_state, found)
+    tested = reliability(final, final_state, held, counted, found)
+    poses, R = found.poses, state.rotation
+    held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
+    arm = left_arm(final, final_state, held)
+    tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)
+    return Adjustment(
+        block=adjusted,
+        sigma0=sigma0,
+        redundancy=redundancy,
+        residual_px=tie_residual * tie.sigma_px[:, None],
+        mark_residual_px=mark_residuals_px(block, ground, state),
+        position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
+        rotation_covariance_rad2=poses[:, :3, :3],
+        calibration_covariance=np.array([found.calibration(c) for c in range(len(block.cameras))]),
+        tie_point_covariance_m2=found.tie_point,
+        ground_world_m=ground,
+        ground_covariance_m2=ground_covariance,
+        flights=whole.flights,
+        offset_world_m=state.offset,
+        offset_covariance_m2=np.array([found.offset(f) for f in range(len(whole.flights))]).reshape(-1, 3, 3),
+        iterations=solved.iterations,
+        rounds=solved.rounds,
+        converged=solved.minimum.converged,
+        cost=solved.minimum.cost,
+        discarded_observations=int(np.count_nonzero(~solved.used)),
+        discarded_points=int(np.count_nonzero(~kept)),
+        reliability=tested,
+        ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
+        tie_point_ray_covariance_m2=ray_covariances(final, final_state),
+        components=variance_components(final, final_state, held, tested, redundancy),
+        held_flights=held_flights,
+        implied_offset_world_m=implied,
+        implied_offset_covariance_m2=implied_covariance,
+        left_arm_camera_m=arm.arm_camera_m,
+        left_arm_sigma_m=arm.sigma_m,
+        left_arm_p=arm.p,
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found)),
+    )

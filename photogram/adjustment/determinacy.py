@@ -1,0 +1,252 @@
+"""What the measurements of a block determine not at all, or badly, in a surveyor's words.
+
+Not at all: the fault names the variable, or the datum, and what it lacks; a single photograph or mark that keeps the
+rest from a solution is left out. Badly: a sentence beside the result, of the block as a whole where its datum is weak,
+of a photograph or a focal length where they alone are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from photogram.errors import AdjustmentError
+from photogram.factors.covariance import Covariances
+from photogram.factors.datum import SCALE, SHIFT, TURN, datum_of, reach_m, weights_of
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.variables import CALIBRATION, CONTROL_POINT, DATUM, GNSS_OFFSET, POSE, TIE_POINT, WORDS
+from photogram.survey import Block, FloatArray, IntArray
+
+WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
+WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
+WEAK_SCALE = 0.01
+POSITION_WEAK = "The position of the block is known to"
+WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
+MOST_NAMED = 5  # photographs, in sentences of their own
+STEEP = 0.9  # upward part of an axis that is called vertical
+FLAT = 0.3  # of one that is called level
+
+_NONE: Mapping[int, str] = MappingProxyType({})
+
+
+class UnheldError(AdjustmentError):
+    """Single photographs or marks keep the rest of a block from a solution: why, by the index of the photograph and of
+    the mark in the block."""
+
+    def __init__(self, message: str, photographs: Mapping[int, str] = _NONE, marks: Mapping[int, str] = _NONE) -> None:
+        super().__init__(message)
+        self.photographs, self.marks = dict(photographs), dict(marks)
+
+
+def check_determined(problem: Problem) -> None:
+    """Raise AdjustmentError for what can be seen to be undetermined before anything is solved, UnheldError where it is
+    single photographs."""
+    block = problem.block
+    seen = np.bincount(problem.tie.photograph, minlength=len(block.photographs))
+    seen += np.bincount(problem.marks.photograph, minlength=len(block.photographs))
+    few = {
+        i: f"{rays} image points take part, at least 3 are needed: match it with more overlap, mark control points in "
+        "it, or leave it out"
+        for i, (photograph, rays) in enumerate(zip(block.photographs, seen.tolist(), strict=True))
+        if rays < 3 and (photograph.gnss_world_m is None or photograph.attitude_sigma_rad is None)
+    }
+    if few:
+        named = "\n".join(f"photograph {block.photographs[i].name}: {why}" for i, why in few.items())
+        raise UnheldError(named, photographs=few)
+    positions = sum(p.gnss_world_m is not None for p in block.photographs)
+    plan, height = np.isfinite(problem.control_sigma_m).sum(axis=0)[1:].tolist()
+    if min(plan, height) < 3 and positions < 3:
+        count = len(problem.control_world_m)
+        part = "" if plan == height == count else f" ({plan} of them in plan, {height} in height)"
+        raise AdjustmentError(
+            f"nothing fixes the block in {block.frame.crs}: {count} control points{part} "
+            f"and {positions} GNSS positions; three of either, not in one line, are needed"
+        )
+    used = set(problem.tie.camera.tolist()) | set(problem.marks.camera.tolist())
+    for c, camera in enumerate(block.cameras):
+        if c not in used and np.any(np.isinf(camera.sigmas)):
+            raise AdjustmentError(
+                f"camera {camera.name}: no photograph of it takes part, its free parameters cannot be estimated"
+            )
+
+
+def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
+    if variable is None:
+        return "a variable that GTSAM does not name"
+    kind, index = variable
+    names: dict[str, Callable[[int], str]] = {
+        POSE: lambda i: problem.block.photographs[i].name,
+        CONTROL_POINT: lambda i: problem.block.control_points.with_role("control").name[i],
+        GNSS_OFFSET: lambda i: problem.flights[i],
+        CALIBRATION: lambda i: problem.block.cameras[i].name,
+        TIE_POINT: str,
+    }
+    return f"{WORDS[kind]} {names[kind](index)}"
+
+
+_LACKS = {
+    POSE: "its position or attitude is not held by control points, GNSS positions and tie points together",
+    CONTROL_POINT: "it has no survey sigma that holds it and too few marks",
+    GNSS_OFFSET: "without control points it cannot be told from the block's position: give gnss.offset_sigma_m, or 0",
+    CALIBRATION: "the photographs cannot determine every free parameter: give a prior sigma, or hold it",
+    TIE_POINT: "its rays are too nearly parallel",
+}
+
+
+_WHOLE = {
+    SHIFT: "its position is not held: give control points or GNSS positions",
+    TURN: "it may turn about an axis: its control points and GNSS positions lie in one line; give a point beside it, "
+    "or measured attitudes",
+    SCALE: "its scale is not held: give control points or GNSS positions that lie apart",
+}
+
+
+def undetermined(problem: Problem, fault: IndeterminateError) -> AdjustmentError:
+    """Return the fault that names the variable of an indeterminate system and what it lacks, UnheldError where it is a
+    single photograph."""
+    no_solution = "the adjustment has no unique solution"
+    if fault.variable is None:
+        return AdjustmentError(f"{no_solution}: {_name(problem, None)}: it is not determined")
+    kind, index = fault.variable
+    if kind == DATUM:
+        return AdjustmentError(f"{no_solution}: the block as a whole: {_WHOLE[index]}")
+    message = f"{no_solution}: {_name(problem, fault.variable)}: {_LACKS[kind]}"
+    return UnheldError(message, photographs={index: _LACKS[POSE]}) if kind == POSE else AdjustmentError(message)
+
+
+def control_marks(block: Block) -> IntArray:
+    """Return the numbers of the marks of a block that take part in its adjustment, as Problem.marks has them."""
+    points = block.control_points
+    control = np.array([role == "control" for role in points.role], dtype=bool)
+    return np.flatnonzero(control[points.mark_point] & np.isfinite(points.mark_sigma_px))
+
+
+def check_in_front(problem: Problem, state: State) -> None:
+    """Raise AdjustmentError naming the photographs that have a point of theirs behind them, and the marked points:
+    UnheldError where it is a single mark or photograph."""
+    block = problem.block
+    control = block.control_points.with_role("control")
+    marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    if np.isfinite(marks).all() and np.isfinite(tie).all():
+        return
+    lost = np.flatnonzero(~np.isfinite(marks).all(axis=1))
+    marked = {
+        m: f"control point {control.name[g]} is marked in {block.photographs[p].name} but lies behind it"
+        for m, p, g in zip(
+            lost.tolist(), problem.marks.photograph[lost].tolist(), problem.marks.point[lost].tolist(), strict=True
+        )
+    }
+    photographs = np.unique(problem.tie.photograph[~np.isfinite(tie).all(axis=1)])
+    seen = [f"tie points lie behind {block.photographs[p].name}" for p in photographs]
+    message = (
+        f"the adjustment turned photographs over: {'; '.join([*marked.values(), *seen])}: check the marks, and the "
+        "GNSS position and attitude of these photographs"
+    )
+    if len(lost) == 1 and not len(photographs):
+        number = int(control_marks(block)[lost[0]])
+        raise UnheldError(message, marks={number: f"{marked[int(lost[0])]}: check the mark"})
+    turned = np.union1d(photographs, problem.marks.photograph[lost])
+    if len(turned) == 1:
+        why = "the adjustment turned it over: check its marks, its GNSS position and its attitude"
+        raise UnheldError(message, photographs={int(turned[0]): why})
+    raise AdjustmentError(message)
+
+
+# ---- what is weak ----------------------------------------------------------------------------------------------------
+
+
+def _axis(direction: FloatArray) -> str:
+    """Return an axis (3,) of the map in words."""
+    east, north, up = direction if direction[2] >= 0 else -direction
+    if up > STEEP:
+        return "the vertical"
+    azimuth = float(np.rad2deg(np.arctan2(east, north))) % 360.0
+    if up < FLAT:
+        return f"a level axis at {azimuth % 180.0:.0f}° from grid north"
+    return f"an axis at {azimuth:.0f}° from grid north that rises by {np.rad2deg(np.arcsin(up)):.0f}°"
+
+
+def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> list[str]:
+    """Return what is weak of the datum with a covariance (7, 7), in the words of the map of ``axes`` (3, 3)."""
+    sentences = []
+    value, vector = np.linalg.eigh(covariance[3:6, 3:6])
+    turn = float(np.sqrt(max(value[-1], 0.0)))
+    if turn > WEAK_RAD:
+        sentences.append(
+            f"The block as a whole may be turned about {_axis(axes.T @ vector[:, -1])} by {np.rad2deg(turn):.1f}° (1 "
+            "sigma): control points or GNSS positions farther off that axis, better ones, or measured attitudes would "
+            "hold it"
+        )
+    scale = float(np.sqrt(max(covariance[6, 6], 0.0)))
+    if scale > WEAK_SCALE:
+        sentences.append(
+            f"The scale of the block is known to {scale:.1%} only (1 sigma): control points or GNSS positions farther "
+            "apart, or better ones, would hold it"
+        )
+    value = np.linalg.eigvalsh(covariance[:3, :3])
+    shift = float(np.sqrt(max(value[-1], 0.0)))
+    if shift > WEAK_SHIFT * distance_m:
+        sentences.append(
+            f"{POSITION_WEAK} {shift:.3g} m only (1 sigma), {distance_m:.3g} m from what it "
+            "shows: better control points or GNSS positions would hold it"
+        )
+    return sentences
+
+
+def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
+    """Return a sentence for what the measurements hold badly: the block as a whole, where its datum is weak; single
+    photographs, beyond what they share with the block; focal lengths."""
+    block, distance = problem.block, reach_m(problem, state)
+    poses = found.poses
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    whole = datum_of(found.layout, state, distance, weights_of(poses, distance))
+    sentences = []
+    if len(poses) > 1:
+        sentences += _weak_datum(found.between(whole.fit, whole.fit), axes, distance)
+    attitude = np.sqrt(np.einsum("naa->na", poses)[:, :3].max(axis=1, initial=0.0))
+    position = np.sqrt(np.einsum("naa->na", poses)[:, 3:].max(axis=1, initial=0.0))
+    ratio = np.maximum(attitude / WEAK_RAD, position / (WEAK_SHIFT * distance))
+    rays = np.bincount(problem.tie.photograph, minlength=len(poses))
+    marks = np.bincount(problem.marks.photograph, minlength=len(poses))
+    named = 0
+    for i in np.argsort(-ratio, kind="stable")[: 4 * MOST_NAMED].tolist():
+        if ratio[i] <= 1.0 or named == MOST_NAMED:
+            break
+        at = 6 * int(found.layout.place[i])
+        own = whole.own(slice(at, at + 6)) if len(poses) > 1 else np.eye(len(whole.fit), 6)
+        covariance = found.between(own, own)
+        turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+        shift = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
+        if turn <= WEAK_RAD and shift <= WEAK_SHIFT * distance:
+            continue
+        named += 1
+        sentences.append(
+            f"Photograph {block.photographs[i].name} is hardly held by its {rays[i]} tie points and {marks[i]} marks "
+            f"of control points: its attitude is known to {np.rad2deg(attitude[i]):.1f}°, its position to "
+            f"{position[i]:.3g} m (1 sigma); more overlap or marks would hold it"
+        )
+    return sentences + _weak_cameras(problem, found)
+
+
+def _weak_cameras(problem: Problem, found: Covariances) -> list[str]:
+    """Return what is weak of focal lengths and principal points."""
+    sentences = []
+    for c, camera in enumerate(problem.block.cameras):
+        sigma = np.sqrt(np.diag(found.calibration(c)))
+        for k, name, size, of in (
+            (0, "focal length", camera.focal_px, ""),
+            (1, "principal point in x", float(camera.width_px), " of the width"),
+            (2, "principal point in y", float(camera.height_px), " of the height"),
+        ):
+            if sigma[k] > WEAK_CAMERA * size:
+                sentences.append(
+                    f"The {name} of {camera.name} is known to {sigma[k]:.3g} px only, {sigma[k] / size:.0%}{of} (1 "
+                    "sigma): a prior sigma, control points at different distances, or photographs turned against each "
+                    "other would hold it"
+                )
+    return sentences

@@ -1,0 +1,115 @@
+"""Whether the GNSS positions of a flight are off together: the offset that is estimated, or would be, against zero.
+
+With the offset o of a flight among the unknowns, its prior N(0, P) and its posterior N(ô, Q): what the measurements
+alone say of it is the normal matrix D⁻¹ = Q⁻¹ − P⁻¹. Were o zero, ô would scatter with Q − Q P⁻¹ Q, and
+ôᵀ (Q − Q P⁻¹ Q)⁻¹ ô = dᵀ D⁻¹ d is χ² with three degrees of freedom (d = D Q⁻¹ ô, the estimate without the prior).
+
+With the offset held at zero: the score s = Σ Sᵢ⁻¹ vᵢ of the flight's residuals v has the covariance
+K = Σ Sᵢ⁻¹ − Lᵀ Σ L, with L = Σ Aᵢᵀ Sᵢ⁻¹ and the covariance Σ of all unknowns. K⁻¹ s is the offset that one step would
+give, K⁻¹ its covariance, sᵀ K⁻¹ s the statistic (Rao's score test; Förstner & Wrobel 2016, sec. 4.6.4).
+
+Directions that the measurements do not determine are left out of the test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from photogram.factors.camera_position import position_jacobian
+from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.survey import FloatArray
+
+SIGNIFICANCE = 0.001
+LEAST_SHARE = 1e-3
+"""Of the information on an offset, the least share that must come from the measurements for a direction to be tested:
+against the prior where there is one, against the positions themselves where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetTest:
+    """The test of an offset (3,) against zero: ``chi2`` with ``degrees`` of freedom, ``p`` of it, ``p_axes`` (3,).
+
+    Without degrees of freedom nothing but the prior determines the offset, and ``chi2`` and ``p`` are NaN.
+    """
+
+    chi2: float
+    degrees: int
+    p: float
+    p_axes: FloatArray
+
+    @property
+    def significant(self) -> bool:
+        """Return whether the offset is not zero, at the level SIGNIFICANCE."""
+        return self.degrees > 0 and self.p < SIGNIFICANCE
+
+
+def estimated_offset_test(offset_m: FloatArray, covariance_m2: FloatArray, prior_sigma_m: FloatArray) -> OffsetTest:
+    """Test an adjusted offset (3,) with covariance (3, 3), whose prior has ``prior_sigma_m`` (3,) along the same axes,
+    none of them 0."""
+    # In units of the prior, Q has the eigenvalues 1 / (1 + λ), λ the information of the measurements.
+    share, U = np.linalg.eigh(np.eye(3) - covariance_m2 / np.outer(prior_sigma_m, prior_sigma_m))
+    share = np.clip(share, 0.0, 1.0)  # λ / (1 + λ)
+    known = share > LEAST_SHARE
+    u = U.T @ (offset_m / prior_sigma_m)
+    scatter = share * (1.0 - share)  # of u if the offset were zero: λ / (1 + λ)²
+    scatter = np.maximum(scatter, np.finfo(float).tiny)
+    statistic = float(np.sum(u[known] ** 2 / scatter[known]))
+    axes = np.einsum("ij,j,ij->i", U[:, known], scatter[known], U[:, known])
+    return _test(statistic, int(known.sum()), offset_m / prior_sigma_m, axes)
+
+
+def _test(statistic: float, degrees: int, offset: FloatArray, variance: FloatArray) -> OffsetTest:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p_axes = np.where(variance > 0.0, 2.0 * norm.sf(np.abs(offset) / np.sqrt(variance)), np.nan)
+    if not degrees:
+        return OffsetTest(float("nan"), 0, float("nan"), np.full(3, np.nan))
+    return OffsetTest(statistic, degrees, float(chi2.sf(statistic, degrees)), p_axes)
+
+
+def implied_offset_test(offset_m: FloatArray, covariance_m2: FloatArray) -> OffsetTest:
+    """Test an offset (3,) that would be estimated, with covariance (3, 3), as of ``implied_offsets``; NaN where nothing
+    else than the positions says where they are."""
+    if not np.isfinite(covariance_m2).all():
+        return OffsetTest(float("nan"), 0, float("nan"), np.full(3, np.nan))
+    statistic = float(offset_m @ np.linalg.solve(covariance_m2, offset_m))
+    return _test(statistic, 3, offset_m, np.diag(covariance_m2))
+
+
+def implied_offsets(
+    problem: Problem, state: State, found: Covariances
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Return the flights whose offset is held at zero, the offset that would be estimated for each (F, 3) in the world,
+    and its covariance (F, 3, 3): NaN where nothing else than the positions themselves says where they are.
+
+    None where the offsets are among the unknowns.
+    """
+    block = problem.block
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    flights: list[str] = []
+    offsets, covariances = [], []
+    members = [p.flight for p in block.photographs if p.gnss_world_m is not None]
+    for flight in () if problem.flights else sorted(set(members)):
+        N, score = np.zeros((3, 3)), np.zeros(3)
+        L = np.zeros((found.layout.columns + found.layout.border, 3))
+        for i, photograph in enumerate(block.photographs):
+            measured = photograph.measured_centre_world_m(state.rotation[i])
+            if photograph.flight != flight or measured is None or photograph.gnss_sigma_m is None:
+                continue
+            weight = axes @ np.diag(photograph.gnss_sigma_m**-2.0) @ axes.T
+            N += weight
+            score += weight @ (state.position[i] - measured)
+            at = 6 * int(found.layout.place[i])
+            L[at : at + 6] += position_jacobian(state.rotation[i], photograph.lever_arm_camera_m).T @ weight
+        K = N - found.between(L, L)
+        flights.append(flight)
+        root = np.linalg.cholesky(N)
+        share = np.linalg.eigvalsh(np.linalg.solve(root, np.linalg.solve(root, K).T))
+        known = share.min() > LEAST_SHARE
+        covariances.append(np.linalg.inv(K) if known else np.full((3, 3), np.nan))
+        offsets.append(np.linalg.solve(K, score) if known else np.full(3, np.nan))
+    return tuple(flights), np.array(offsets).reshape(-1, 3), np.array(covariances).reshape(-1, 3, 3)

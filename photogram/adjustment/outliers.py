@@ -1,0 +1,113 @@
+"""Mismatches among the observations of tie points: how large the noise is, which observations agree, which do not.
+
+Between rounds of the adjustment every observation is judged anew, so one that was wrongly rejected comes back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.survey import FloatArray, IntArray, TiePoints
+from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
+
+TWO_RAY_ALLOWANCE = 1.5
+NARROWED = 0.5  # of the least ray angle: points that meet it may fall short of it by their noise
+ENOUGH = 0.7  # of all observations, that must agree for poses to be good enough to tell mismatches
+
+
+def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
+    """Return the robust sigma of whitened residuals (N, 2) of tie points against what was stated.
+
+    The squares of a point with n rays sum to χ² with 2n − 3 degrees of freedom; their ratio to its median is 1 for
+    half of the points when the noise is as stated, whatever n, and a few mismatches do not move the median of the
+    ratios. Never below 0.3: matches far better than stated are no reason to reject those that are as good as stated.
+    """
+    rays = np.bincount(point, minlength=count)
+    squares = np.bincount(point, weights=np.einsum("ij,ij->i", whitened, whitened), minlength=count)
+    seen = rays >= 2
+    if not seen.any():
+        return 1.0
+    median = chi2.ppf(0.5, np.maximum(2 * np.arange(rays.max() + 1) - 3, 1))
+    return max(0.3, float(np.sqrt(np.median(squares[seen] / median[rays[seen]]))))
+
+
+def outlier_limit_px(tie: TiePoints, scale: float, threshold: float) -> FloatArray:
+    """Return the largest residual (N,) in px of an observation that is no mismatch.
+
+    The threshold is for a point of many rays. With n rays a residual is smaller than the noise by sqrt((2n − 3)/2n);
+    with two all of it lies across the epipolar line, in one dimension, where 0.64 of the threshold is exceeded as
+    rarely.
+    """
+    rays = tie.rays[tie.point].astype(np.float64)
+    share = np.sqrt(np.maximum(2.0 * rays - 3.0, 1.0) / (2.0 * rays))
+    return threshold * scale * tie.sigma_px * np.maximum(share, 0.64)
+
+
+def agreeing_observations(
+    problem: Problem, state: State, limit_px: FloatArray, minimum_ray_angle_rad: float
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return the observations that agree with the cameras as they stand, and where to start their points.
+
+    A point whose observations all lie within ``limit_px`` (N,) of where the adjusted point projects keeps them all.
+    For any other the largest set of rays that meet is found anew; a point from two rays is noisier than the adjusted
+    one, so the limit is wider.
+    """
+    block, tie = problem.block, problem.block.tie_points
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    known = np.isfinite(state.tie_point).all(axis=1)
+    whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, np.nan_to_num(state.tie_point))
+    misfit_px = np.linalg.norm(whitened, axis=1) * tie.sigma_px
+    good = known & (np.bincount(tie.point[~(misfit_px < limit_px)], minlength=len(tie)) == 0)
+    used, points = good[tie.point], state.tie_point.copy()
+    rest = tie.select(~good)
+    if len(rest):
+        cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
+        points[~good], used[~used] = consensus_intersections(
+            rest.first_observation,
+            rest.photograph,
+            camera_of,
+            rest.pixel,
+            ideal_observations(cameras, camera_of, rest, draft=True),
+            TWO_RAY_ALLOWANCE * limit_px[~good[tie.point]],
+            problem.tie.model,
+            state.parameters,
+            state.rotation,
+            state.position,
+        )
+    narrow = ray_angles(tie, used, state.position, points) < minimum_ray_angle_rad
+    used &= ~narrow[tie.point]
+    points[np.bincount(tie.point[used], minlength=len(tie)) < 2] = np.nan
+    return used, points
+
+
+def without_narrow(
+    tie: TiePoints, state: State, used: NDArray[np.bool_], minimum_ray_angle_rad: float
+) -> NDArray[np.bool_]:
+    """Return the observations (N,) without those of points that the last round has moved so far away that their rays,
+    nearly parallel, do not tell where."""
+    narrow = ray_angles(tie, used, state.position, state.tie_point) < NARROWED * minimum_ray_angle_rad
+    return used & ~narrow[tie.point]
+
+
+def first_agreement(
+    problem: Problem, state: State, limit_px: float, minimum_ray_angle_rad: float
+) -> tuple[float, NDArray[np.bool_], FloatArray]:
+    """Return the limit in px before anything is adjusted, the observations that agree within it, and where to start
+    their points; the limit is ``limit_px``, or more where poses are so far off that most of what is right would be
+    beyond it."""
+    count, largest = len(problem.tie), max(max(c.width_px, c.height_px) for c in problem.block.cameras)
+    while True:
+        used, points = agreeing_observations(problem, state, np.full(count, limit_px), minimum_ray_angle_rad)
+        if np.count_nonzero(used) >= ENOUGH * count or limit_px >= largest:
+            return limit_px, used, points
+        limit_px *= 4.0
+
+
+def settled(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> bool:
+    """Return whether two choices (N,) of observations differ in so few that another round would change nothing."""
+    return int(np.count_nonzero(before != after)) <= len(after) // 20000

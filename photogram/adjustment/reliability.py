@@ -1,0 +1,199 @@
+"""Reliability of what was surveyed: how well a blunder would show (Baarda 1968; Förstner & Wrobel 2016, sec. 4.6).
+
+With the whitened residuals v of a group of observations and their Jacobian A, the covariance of v is Q = I − A Σ Aᵀ
+under the a-priori sigmas. Its diagonal holds the redundancy numbers r, the share of a blunder that shows in its own
+residual; w = v / √r is standard normal without blunders. A blunder of δ₀ σ / √r is found with the power of POWER at the
+significance of SIGNIFICANCE. Without the group, everything else would predict it with the residual Q⁻¹ v, and the
+covariance Q⁻¹ of that: leaving a point out costs no adjustment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogram.factors.camera_position import position_jacobian
+from photogram.factors.covariance import Covariances, mark_covariances
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.survey import FloatArray, Reliability
+
+SIGNIFICANCE, POWER = 0.001, 0.80
+CRITICAL = 3.29  # |w| beyond which a blunder is suspected: two-sided, at SIGNIFICANCE
+NONCENTRALITY = 4.132  # δ₀ of SIGNIFICANCE and POWER
+LEAST_REDUNDANCY = 1e-6  # below it nothing else determines an observation, and no statement is possible
+
+
+def minimal_detectable_blunder(sigma: FloatArray, redundancy: FloatArray) -> FloatArray:
+    """Return the least blunder that is found with POWER, in the unit of ``sigma``; infinite without redundancy."""
+    known = redundancy > LEAST_REDUNDANCY
+    return np.where(known, NONCENTRALITY * sigma / np.sqrt(np.where(known, redundancy, 1.0)), np.inf)
+
+
+def w_tests(whitened: FloatArray, adjusted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return redundancy numbers (K, d) and w (K, d) of groups of d observations.
+
+    ``whitened`` (K, d) are their residuals, ``adjusted`` (K, d, d) the covariances of the adjusted observations, in
+    units of the stated sigmas; w is NaN where nothing else determines the observation.
+    """
+    redundancy = 1.0 - np.einsum("kii->ki", adjusted)
+    known = redundancy > LEAST_REDUNDANCY
+    return redundancy, np.where(known, whitened / np.sqrt(np.where(known, redundancy, 1.0)), np.nan)
+
+
+def left_out(whitened: FloatArray, adjusted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the residuals (K, d) and covariances (K, d, d), whitened, of groups that took no part; NaN where nothing
+    else determines them. Arguments as of ``w_tests``."""
+    d = whitened.shape[1]
+    Q = np.eye(d) - adjusted
+    known = np.linalg.eigvalsh(Q)[:, 0] > LEAST_REDUNDANCY if len(Q) else np.zeros(0, dtype=bool)
+    inverse = np.full_like(Q, np.nan)
+    inverse[known] = np.linalg.inv(Q[known])
+    return np.einsum("kij,kj->ki", inverse, whitened), inverse
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Covariances at the solution as tests need them: of the unknowns as they were estimated, ``held``, and with the
+    focal lengths that are considered, ``counted``, for its own problem; one and the same where none is.
+
+    An error of a considered focal length stays in the residuals, so that their covariance grows by what that of the
+    adjusted observations grows by: Q = I − 2 A Σ_held Aᵀ + A Σ_counted Aᵀ, and 2 Σ_held − Σ_counted stands for Σ.
+    """
+
+    held: Covariances
+    counted: Covariances
+
+    def joint(self, photograph: int) -> FloatArray:
+        """Return what stands in tests for the joint covariance of a pose and the GNSS offsets (6 + 3 flights)."""
+        held = _pose_and_offsets(self.held, photograph)
+        return held if self.counted is self.held else _doubled(held, _pose_and_offsets(self.counted, photograph))
+
+
+def _pose_and_offsets(found: Covariances, photograph: int) -> FloatArray:
+    joint, layout = found.joint(np.array([photograph])), found.layout
+    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.border)])
+    return np.asarray(joint[np.ix_(kept, kept)])
+
+
+def _doubled(held: FloatArray, counted: FloatArray) -> FloatArray:
+    return np.asarray(2.0 * held - counted)
+
+
+def _gnss(
+    problem: Problem, state: State, known: _Known, axes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return redundancy numbers and w (N, 3) of GNSS positions along the map's axes, and what everything else predicts
+    for them less what was measured (N, 3), with its covariance (N, 3, 3); NaN where there are none."""
+    block = problem.block
+    redundancy, w, predicted = (np.full((len(block.photographs), 3), np.nan) for _ in range(3))
+    covariance = np.full((len(block.photographs), 3, 3), np.nan)
+    for i, photograph in enumerate(block.photographs):
+        measured = photograph.measured_centre_world_m(state.rotation[i])
+        if measured is None or photograph.gnss_sigma_m is None:
+            continue
+        joint = known.joint(i)
+        rows = np.zeros((3, len(joint)))
+        rows[:, :6] = axes.T @ position_jacobian(state.rotation[i], photograph.lever_arm_camera_m)
+        misfit = state.position[i] - measured
+        if problem.flights:
+            flight = problem.flights.index(photograph.flight)
+            rows[:, 6 + 3 * flight : 9 + 3 * flight] = -axes.T
+            misfit = misfit - state.offset[flight]
+        sigma = photograph.gnss_sigma_m
+        rows /= sigma[:, None]
+        whitened, adjusted = ((axes.T @ misfit) / sigma)[None], (rows @ joint @ rows.T)[None]
+        r, t = w_tests(whitened, adjusted)
+        residual, spread = left_out(whitened, adjusted)
+        redundancy[i], w[i], predicted[i] = r[0], t[0], residual[0] * sigma
+        covariance[i] = spread[0] * np.outer(sigma, sigma)
+    return redundancy, w, predicted, covariance
+
+
+def _attitudes(problem: Problem, state: State, known: _Known) -> tuple[FloatArray, FloatArray]:
+    """Return by how much everything else turns the cameras away from their measured attitudes (N, 3), rad, about their
+    own axes, and the covariances of that (N, 3, 3); NaN where there are none, or their heading is not known."""
+    photographs = problem.block.photographs
+    turned, covariance = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3, 3), np.nan)
+    for i, photograph in enumerate(photographs):
+        measured, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
+        if measured is None or sigma is None or not photograph.heading_known:
+            continue
+        error = Rotation.from_matrix(measured.T @ state.rotation[i]).as_rotvec()
+        adjusted = known.joint(i)[:3, :3] / sigma**2
+        residual, spread = left_out(error[None] / sigma, adjusted[None])
+        turned[i], covariance[i] = residual[0] * sigma, spread[0] * sigma**2
+    return turned, covariance
+
+
+def _focal_lengths(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
+    """Return by how much everything else wants other focal lengths than were given (cameras,), px, and the standard
+    deviations of that; NaN where they are held or nothing was known of them."""
+    cameras = problem.block.cameras
+    off, sigma = np.full(len(cameras), np.nan), np.full(len(cameras), np.nan)
+    for c, camera in enumerate(cameras):
+        prior = float(camera.sigmas[0])
+        if not (0.0 < prior < np.inf):
+            continue
+        whitened = np.array([[(state.parameters[c, 0] - camera.focal_px) / prior]])
+        residual, spread = left_out(whitened, found.calibration(c)[None, :1, :1] / prior**2)
+        off[c], sigma[c] = residual[0, 0] * prior, np.sqrt(spread[0, 0, 0]) * prior
+    return off, sigma
+
+
+def reliability(
+    problem: Problem,
+    state: State,
+    held: Covariances,
+    counted_problem: Problem | None = None,
+    counted: Covariances | None = None,
+) -> Reliability:
+    """Return the reliability of control points, their marks, GNSS positions, attitudes and focal lengths on the final
+    linearisation.
+
+    ``held`` are the covariances of the adjustment as it stands; ``counted``, for ``counted_problem``, those in which
+    focal lengths count that are considered, left out where there are none.
+    """
+    block, points = problem.block, problem.block.control_points
+    known = _Known(held, held if counted is None else counted)
+    other = problem if counted_problem is None else counted_problem
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    own = problem.control_axes
+    controls = np.flatnonzero(np.array(points.role) == "control")
+    marks = np.flatnonzero(np.isin(points.mark_point, controls) & np.isfinite(points.mark_sigma_px))
+    ground_redundancy, ground_w, ground_left_out = (np.full((len(points), 3), np.nan) for _ in range(3))
+    covariance = np.full((len(points), 3, 3), np.nan)
+    sigma = problem.control_sigma_m
+    if len(controls):
+        tested = np.isfinite(sigma)
+        whitened = np.einsum("gji,gj->gi", own, state.control - problem.control_world_m) / sigma
+        spread = _doubled(known.held.control_point, known.counted.control_point)
+        adjusted = own.transpose(0, 2, 1) @ spread @ own / (sigma[:, :, None] * sigma[:, None, :])
+        redundancy, w = w_tests(whitened, adjusted)
+        ground_redundancy[controls], ground_w[controls] = np.where(tested, [redundancy, w], np.nan)
+        residual, spread = left_out(whitened, adjusted)
+        scale = np.where(tested, sigma, np.nan)
+        ground_left_out[controls] = residual * scale
+        covariance[controls] = spread * scale[:, :, None] * scale[:, None, :]
+    mark_redundancy, mark_w, mark_left_out = (np.full((len(points.mark_point), 2), np.nan) for _ in range(3))
+    mark_covariance = np.full((len(points.mark_point), 2, 2), np.nan)
+    if len(marks):
+        v = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+        adjusted_marks, sigma_px = mark_covariances(problem, state, known.held), problem.marks.sigma_px
+        if known.counted is not known.held:
+            adjusted_marks = _doubled(adjusted_marks, mark_covariances(other, state, known.counted))
+        mark_redundancy[marks], mark_w[marks] = w_tests(v, adjusted_marks)
+        residual, spread = left_out(v, adjusted_marks)
+        mark_left_out[marks] = residual * sigma_px[:, None]
+        mark_covariance[marks] = spread * sigma_px[:, None, None] ** 2
+    redundancy, w, predicted, spread = _gnss(problem, state, known, axes)
+    turned, turned_covariance = _attitudes(problem, state, known)
+    focal, focal_sigma = _focal_lengths(problem, state, held)
+    return Reliability(
+        ground_redundancy, ground_w, ground_left_out, covariance,
+        mark_redundancy, mark_w, mark_left_out, mark_covariance,
+        redundancy, w, predicted, spread, turned, turned_covariance, focal, focal_sigma,
+    )  # fmt: skip

@@ -1,0 +1,184 @@
+"""Whether observations scatter as stated: one variance factor for every group of them.
+
+With the whitened residuals v of a group and the sum r of its redundancy numbers, vᵀv / r estimates the factor by which
+the group's variances are off (Förstner 1979; Förstner & Wrobel 2016, sec. 4.2.4): 1 where the sigmas are right. It is
+the first step of the iterated estimate, taken at the stated sigmas; it is shown and never applied.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from photogram.camera import PARAMETERS
+from photogram.factors.camera_position import NO_HEADING_SIGMA_RAD
+from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.survey import FloatArray, Reliability, VarianceComponents
+
+SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
+LEAST_REDUNDANCY = 1.0  # below it a group says nothing about its own sigmas
+NO_OBSERVATION = "unknown_heading"  # a weight so small that it only keeps the equations solvable
+
+
+@dataclass(frozen=True)
+class _Group:
+    """One group: its name, number of observations, redundancy, vᵀPv and stated sigmas."""
+
+    name: str
+    observations: int
+    redundancy: float
+    squares: float
+    sigma: FloatArray
+
+
+def _tested(name: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> _Group:
+    """Return a group of which redundancy numbers and w-tests are known, NaN for what is no observation."""
+    known = np.isfinite(redundancy)
+    squares = np.nan_to_num(w[known]) ** 2 * redundancy[known]
+    return _Group(name, int(known.sum()), float(redundancy[known].sum()), float(squares.sum()), sigma[known])
+
+
+def _right_jacobian_inverse(rotation_vector: FloatArray) -> FloatArray:
+    """Return ∂Log(R Exp(ω))/∂ω (N, 3, 3) of rotation vectors (N, 3) (Förstner & Wrobel 2016, sec. 8.1.6)."""
+    x, y, z = rotation_vector.T
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    angle = np.linalg.norm(rotation_vector, axis=1)
+    safe = np.where(angle > 1e-4, angle, 1.0)
+    bend = np.where(angle > 1e-4, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)), 1.0 / 12.0)
+    return np.asarray(np.eye(3) + 0.5 * cross + bend[:, None, None] * cross @ cross)
+
+
+def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+    """Return the measured attitudes, and apart from them the headings that are not known."""
+    photographs = problem.block.photographs
+    stated = [
+        (i, p.attitude_world_from_camera, p.attitude_sigma_rad, p.heading_known)
+        for i, p in enumerate(photographs)
+        if p.attitude_world_from_camera is not None and p.attitude_sigma_rad is not None
+    ]
+    if not stated:
+        return []
+    index = np.array([i for i, *_ in stated])
+    measured, sigma = np.array([R for _, R, *_ in stated]), np.array([s for *_, s, _ in stated])
+    unknown = np.array([not known for *_, known in stated])
+    error = Rotation.from_matrix(measured.transpose(0, 2, 1) @ state.rotation[index]).as_rotvec()
+    J = _right_jacobian_inverse(error)
+    covariance = J @ found.poses[index, :3, :3] @ J.transpose(0, 2, 1)
+    vertical = measured[:, 2] * unknown[:, None]  # the world's up axis in the camera frame
+    kept = np.eye(3) - vertical[:, :, None] * vertical[:, None, :]
+    counted = 3 - unknown
+    spread = np.einsum("nij,nji->n", kept, covariance) / sigma**2
+    squares = np.einsum("ni,nij,nj->n", error, kept, error) / sigma**2
+    groups = [_Group("attitude", int(counted.sum()), float(np.sum(counted - spread)), float(squares.sum()), sigma)]
+    if unknown.any():
+        around = np.einsum("ni,nij,nj->n", vertical, covariance, vertical) / NO_HEADING_SIGMA_RAD**2
+        turned = np.einsum("ni,ni->n", vertical, error) / NO_HEADING_SIGMA_RAD
+        n = int(unknown.sum())
+        groups.append(
+            _Group(NO_OBSERVATION, n, float(n - around.sum()), float(turned @ turned), np.full(n, NO_HEADING_SIGMA_RAD))
+        )
+    return groups
+
+
+def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray) -> list[_Group]:
+    """Return what was known beforehand of GNSS offsets and of calibrations."""
+    groups = []
+    if problem.flights:
+        sigma = np.maximum(problem.block.gnss_offset_sigma_m, 1e-6)
+        spread = np.array([np.diag(axes.T @ found.offset(f) @ axes) for f in range(len(problem.flights))])
+        redundancy, residual = 1.0 - spread / sigma**2, state.offset @ axes / sigma
+        groups.append(
+            _Group("gnss_offset", residual.size, float(redundancy.sum()), float(np.sum(residual**2)),
+                   np.tile(sigma, len(residual)))
+        )  # fmt: skip
+    sigmas = np.array([camera.sigmas for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
+    stated = (sigmas > 0) & np.isfinite(sigmas)
+    if stated.any():
+        given = np.array([camera.parameters for camera in problem.block.cameras])
+        spread = np.array([np.diag(found.calibration(c)) for c in range(len(sigmas))])
+        off = (state.parameters - given)[stated] / sigmas[stated]
+        redundancy = 1.0 - spread[stated] / sigmas[stated] ** 2
+        groups.append(_Group("calibration", len(off), float(redundancy.sum()), float(off @ off), sigmas[stated]))
+    return groups
+
+
+def variance_components(
+    problem: Problem, state: State, found: Covariances, tested: Reliability, redundancy: int
+) -> VarianceComponents:
+    """Return what every group of observations scatters by on the final linearisation.
+
+    ``redundancy`` is that of the whole adjustment: since all redundancy numbers sum to it, the tie points have what
+    the others leave. Tie points count with their robust weights, in vᵀPv as in the redundancy numbers.
+    """
+    points, photographs = problem.block.control_points, problem.block.photographs
+    axes = problem.block.frame.rotation_world_from_map(np.zeros(3))
+    none = np.full(3, np.nan)
+    gnss = np.array([none if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]).reshape(-1, 3)
+    plan, height = slice(0, 2), slice(2, 3)
+    groups = [
+        _tested("marks", tested.mark_redundancy, tested.mark_w, np.repeat(points.mark_sigma_px[:, None], 2, axis=1)),
+        *(
+            _tested(f"{name}_{part}", r[:, axis], w[:, axis], sigma[:, axis])
+            for name, r, w, sigma in (
+                ("control", tested.ground_redundancy, tested.ground_w, points.sigma_m),
+                ("gnss", tested.gnss_redundancy, tested.gnss_w, gnss),
+            )
+            for part, axis in (("plan", plan), ("height", height))
+        ),
+        *_attitudes(problem, state, found),
+        *_priors(problem, state, found, axes),
+    ]
+    whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)
+    ties = _Group(
+        "tie_points", 2 * len(problem.tie), redundancy - sum(g.redundancy for g in groups),
+        float(np.sum(weight[:, None] * whitened**2)), problem.tie.sigma_px,
+    )  # fmt: skip
+    groups = [g for g in (ties, *groups) if g.observations]
+    return VarianceComponents(
+        np.array([g.name for g in groups], dtype=np.str_),
+        np.array([g.observations for g in groups], dtype=np.int64),
+        np.array([g.redundancy for g in groups], dtype=np.float64),
+        np.array([g.squares for g in groups], dtype=np.float64),
+        np.array([float(np.median(g.sigma)) for g in groups], dtype=np.float64),
+    )
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What a group scatters by: ``sigma_factor`` sqrt(vᵀPv / r), by which its sigmas would have to be multiplied, with
+    its own standard deviation; not a number without redundancy. ``significant`` where the stated sigmas are refuted."""
+
+    observations: int
+    redundancy: float
+    stated_sigma: float
+    sigma_factor: float
+    sigma_factor_sd: float
+    significant: bool
+
+
+def scatters(components: VarianceComponents) -> dict[str, Scatter]:
+    """Return the scatter of every group of observations by its name.
+
+    sigma_factor_sd is σ̂ / sqrt(2 r), that of σ̂² being sqrt(2/r) σ̂². Significant is what lies outside of the two-sided
+    bounds of χ² with r degrees of freedom at SIGNIFICANCE.
+    """
+    found = {}
+    c = components
+    for k, name in enumerate(c.group.tolist()):
+        if name == NO_OBSERVATION:
+            continue
+        n, r, squares = int(c.observations[k]), float(c.redundancy[k]), float(c.squares[k])
+        factor = float(np.sqrt(squares / r)) if r >= LEAST_REDUNDANCY else float("nan")
+        tail = min(chi2.sf(squares, r), chi2.cdf(squares, r)) if r >= LEAST_REDUNDANCY else 1.0
+        sd = factor / float(np.sqrt(2.0 * r)) if r >= LEAST_REDUNDANCY else float("nan")
+        found[name] = Scatter(n, r, float(c.stated_sigma[k]), factor, sd, bool(tail < SIGNIFICANCE / 2))
+    return found

@@ -1,0 +1,326 @@
+"""Point clouds in and out: text of x, y, z and LAS or LAZ."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from itertools import islice
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+
+import laspy
+import numpy as np
+from laspy.errors import LaspyException
+from laspy.vlrs.known import WktCoordinateSystemVlr
+from numpy.typing import NDArray
+
+from photogram.errors import ProjectError
+from photogram.files.atomic import replacing
+from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
+from photogram.files.reading import check_size
+from photogram.frames import written_crs
+from photogram.heights import first_wkt
+from photogram.printable import is_number
+from photogram.survey import ByteArray, FloatArray, PointCloud
+
+TEXT_SUFFIXES = (".txt", ".csv", ".xyz")
+LAS_SUFFIXES = (".las", ".laz")
+NO_DATE = date(2000, 1, 1)
+"""The creation date of LAZ files whose caller names none: the same cloud gives the same bytes on every day."""
+
+SCALE_M = 0.001
+COLOURED_FORMAT = 7
+"""Point format of LAS 1.4 with colour; 6 is the same without."""
+
+_COMMENTS = ("#", "//")
+_SEPARATORS = (";", ",", "\t")
+# "sigma xy" and "sigma z" are the names that the LAS working group's draft of standard extra bytes gives to the
+# uncertainty in plan and in height (ASPRS, Standard ExtraByte Definitions); the two others follow their pattern.
+_SIGMA_NAMES = ("sigma x", "sigma y", "sigma z")
+_PLAN_NAME = "sigma xy"
+SIGMA_DESCRIPTIONS = {
+    "sigma x": "st. deviation easting [m]",
+    "sigma y": "st. deviation northing [m]",
+    "sigma xy": "st. deviation in plan [m]",
+    "sigma z": "st. deviation in height [m]",
+}
+_COLUMN_NAMES: Mapping[str, tuple[str, ...]] = {
+    "x": ("x", "easting", "east", "e"),
+    "y": ("y", "northing", "north", "n"),
+    "z": ("z", "height", "elevation", "altitude", "up", "h"),
+    "red": ("red", "r"),
+    "green": ("green", "g"),
+    "blue": ("blue", "b"),
+}
+# Everything up to here is looked at for a header; a file with more comment lines than this is no cloud.
+_HEAD_LINES = 1000
+_LONGEST_LINE = 10_000
+_MOST_TEXT_BYTES = 20_000_000_000
+_CHUNK_POINTS = 1_000_000
+
+# lazrs reports damage as its own kind of RuntimeError
+_LAS_DAMAGE = (
+    LaspyException,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    struct.error,
+    MemoryError,
+)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Of a text file: the lines before its first point, its separator (None for blanks), and its columns of x, y, z and
+    red, green, blue, the latter empty where there are none."""
+
+    head_lines: int
+    separator: str | None
+    position: tuple[int, ...]
+    colour: tuple[int, ...]
+
+
+def _finite(path: Path, cloud: PointCloud) -> FloatArray:
+    if not np.all(np.isfinite(cloud.position_map_m)):
+        raise ValueError(f"{path}: a point cloud holds positions that are not finite")
+    return cloud.position_map_m
+
+
+def write_xyz(path: Path, cloud: PointCloud) -> None:
+    """Write ``x,y,z`` lines in m with three decimals and no header, as CloudCompare opens them; whole or not at all.
+
+    Raises WorkspaceError where the file cannot be written.
+    """
+    position = _finite(path, cloud)
+    with replacing(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
+        np.savetxt(stream, position, fmt="%.3f", delimiter=",")
+
+
+def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
+    """Return the header of a LAS 1.4 file in ``crs``, to the millimetre. Raises FrameError where ``crs`` is no map grid
+    in metres."""
+    header = laspy.LasHeader(version="1.4", point_format=COLOURED_FORMAT if colour else 6)
+    header.creation_date = created
+    header.system_identifier, header.generating_software = "photogram", "photogram"
+    header.scales = np.full(3, SCALE_M)
+    # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
+    header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written_crs(crs))))
+    header.global_encoding.wkt = True
+    return header
+
+
+def add_extra_bytes(header: laspy.LasHeader, fields: Mapping[str, tuple[type[np.generic], str]]) -> None:
+    """Add extra bytes to a header: of each name the type and the description. They state no range of values."""
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind, text) for name, (kind, text) in fields.items()])
+    # laspy 2.7 takes the first point of each chunk for the range of all, so that none is better.
+    for described in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
+
+
+def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) -> None:
+    """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre; whole or not at
+    all.
+
+    Colour is 16-bit. ``sigma_m`` becomes the extra bytes "sigma x", "sigma y", "sigma xy" = sqrt(x² + y²) and "sigma z"
+    (float32, m). Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be
+    written, ValueError where the cloud is wider than the format's 4 294 km.
+    """
+    position = _finite(path, cloud)
+    header = las_header(crs, created, colour=cloud.colour is not None)
+    if len(cloud):
+        header.offsets = np.floor((position.min(axis=0) + position.max(axis=0)) / 2)
+    if cloud.sigma_m is not None:
+        add_extra_bytes(header, {name: (np.float32, text) for name, text in SIGMA_DESCRIPTIONS.items()})
+    steps = np.rint((position - header.offsets) / SCALE_M)
+    if len(cloud) and np.abs(steps).max() > np.iinfo(np.int32).max:
+        raise ValueError(f"{path}: a point cloud {np.ptp(position, axis=0).max() / 1000:.0f} km wide does not fit LAZ")
+    points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header))
+    points.X, points.Y, points.Z = steps.astype(np.int32).T
+    points.return_number[:] = points.number_of_returns[:] = 1
+    if cloud.colour is not None:
+        points.red, points.green, points.blue = cloud.colour.astype(np.uint16).T * np.uint16(257)
+    if cloud.sigma_m is not None:
+        for name, sigma in zip(_SIGMA_NAMES, cloud.sigma_m.T, strict=True):
+            points[name] = sigma.astype(np.float32)
+        points[_PLAN_NAME] = np.hypot(cloud.sigma_m[:, 0], cloud.sigma_m[:, 1]).astype(np.float32)
+    with replacing(path) as partial, partial.open("wb") as stream:
+        points.write(stream, do_compress=True)
+
+
+def read_cloud(path: Path) -> PointCloud:
+    """Return the cloud of a .txt, .csv, .xyz, .las or .laz file, in the CRS it was written in.
+
+    Text: one point a line, separated by comma, semicolon, tab or blanks; # starts a comment, // does before the first
+    point. A header that names the columns x y z (or easting northing height) and red green blue is followed; without
+    one the first three columns are x y z, and the next three the colour if all are whole numbers from 0 to 255.
+
+    Raises ProjectError, with the line in text, where the file is missing, damaged, empty or of another kind.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in TEXT_SUFFIXES + LAS_SUFFIXES:
+        raise ProjectError(
+            f"point cloud {path}: photogram reads {' '.join(TEXT_SUFFIXES + LAS_SUFFIXES)}, not {suffix or 'this'}: "
+            "convert it, with CloudCompare for example"
+        )
+    if not isfile(path):
+        raise ProjectError(f"point cloud {path}: there is no such file: check its path")
+    cloud = _read_las(path) if suffix in LAS_SUFFIXES else _read_text(path)
+    if len(cloud) == 0:
+        raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+    return cloud
+
+
+def read_las(path: Path) -> laspy.LasData:
+    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing, damaged or cut off."""
+    try:
+        check_las(path)
+        # the decoder is named, else damage would be tried again with any other one that is installed, and told by that
+        with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
+            points = _all_points(reader)
+        damaged = len(points) != reader.header.point_count
+        extent = np.abs(np.asarray(points.xyz)).max(initial=0.0)
+    except ProjectError:
+        raise
+    except OSError as fault:
+        raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror or fault}): copy it again") from fault
+    except _LAS_DAMAGE as fault:
+        raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
+    if damaged:
+        raise ProjectError(
+            f"point cloud {path}: {len(points)} points of the {reader.header.point_count} that its header names: "
+            "copy or export it again"
+        )
+    if not extent <= LARGEST_EXTENT:
+        raise ProjectError(f"point cloud {path}: damaged, a coordinate is {extent:.6g}: copy or export it again")
+    return points
+
+
+def _all_points(reader: laspy.LasReader) -> laspy.LasData:
+    """Return all points; memory grows with what has been decoded, whatever the header claims."""
+    count = reader.header.point_count
+    if not reader.header.are_points_compressed or count <= _CHUNK_POINTS:
+        return reader.read()
+    parts = [part.array for part in reader.chunk_iterator(_CHUNK_POINTS)]
+    record = laspy.PackedPointRecord(np.concatenate(parts), reader.header.point_format)
+    return laspy.LasData(reader.header, record)
+
+
+def las_colour(points: laspy.LasData) -> ByteArray | None:
+    """Return the colours (N, 3) of a LAS file in 8 bits, None where its format holds none."""
+    if "red" not in set(points.point_format.dimension_names):
+        return None
+    wide = np.column_stack([points.red, points.green, points.blue])
+    # Some programs write 8 bits into the 16 of the format.
+    return np.asarray(wide >> 8 if wide.size and wide.max() > 255 else wide).astype(np.uint8)
+
+
+def _read_las(path: Path) -> PointCloud:
+    points = read_las(path)
+    sigma = None
+    if set(points.point_format.dimension_names).issuperset(_SIGMA_NAMES):
+        sigma = np.column_stack([points[name] for name in _SIGMA_NAMES]).astype(np.float64)
+    return PointCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), sigma)
+
+
+def _separator(line: str) -> str | None:
+    return next((separator for separator in _SEPARATORS if separator in line.split("#")[0]), None)
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    return [field.strip() for field in line.strip().split(separator)]
+
+
+def _columns_of(header: list[str]) -> dict[str, int]:
+    """Return the column of each quantity that a header names; units, as in x_m or x[m], are passed over."""
+    plain = [
+        name.strip("\"'").lower().removesuffix("[m]").removesuffix("(m)").strip().removesuffix("_m") for name in header
+    ]
+    columns = ((quantity, [plain.index(n) for n in names if n in plain]) for quantity, names in _COLUMN_NAMES.items())
+    return {quantity: found[0] for quantity, found in columns if found}
+
+
+def _layout(path: Path, lines: list[str]) -> _Layout:
+    """Find out from its first lines how a text file is laid out. Raises ProjectError where they hold no point."""
+    content = [n for n, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    if not content:
+        raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+    first = content[0]
+    separator = _separator(lines[first])
+    fields = _split(lines[first].split("#")[0], separator)
+    if any(is_number(field) for field in fields):
+        colour = (3, 4, 5) if len(fields) >= 6 and all(is_number(field) for field in fields[3:6]) else ()
+        return _Layout(first, separator, (0, 1, 2), colour)
+    columns = _columns_of(fields)
+    missing = [name for name in ("x", "y", "z") if name not in columns]
+    if missing:
+        raise ProjectError(
+            f"point cloud {path}, line {first + 1}: no column {', '.join(missing)} in {lines[first].strip()[:60]!r}: "
+            "name the columns x y z, or leave the header out"
+        )
+    if len(content) == 1:
+        raise ProjectError(f"point cloud {path}: it holds no points, only a header: export it again")
+    colours = [columns[name] for name in ("red", "green", "blue") if name in columns]
+    position = (columns["x"], columns["y"], columns["z"])
+    return _Layout(first + 1, _separator(lines[content[1]]), position, tuple(colours) if len(colours) == 3 else ())
+
+
+def _bad_line(path: Path, layout: _Layout, columns: tuple[int, ...]) -> ProjectError:
+    """Return the fault of the first line that is no point; only called when there is one."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        for number, line in enumerate(stream, 1):
+            text = line.split("#")[0].strip()
+            if number <= layout.head_lines or not text:
+                continue
+            fields = _split(text, layout.separator)
+            values = [fields[c] for c in columns if c < len(fields)]
+            if len(values) == len(columns) and all(is_number(v) and np.isfinite(float(v)) for v in values):
+                continue
+            hint = "use a decimal point" if "," in line and layout.separator != "," else "correct or delete the line"
+            return ProjectError(
+                f"point cloud {path}, line {number}: {text[:60]!r} is no point, expected at least {max(columns) + 1} "
+                f"numbers separated by {layout.separator or 'blanks'!r}: {hint}"
+            )
+    return ProjectError(f"point cloud {path}: cannot be read as text: export it again")
+
+
+def _load(path: Path, layout: _Layout, columns: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            values = np.loadtxt(
+                stream, delimiter=layout.separator, skiprows=layout.head_lines, usecols=columns, ndmin=2, comments="#"
+            )
+    except ValueError as fault:
+        raise _bad_line(path, layout, columns) from fault
+    if not np.all(np.isfinite(values)):
+        raise _bad_line(path, layout, columns)
+    return values
+
+
+def _bytes(colour: FloatArray) -> ByteArray | None:
+    whole = np.all((colour >= 0) & (colour <= 255) & (colour == np.rint(colour)))
+    return colour.astype(np.uint8) if whole else None
+
+
+def _read_text(path: Path) -> PointCloud:
+    try:
+        check_size(path, _MOST_TEXT_BYTES)
+        with path.open(encoding="utf-8-sig") as stream:
+            lines = list(islice(iter(lambda: stream.readline(_LONGEST_LINE + 1), ""), _HEAD_LINES))
+    except UnicodeDecodeError as fault:
+        raise ProjectError(f"point cloud {path}: it is no UTF-8 text: export it again as text") from fault
+    except OSError as fault:
+        raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+    longest = max(range(len(lines)), key=lambda n: len(lines[n]), default=0)
+    if lines and len(lines[longest]) > _LONGEST_LINE:
+        raise ProjectError(
+            f"point cloud {path}, line {longest + 1}: more than {_LONGEST_LINE} characters, this is no text of points: "
+            "export it again"
+        )
+    layout = _layout(path, lines)
+    values = _load(path, layout, layout.position + layout.colour)
+    return PointCloud(values[:, :3].copy(), _bytes(values[:, 3:]) if layout.colour else None)

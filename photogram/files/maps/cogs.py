@@ -1,0 +1,245 @@
+"""Cloud Optimized GeoTIFFs, written tile by tile: heights and sigmas as float32, orthophotos as RGBA, codes as bytes.
+
+The cells go into an uncompressed GeoTIFF beside the file first, in whatever order they come; GDAL's COG driver copies
+it (OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raster, and the file depends on the values
+alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import rasterio
+import rasterio.shutil
+import rasterio.windows
+from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+
+from photogram.files.atomic import replacing, scratch_folder
+from photogram.files.maps.geo_keys import set_vertical_key
+from photogram.frames import written_crs
+from photogram.heights import geotiff_crs
+from photogram.map_grid import MapGrid, Window
+
+NODATA = -9999.0
+"""Stands for NaN in the files; other programs expect a number."""
+
+NO_CODE = 255
+"""Stands for no data in rasters of codes."""
+
+BLOCK_CELLS = 256
+"""Side of the blocks in which a file is compressed and read."""
+
+CATEGORY_SUFFIX = ".aux.xml"
+"""Of the file beside a raster of codes with the names of its categories, as GDAL and QGIS look for it."""
+
+_CACHE_MB = 64
+_PLACE = {"driver": "GTiff", "tiled": True, "blockxsize": BLOCK_CELLS, "blockysize": BLOCK_CELLS, "sparse_ok": True}
+
+
+@dataclass(frozen=True)
+class Category:
+    """What a code means, and the colour, red, green and blue, in which it is shown."""
+
+    code: int
+    name: str
+    colour: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class _Band:
+    """What a file says of its bands: their descriptions and unit, and the colours of codes."""
+
+    descriptions: tuple[str, ...] = ()
+    unit: str = ""
+    colours: Mapping[int, tuple[int, int, int, int]] | None = None
+
+
+def write_cog(
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    tiles: Iterable[tuple[Window, NDArray[np.float32]]],
+    overviews: bool = True,
+    description: str = "",
+) -> None:
+    """Write lengths in m in ``crs`` as a Cloud Optimized GeoTIFF of float32, NaN as NODATA; all or nothing.
+
+    ``tiles`` are windows of the grid with their values (rows, columns), in any order and of any size; cells in none of
+    them have no data. An overview holds the mean of the cells that have data. Compressed without loss. The file names
+    the height system where ``crs`` does, and what the band holds in its ``description``.
+
+    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
+    the file cannot be written, ValueError where a tile does not fit its window or the grid, or a cell holds NODATA as
+    its value.
+    """
+
+    def bands(window: Window, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        _check_tile(path, grid, window, values.shape)
+        if np.any(values == NODATA):
+            raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
+        return np.where(np.isnan(values), np.float32(NODATA), values).astype(np.float32)[None]
+
+    kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
+    look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
+    band = _Band((description,), "m")
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
+
+
+def write_cog_codes(
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    overviews: bool = True,
+    categories: Sequence[Category] = (),
+) -> None:
+    """Write codes or counts, NO_CODE standing for no data, as a Cloud Optimized GeoTIFF of uint8; all or nothing.
+
+    As ``write_cog``; an overview holds the code that most of its cells have. ``categories`` become the palette and the
+    description of the band; their names, for which a GeoTIFF has no place, stand in a file with CATEGORY_SUFFIX too.
+    """
+
+    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        _check_tile(path, grid, window, values.shape)
+        return _bytes(path, values)[None]
+
+    kind = {"count": 1, "dtype": "uint8", "nodata": NO_CODE}
+    look = {"compress": "deflate", "overview_resampling": "mode"}
+    band = _Band()
+    if categories:
+        colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}
+        band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours)
+        _write_category_names(path.with_name(path.name + CATEGORY_SUFFIX), categories)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
+
+
+def _write_category_names(path: Path, categories: Sequence[Category]) -> None:
+    """Write the names of codes as GDAL's persistent auxiliary metadata."""
+    names = {c.code: c.name for c in categories}
+    dataset = ElementTree.Element("PAMDataset")
+    listed = ElementTree.SubElement(ElementTree.SubElement(dataset, "PAMRasterBand", band="1"), "CategoryNames")
+    for code in range(max(names) + 1):
+        ElementTree.SubElement(listed, "Category").text = names.get(code, "")
+    ElementTree.indent(dataset)
+    with replacing(path) as partial:
+        partial.write_text(ElementTree.tostring(dataset, encoding="unicode") + "\n", encoding="utf-8")
+
+
+def write_cog_rgba(
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    quality: int | None = None,
+) -> None:
+    """Write a picture in ``crs`` as a Cloud Optimized GeoTIFF; all or nothing.
+
+    ``tiles`` are windows of the grid with red, green, blue and alpha (rows, columns, 4), in any order and of any size;
+    cells in none of them are transparent. Overviews hold means of the cells that are not transparent. Without a
+    ``quality`` the file has an alpha band and loses nothing (DEFLATE with predictor 2), which every reader of GeoTIFF
+    opens. A ``quality`` from 1 to 100 makes it a JPEG of a fifth to a tenth of the size; what is transparent then is a
+    mask within the file instead of a band.
+
+    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
+    the file cannot be written, ValueError where a tile does not fit its window or the grid, or for another quality.
+    """
+    if quality is not None and not 1 <= quality <= 100:
+        raise ValueError(f"{path}: the quality of a JPEG is from 1 to 100, not {quality}")
+
+    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        _check_tile(path, grid, window, values.shape, (4,))
+        return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
+
+    kind = {"count": 4, "dtype": "uint8", "photometric": "rgb", "alpha": "non-premultiplied", "interleave": "pixel"}
+    look = {"compress": "deflate", "predictor": "standard"} if quality is None else {"compress": "jpeg"}
+    look |= {"overview_resampling": "average"}
+    if quality is not None:
+        look |= {"quality": str(quality), "overview_quality": str(quality)}
+    band = _Band(("red", "green", "blue", "alpha"))
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
+
+
+def _check_tile(path: Path, grid: MapGrid, window: Window, shape: tuple[int, ...], bands: tuple[int, ...] = ()) -> None:
+    if shape != (*window.shape, *bands):
+        raise ValueError(f"{path}: values of shape {shape} do not fit {window}")
+    if window.row < 0 or window.column < 0 or window.row_end > grid.rows or window.column_end > grid.columns:
+        raise ValueError(f"{path}: {window} reaches over the grid of {grid.rows} × {grid.columns} cells")
+
+
+def _bytes(path: Path, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    if values.dtype != np.uint8:
+        raise ValueError(f"{path}: values of type {values.dtype}, expected uint8")
+    return values
+
+
+def _write(
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    kind: Mapping[str, Any],
+    look: Mapping[str, Any],
+    tiles: Iterable[tuple[Window, NDArray[Any]]],
+    overviews: bool,
+    band: _Band,
+) -> None:
+    """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``."""
+    written, vertical_code = geotiff_crs(written_crs(crs))
+    place = {
+        "height": grid.rows,
+        "width": grid.columns,
+        "crs": CRS.from_wkt(written.to_wkt()),
+        "transform": Affine(grid.cell_m, 0.0, grid.west_map_m, 0.0, -grid.cell_m, grid.north_map_m),
+        "bigtiff": "if_safer",
+    }
+    options = {
+        **look,
+        "driver": "COG",
+        "blocksize": BLOCK_CELLS,
+        "bigtiff": "if_safer",
+        "overviews": "auto" if overviews else "none",
+        "num_threads": "all_cpus",
+    }
+    with replacing(path) as partial, scratch_folder(partial) as folder, rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
+        cells, finished = folder / "cells.tif", folder / "finished.tif"
+        with rasterio.open(cells, "w", **_PLACE, **place, **kind) as dataset:
+            for number, text in enumerate(band.descriptions, 1):
+                dataset.set_band_description(number, text)
+            if band.unit:
+                dataset.units = [band.unit] * dataset.count
+            if band.colours is not None:
+                dataset.write_colormap(1, band.colours)
+            for window, bands in tiles:
+                rows, columns = window.shape
+                dataset.write(bands, window=rasterio.windows.Window(window.column, window.row, columns, rows))
+        _copy(cells, finished, options)
+        if vertical_code is not None:
+            set_vertical_key(finished, vertical_code)
+        finished.replace(partial)
+
+
+def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
+    """Copy a GeoTIFF to a COG and read it back. Raises OSError where that failed.
+
+    GDAL does not say of every block that it could not write it, on a full disk for example.
+    """
+    try:
+        rasterio.shutil.copy(cells, finished, **options)
+        with rasterio.open(cells) as source, rasterio.open(finished) as copy:
+            for row in range(0, copy.height, BLOCK_CELLS):
+                strip = rasterio.windows.Window(0, row, copy.width, min(BLOCK_CELLS, copy.height - row))
+                if not np.array_equal(copy.read(window=strip), source.read(window=strip)) and _lossless(options):
+                    raise OSError(f"rows from {row} do not come back as written")
+    except CPLE_BaseError as fault:
+        raise OSError(str(fault)) from fault
+
+
+def _lossless(options: Mapping[str, Any]) -> bool:
+    return bool(options["compress"] == "deflate")

@@ -1,0 +1,57 @@
+"""Contour lines as a GeoPackage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
+
+from photogram.files.atomic import replacing, scratch_folder
+from photogram.frames import plan_of, written_crs
+from photogram.surface.contours import Contours
+
+LAYER = "contours"
+
+# GeoPackage stores when a layer was changed; the same lines are to give the same bytes.
+_NO_TIME = "2000-01-01T00:00:00.000Z"
+
+
+def write_contours(path: Path, contours: Contours, crs: str) -> None:
+    """Write lines in the plan of ``crs`` as a GeoPackage with the layer ``contours``; whole or not at all.
+
+    Vertices carry the height as z. Fields: ``height_m`` and ``index``, true for every fifth line. The layer's
+    description says what the heights are counted from where ``crs`` does. The same lines give the same bytes.
+
+    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written.
+    """
+    plan = plan_of(crs)
+    of_line = np.repeat(np.arange(len(contours)), np.diff(contours.first))
+    vertices = np.column_stack([contours.vertex_map_m, contours.height_m[of_line]])
+    lines = shapely.linestrings(vertices, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    with replacing(path) as partial, scratch_folder(partial) as folder:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _NO_TIME})
+        try:
+            pyogrio.raw.write(
+                folder / "contours.gpkg",
+                geometry=shapely.to_wkb(lines),
+                field_data=[contours.height_m, contours.is_index],
+                fields=["height_m", "index"],
+                layer=LAYER,
+                driver="GPKG",
+                geometry_type="LineString Z",
+                crs=plan,
+                dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
+                layer_options={
+                    "IDENTIFIER": "Contour lines",
+                    "DESCRIPTION": f"interval {contours.interval_m:g} m, {written_crs(crs).name}",
+                },
+            )
+        except (DataSourceError, DataLayerError) as fault:
+            raise OSError(str(fault)) from fault
+        finally:
+            pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        (folder / "contours.gpkg").replace(partial)

@@ -1,0 +1,154 @@
+"""GeoTIFF in and out: one band of float32, north up, square cells, in a map grid in metres."""
+
+from __future__ import annotations
+
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import rasterio.windows
+from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
+from rasterio.enums import Resampling
+from rasterio.errors import RasterioError
+from rasterio.transform import Affine
+from rasterio.vrt import WarpedVRT
+
+from photogram.errors import FrameError, ProjectError
+from photogram.files.maps.cogs import NODATA, write_cog
+from photogram.files.reading import ordinary_size
+from photogram.frames import projected_crs
+from photogram.map_grid import MapGrid, Window
+from photogram.survey import Raster
+
+__all__ = ["NODATA", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
+
+# A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
+_TOLERANCE_CELLS = 1e-3
+MOST_CELLS = 1_000_000_000
+LARGEST_RATIO = 5000
+LARGEST_COORDINATE_M = 1e9
+
+DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError)
+"""What rasterio raises where a file is damaged."""
+
+
+def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
+    """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
+    raster in memory.
+
+    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
+    ValueError where a cell holds NODATA as its value.
+    """
+    grid = MapGrid.of(raster)
+    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews, description)
+
+
+def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
+    """Return the cell's side in m. Raises FrameError unless cells are square, rows go south and columns east."""
+    slack = _TOLERANCE_CELLS * abs(transform.a) / max(rows, columns)
+    if abs(transform.b) > slack or abs(transform.d) > slack or transform.a <= 0 or transform.e >= 0:
+        raise FrameError(
+            f"raster {path}: its affine {tuple(transform)[:6]} is rotated, mirrored or missing, north up is expected: "
+            "warp it first (gdalwarp -t_srs CRS)"
+        )
+    if abs(transform.a + transform.e) > slack:
+        raise FrameError(
+            f"raster {path}: cells of {transform.a:g} × {-transform.e:g} m, square cells are expected: "
+            "resample it first (gdalwarp -tr CELL CELL)"
+        )
+    return float(transform.a)
+
+
+def read_raster(path: Path) -> tuple[Raster, str]:
+    """Return the raster, NaN where it has no data, and its CRS as EPSG:… or, where it has no such number, as WKT.
+
+    Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
+    or not square, or its CRS is missing or no map grid in metres.
+    """
+    if not isfile(path):
+        raise ProjectError(f"raster {path}: there is no such file: check its path")
+    try:
+        size = ordinary_size(path)
+        with rasterio.open(path, driver="GTiff") as dataset:
+            _check_size(path, dataset, size)
+            if dataset.count != 1:
+                raise ProjectError(
+                    f"raster {path}: {dataset.count} bands, one is expected: extract it (gdal_translate -b 1 IN OUT)"
+                )
+            transform, crs = dataset.transform, dataset.crs
+            band = dataset.read(1, masked=True)
+            scale, offset = dataset.scales[0], dataset.offsets[0]
+    except ProjectError:
+        raise
+    except DAMAGE as fault:
+        words = " ".join(str(fault).split())
+        raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from fault
+    if not np.isfinite([*transform[:6], scale, offset]).all() or np.abs(transform[:6]).max() > LARGEST_COORDINATE_M:
+        raise FrameError(f"raster {path}: its affine {tuple(transform)[:6]} is damaged: export it again as GeoTIFF")
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32)
+    values[np.isinf(values)] = np.nan  # as many programs write a cell without data
+    cell_m = _cell_size(path, transform, *values.shape)
+    if not crs:
+        raise FrameError(f"raster {path}: it has no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
+    epsg = crs.to_epsg()
+    # the first edition of WKT knows no third axis of a map grid
+    name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt(version="WKT2_2019"))
+    try:
+        projected_crs(name)
+    except FrameError as fault:
+        raise FrameError(f"raster {path}: {fault}") from fault
+    return Raster(values, float(transform.c), float(transform.f), cell_m), name
+
+
+def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
+    """Raise ProjectError where a raster claims more cells than its file of ``size`` bytes can hold, or are read here.
+
+    No compression in use makes more than LARGEST_RATIO bytes of one; memory for the cells is found before any is read.
+    """
+    cells = dataset.width * dataset.height
+    what = f"raster {path}: {dataset.width} × {dataset.height} cells"
+    if cells > MOST_CELLS:
+        raise ProjectError(
+            f"{what}, up to {MOST_CELLS:.0e} are read: cut out the site (gdalwarp -te XMIN YMIN XMAX YMAX)"
+        )
+    if cells * np.dtype(dataset.dtypes[0]).itemsize > LARGEST_RATIO * size:
+        raise ProjectError(
+            f"{what} do not fit into a file of {size} bytes, it is damaged or sparse: write it anew (gdal_translate)"
+        )
+
+
+def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
+    """Return the codes (rows, columns) of a window of a file's cells. Raises ProjectError where it cannot be read."""
+    rows, columns = window.shape
+    try:
+        with rasterio.open(path) as dataset:
+            codes = dataset.read(1, window=rasterio.windows.Window(window.column, window.row, columns, rows))
+    except RasterioError as fault:
+        raise ProjectError(f"raster {path}: cannot be read ({fault}): delete it and run again") from fault
+    return np.asarray(codes, dtype=np.uint8)
+
+
+def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
+    """Return what a picture file shows in a window of a grid of its own CRS: red, green, blue and alpha (rows, columns,
+    4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
+    west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
+    rows, columns = window.shape
+    try:
+        with (
+            rasterio.open(path, driver="GTiff") as dataset,
+            WarpedVRT(
+                dataset,
+                crs=dataset.crs,
+                transform=Affine(grid.cell_m, 0.0, west, 0.0, -grid.cell_m, north),
+                width=columns,
+                height=rows,
+                resampling=Resampling.average,
+            ) as view,
+        ):
+            bands = view.read([1, 2, 3, 4])
+    except RasterioError as fault:
+        raise ProjectError(f"picture {path}: cannot be read ({fault}): delete it and run again") from fault
+    return np.ascontiguousarray(np.moveaxis(bands, 0, 2))

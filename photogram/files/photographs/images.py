@@ -1,0 +1,351 @@
+"""Photographs on disk: pixels, and what their EXIF and XMP tags say.
+
+Pixels are returned as the sensor delivered them: the EXIF orientation is never applied, so that pixel coordinates and
+the calibration stay those of the camera.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL.TiffImagePlugin import IFDRational
+
+from photogram.errors import ImageError
+from photogram.files.atomic import replacing
+from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
+from photogram.files.photographs.tags import DJI_NUMBERS, Dewarp, PhotographTags, tags_of
+from photogram.files.reading import check_size
+
+__all__ = [
+    "Dewarp",
+    "PhotographTags",
+    "check_photograph",
+    "inspect_photograph",
+    "read_grey",
+    "read_pixels",
+    "read_small",
+    "read_tags",
+    "thumbnail",
+    "write_photograph",
+]
+
+FloatArray = NDArray[np.float64]
+ByteArray = NDArray[np.uint8]
+
+LARGEST_PIXELS = 1_000_000_000
+"""Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""
+
+MOST_BYTES = 4_000_000_000
+"""Of a photograph's file: that of LARGEST_PIXELS without any compression."""
+
+FORMATS = ("JPEG", "TIFF", "PNG")
+"""The only ones that are opened, whatever a file is called: Pillow starts Ghostscript for an EPS, for example. MPO,
+JPEG with further pictures, is opened as JPEG."""
+
+_SIGNATURES = (b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PNG\r\n\x1a\n")
+
+# Pillow warns of pictures above 89 megapixels, as web sites need it; _identify has the limit that photographs need.
+Image.MAX_IMAGE_PIXELS = None
+
+_MODES = ("RGB", "L", "RGBA")
+_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
+_START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
+_NAMESPACES = {
+    "drone-dji": "http://www.dji.com/drone-dji/1.0/",
+    "Camera": "http://pix4d.com/camera/1.0",
+    "GPano": "http://ns.google.com/photos/1.0/panorama/",
+}
+_KINDS = {
+    "thermal": ("drone-dji:ImageSource", "InfraredCamera"),
+    "panorama": ("GPano:ProjectionType", "equirectangular"),
+    "fisheye": ("Camera:ModelType", "fisheye"),
+}
+
+
+def _jpeg_is_whole(data: bytes) -> bool:
+    """Tell whether the first picture of a JPEG file reaches its end marker (ITU-T T.81, annex B.1.1).
+
+    libjpeg fills what a card's lost clusters left as zeros with grey, and says nothing.
+    """
+    position = 2
+    while (found := _MARKER.search(data, position)) is not None:
+        marker = found[1][0]
+        if marker == _END_OF_IMAGE:
+            return True
+        length = int.from_bytes(data[found.end() : found.end() + 2], "big")
+        position = found.end() + length
+        if marker != _START_OF_SCAN and position > len(data):
+            return False
+    return False
+
+
+def _damaged(path: Path, reason: object) -> ImageError:
+    return ImageError(
+        f"photograph {path}: cannot be decoded ({reason}), the file is truncated or damaged: "
+        "copy it again from the camera's card, or leave the photograph out"
+    )
+
+
+def _read(path: Path) -> bytes:
+    try:
+        size = check_size(path, MOST_BYTES)
+        with path.open("rb") as stream:
+            head = stream.read(16)
+            if not head.startswith(_SIGNATURES):
+                raise _damaged(path, f"{size} bytes in no known picture format")
+            return head + stream.read(MOST_BYTES)
+    except FileNotFoundError as fault:
+        raise ImageError(
+            f"photograph {path}: there is no such file: check the folder of photographs and the name"
+        ) from fault
+    except OSError as fault:
+        raise ImageError(f"photograph {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+
+
+def _identify(path: Path, data: bytes) -> Image.Image:
+    try:
+        with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
+            picture = Image.open(io.BytesIO(data), formats=FORMATS)
+    except UnidentifiedImageError as fault:
+        raise _damaged(path, f"{len(data)} bytes in no known picture format") from fault
+    except DAMAGE as fault:
+        raise _damaged(path, fault) from fault
+    if picture.width * picture.height > LARGEST_PIXELS:
+        raise ImageError(
+            f"photograph {path}: {picture.width} × {picture.height} px are {picture.width * picture.height / 1e6:.0f} "
+            f"megapixels, photogram reads up to {LARGEST_PIXELS / 1e6:.0f}: give single photographs as taken, not a "
+            "mosaic, or make them smaller and their calibration with them"
+        )
+    return picture
+
+
+def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
+    """Return the photograph, of the wanted size, content and kind, not decoded yet."""
+    data = _read(path)
+    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
+        raise ImageError(
+            f"photograph {path}: was changed since the run began: leave the photographs alone while photogram works, "
+            "and run it again"
+        )
+    picture = _identify(path, data)
+    if size_px is not None and picture.size != size_px:
+        raise ImageError(
+            f"photograph {path}: {picture.width} × {picture.height} px, but its camera has "
+            f"{size_px[0]} × {size_px[1]} px: use the photograph as taken, or the camera that took it"
+        )
+    if picture.mode not in _MODES:
+        raise ImageError(
+            f"photograph {path}: pixels of kind {picture.mode}, photogram reads 8-bit colour or grey: "
+            "export it as an 8-bit JPEG or TIFF"
+        )
+    if picture.format in ("JPEG", "MPO") and not _jpeg_is_whole(data):
+        raise _damaged(path, "its picture has no end")
+    return picture
+
+
+def _decode(path: Path, picture: Image.Image) -> None:
+    try:
+        picture.load()
+    except DAMAGE as fault:
+        raise _damaged(path, fault) from fault
+
+
+def read_pixels(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
+    """Return the photograph as red, green, blue (height, width, 3).
+
+    Raises ImageError where the file is missing or damaged, its width and height are not ``size_px``, or the SHA-256 of
+    the content that is decoded is not ``sha256``, in hex.
+    """
+    picture = _open(path, size_px, sha256)
+    _decode(path, picture)
+    return np.array(picture.convert("RGB"))
+
+
+def read_grey(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
+    """Return the photograph's luminance (height, width); a JPEG's own, without the detour over colour.
+
+    Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, size_px, sha256)
+    picture.draft("L", None)
+    _decode(path, picture)
+    return np.array(picture.convert("L"))
+
+
+def check_photograph(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> tuple[int, int]:
+    """Decode the whole photograph, JPEG at an eighth of its size, and return its width and height.
+
+    At an eighth every coefficient is still read, so the same damage is found in half the time or less. What libjpeg
+    passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, size_px, sha256)
+    size = picture.size
+    picture.draft("L", (1, 1))
+    _decode(path, picture)
+    return size
+
+
+def read_tags(path: Path) -> PhotographTags:
+    """Return what the photograph's EXIF and XMP say; XMP comes first where both give the position, it has more digits.
+
+    A sigma of zero counts as not given. XMP that is not valid XML is left out, which ``damage`` of the tags says.
+    Damaged pixels go unnoticed. Raises ImageError where the file is missing or is no picture, or a tag holds nonsense.
+    """
+    return tags_of(_identify(path, _read(path)), path)
+
+
+def inspect_photograph(path: Path) -> PhotographTags:
+    """Return what read_tags returns of a photograph that photogram can use, in one reading and without decoding it.
+
+    Raises ImageError as read_tags does, and where the pixels are of another kind or the file has no end.
+    """
+    return tags_of(_open(path, None), path)
+
+
+def thumbnail(path: Path) -> FloatArray:
+    """Return the photograph's luminance (48, 64) as grey values from 0 to 255, JPEG decoded at an eighth of its size.
+
+    Enough to tell one photograph from the next one of a flight. Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, None)
+    picture.draft("L", (64, 48))
+    _decode(path, picture)
+    return np.asarray(picture.convert("L").resize((64, 48), Image.Resampling.BOX), dtype=np.float64)
+
+
+def read_small(path: Path, longest_px: int) -> ByteArray:
+    """Return the photograph as red, green, blue (height, width, 3), reduced to ``longest_px`` along its longer side
+    unless it is smaller; JPEG is decoded at an eighth of its size or more.
+
+    Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, None)
+    scale = min(longest_px / max(picture.size), 1.0)
+    size = max(round(picture.width * scale), 1), max(round(picture.height * scale), 1)
+    picture.draft("RGB", size)
+    _decode(path, picture)
+    return np.array(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+
+
+def _rational(value: float, denominator: int) -> IFDRational:
+    return IFDRational(round(value * denominator), denominator)
+
+
+def _sexagesimal(degrees: float) -> tuple[IFDRational, IFDRational, IFDRational]:
+    whole, minutes = divmod(abs(degrees) * 60.0, 60.0)
+    return IFDRational(int(whole)), IFDRational(int(minutes)), _rational(minutes % 1.0 * 60.0, 1_000_000)
+
+
+def _exif_of(tags: PhotographTags, width: int, height: int) -> Image.Exif:
+    main = Image.Exif()
+    exif, gps = main.get_ifd(ExifTags.IFD.Exif), main.get_ifd(ExifTags.IFD.GPSInfo)
+    for tag, text in ((ExifTags.Base.Make, tags.make), (ExifTags.Base.Model, tags.model)):
+        if text is not None:
+            main[tag] = text
+    for tag, text in (
+        (ExifTags.Base.BodySerialNumber, tags.serial),
+        (ExifTags.Base.LensModel, tags.lens),
+        (ExifTags.Base.LensSerialNumber, tags.lens_serial),
+    ):
+        if text is not None:
+            exif[tag] = text
+    exif[ExifTags.Base.ExifImageWidth], exif[ExifTags.Base.ExifImageHeight] = width, height
+    if tags.focal_mm is not None:
+        exif[ExifTags.Base.FocalLength] = _rational(tags.focal_mm, 1000)
+    if tags.focal_35mm_mm is not None:
+        exif[ExifTags.Base.FocalLengthIn35mmFilm] = round(tags.focal_35mm_mm)
+    if tags.pixels_per_mm is not None:
+        exif[ExifTags.Base.FocalPlaneXResolution] = _rational(tags.pixels_per_mm, 1_000_000)
+        exif[ExifTags.Base.FocalPlaneYResolution] = _rational(tags.pixels_per_mm, 1_000_000)
+        exif[ExifTags.Base.FocalPlaneResolutionUnit] = 4
+    if tags.time is not None:
+        main[ExifTags.Base.DateTime] = exif[ExifTags.Base.DateTimeOriginal] = tags.time.strftime("%Y:%m:%d %H:%M:%S")
+        exif[ExifTags.Base.SubsecTimeOriginal] = f"{tags.time.microsecond:06d}"
+        if tags.time.utcoffset() is not None:
+            zone = tags.time.strftime("%z")
+            exif[ExifTags.Base.OffsetTimeOriginal] = f"{zone[:3]}:{zone[3:5]}"
+    if tags.longitude_deg is not None and tags.latitude_deg is not None:
+        gps[ExifTags.GPS.GPSLatitudeRef] = "N" if tags.latitude_deg >= 0 else "S"
+        gps[ExifTags.GPS.GPSLatitude] = _sexagesimal(tags.latitude_deg)
+        gps[ExifTags.GPS.GPSLongitudeRef] = "E" if tags.longitude_deg >= 0 else "W"
+        gps[ExifTags.GPS.GPSLongitude] = _sexagesimal(tags.longitude_deg)
+    if tags.height_m is not None:
+        gps[ExifTags.GPS.GPSAltitudeRef] = b"\x01" if tags.height_m < 0 else b"\x00"
+        gps[ExifTags.GPS.GPSAltitude] = _rational(abs(tags.height_m), 1000)
+    if tags.gnss_horizontal_error_m is not None:
+        gps[ExifTags.GPS.GPSHPositioningError] = _rational(tags.gnss_horizontal_error_m, 1000)
+    return main
+
+
+def _dewarp_of(lens: Dewarp) -> dict[str, str]:
+    k1, k2, k3 = lens.radial
+    numbers = (*lens.focal_px, *lens.centre_offset_px, k1, k2, *lens.tangential, k3)
+    values = {"drone-dji:DewarpData": f"{lens.date};" + ",".join(repr(float(number)) for number in numbers)}
+    if lens.size_px is not None:
+        for axis, size in zip("XY", lens.size_px, strict=True):
+            values[f"drone-dji:CalibratedOpticalCenter{axis}"] = f"{size / 2.0:.6f}"
+    values["drone-dji:DewarpFlag"] = f"{lens.applied:d}"
+    return values
+
+
+def _xmp_of(tags: PhotographTags) -> bytes:
+    values: dict[str, str] = {}
+
+    def put(name: str, value: float | None, form: str) -> None:
+        if value is not None:
+            values[f"drone-dji:{name}"] = format(value, form)
+
+    put("AbsoluteAltitude", tags.height_m, "+.3f")
+    put("GpsLatitude", tags.latitude_deg, ".10f")
+    put("GpsLongitude", tags.longitude_deg, ".10f")
+    for field, name in DJI_NUMBERS.items():
+        put(name, getattr(tags, field), "+.3f")
+    put("RtkFlag", tags.rtk_flag, "d")
+    for name, sigma in zip(("RtkStdLon", "RtkStdLat", "RtkStdHgt"), tags.gnss_sigma_m or (), strict=False):
+        put(name, sigma, ".5f")
+    if tags.height_is_ellipsoidal is not None:
+        values["drone-dji:AltitudeType"] = "RtkAlt" if tags.height_is_ellipsoidal else "PressureAlt"
+    if tags.dewarp is not None:
+        values |= _dewarp_of(tags.dewarp)
+    if tags.calibrated_focal_mm is not None:
+        values["Camera:PerspectiveFocalLength"] = repr(float(tags.calibrated_focal_mm))
+    if tags.calibrated_radial is not None:
+        numbers = (*tags.calibrated_radial, 0.0, 0.0)
+        values["Camera:PerspectiveDistortion"] = ",".join(repr(float(number)) for number in numbers)
+    if tags.band is not None:
+        values["Camera:BandName"] = tags.band
+    if tags.kind in _KINDS:
+        name, value = _KINDS[tags.kind]
+        values[name] = value
+    used = [prefix for prefix in _NAMESPACES if any(name.startswith(f"{prefix}:") for name in values)] or ["drone-dji"]
+    attributes = "".join(f'\n   xmlns:{prefix}="{_NAMESPACES[prefix]}"' for prefix in used)
+    attributes += "".join(f"\n   {name}={quoteattr(value)}" for name, value in values.items())
+    return (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/">\n <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">\n'
+        f'  <rdf:Description rdf:about="DJI Meta Data"{attributes}/>\n'
+        " </rdf:RDF>\n</x:xmpmeta>\n"
+    ).encode()
+
+
+def write_photograph(path: Path, pixels: ByteArray, tags: PhotographTags, quality: int = 95) -> None:
+    """Write ``pixels`` (height, width, 3) as a JPEG with EXIF and XMP as a DJI drone writes them; whole or not at all.
+
+    Positions keep 1e-10 degrees and 1 mm, angles 0.001 degrees. Raises ValueError where ``tags`` give another size, and
+    WorkspaceError where the file cannot be written.
+    """
+    height, width = pixels.shape[:2]
+    if (tags.width_px or width, tags.height_px or height) != (width, height):
+        raise ValueError(f"{path}: pixels of {width} × {height}, tags of {tags.width_px} × {tags.height_px}")
+    picture = Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8))
+
+    with replacing(path) as partial:
+        picture.save(
+            partial, "JPEG", quality=quality, subsampling="4:2:2", exif=_exif_of(tags, width, height), xmp=_xmp_of(tags)
+        )

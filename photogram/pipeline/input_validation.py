@@ -1,0 +1,89 @@
+"""Validation of a survey's inputs before processing: reads the project, the tags of the photographs and the free space
+of the machine, and gathers all that is found wrong with them.
+
+`photogram check` shows it, and `photogram adjust` stops at its errors before any work.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from os.path import exists, isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+
+from photogram.errors import ProjectError
+from photogram.files.atomic import unwritable
+from photogram.files.photographs.photograph_copies import find_copies
+from photogram.files.photographs.photograph_headers import PhotographHeader, read_headers
+from photogram.files.stage_folders import earlier_folders
+from photogram.pipeline.pipeline import STAGES, load_project
+from photogram.project.project import Project, photograph_paths
+from photogram.project.validation.findings import Finding, some
+from photogram.project.validation.preflight import by_severity, check_survey, header_findings, project_faults
+
+
+def _free_disk_bytes(folder: Path) -> int:
+    """Return the free space of the disk on which ``folder`` is, or will be made."""
+    return shutil.disk_usage(next(p for p in (folder, *folder.parents) if exists(p))).free
+
+
+def folder_findings(project: Project) -> list[Finding]:
+    """Return whether results and intermediate results can be written, and what in the folder of the latter is not used
+    any more."""
+    findings = []
+    for key, folder in (("results", project.results), ("work", project.work)):
+        reason = unwritable(folder.absolute())
+        if reason:
+            findings.append(Finding("fault", key, reason, f"allow it, or name another folder under {key}"))
+    earlier = earlier_folders(project.work, tuple(stage.name for stage in STAGES))
+    if earlier:
+        names = some([folder.name for folder in earlier])
+        text = f"folders in {project.work} that an earlier version of photogram made are not used any more: {names}"
+        findings.append(Finding("note", "work", text, "delete them to free space"))
+    return findings
+
+
+def _memory_bytes() -> int:
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def _copies(
+    paths: Sequence[Path], headers: Sequence[PhotographHeader], cameras: Sequence[object], executor: Executor
+) -> list[tuple[int, ...]]:
+    return find_copies(paths, [header.tags for header in headers], cameras, executor)
+
+
+def validate_project(project: Project) -> list[Finding]:
+    """Return everything that can be known to be wrong with a project that has been read: errors, then warnings, then
+    notes.
+
+    Reads the headers of the photographs and asks the machine for its memory and free disk; nothing is decoded but
+    photographs suspected to be there twice. Raises OSError where the disk cannot be asked.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        paths = [p.path for p in project.photographs]
+        headers = read_headers(paths, executor)
+        copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
+    free_disk_bytes = _free_disk_bytes(project.work.absolute())
+    survey = check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
+    return by_severity([*folder_findings(project), *survey])
+
+
+def validate_project_file(path: Path, photographs: Path | None = None) -> list[Finding]:
+    """Return what ``validate_project`` returns of the project file at ``path``; where the file itself has errors, those
+    and what is wrong with its photographs.
+
+    ``photographs`` is their folder in place of the file's own. Raises ProjectError where the file is not YAML.
+    """
+    try:
+        project = load_project(path, photographs)
+    except ProjectError as fault:
+        with ThreadPoolExecutor(os.cpu_count()) as executor:
+            # Photographs that are missing are among these faults already.
+            there = [p for p in photograph_paths(path, photographs) if isfile(p)]
+            headers = read_headers(there, executor)
+            copies = _copies(there, headers, [None] * len(there), executor)
+        return by_severity([*project_faults(path, fault), *header_findings(headers, copies)])
+    return validate_project(project)

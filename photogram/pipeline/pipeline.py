@@ -1,0 +1,351 @@
+"""The data flow: the stages of `photogram adjust`, their order, and how a run is resumed.
+
+    photographs ─> features ─> pairs ─> matches ─> tie_points ─> orientation ─> transfer ─┐
+    ┌─────────────────────────────────────────────────────────────────────────────────────┘
+    ├─> intersection ─┬─> comparison ──────────────────┐
+    └─> adjustment ───┤                                │
+                      └─> dense ─> surface ─┬─> relief ─────┼─> results
+                                            └─> orthophoto ─┘
+
+Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
+carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
+Matching depends on which pairs were chosen, not on why: other positions that lead to the same pairs do not repeat it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from photogram import __version__
+from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
+from photogram.files.atomic import make_folder, unwritable
+from photogram.files.matlab import read_camera
+from photogram.pipeline.stages.dense_stages import match_surface
+from photogram.pipeline.stages.orthophoto_stage import make_orthophoto
+from photogram.pipeline.stages.publication import publish
+from photogram.pipeline.stages.stages import (
+    Stage,
+    adjust_block,
+    choose_pairs,
+    compare_clouds,
+    detect_features,
+    intersect_clouds,
+    join_tie_points,
+    match_photographs,
+    orient_photographs,
+    read_photographs,
+    transfer_tie_points,
+)
+from photogram.pipeline.stages.surface_stages import model_surface, trace_relief
+from photogram.pipeline.store.memory import peak_memory
+from photogram.pipeline.store.records import Run, control_of, height_marks, measured_photographs
+from photogram.pipeline.store.stage_files import journalled
+from photogram.pipeline.store.workspace import Workspace, file_fingerprint, fingerprint, read_json
+from photogram.project.project import Project, read_project
+from photogram.project.validation.preflight_heights import stop_at_contradictions
+
+STAGES = (
+    Stage(
+        "photographs",
+        "Photographs",
+        (),
+        lambda run: [
+            run.photograph_fingerprints,
+            run.project.cameras,
+            measured_photographs(run.project),
+            run.project.crs,
+            height_marks(run.project),
+        ],
+        read_photographs,
+    ),
+    Stage(
+        "features",
+        "Features",
+        (),
+        lambda run: [run.photograph_fingerprints, run.project.features, run.project.quality],
+        detect_features,
+    ),
+    Stage(
+        "pairs",
+        "Pairs",
+        ("photographs", "features"),
+        lambda run: [
+            run.project.pairs,
+            run.project.cameras,
+            run.project.world_kind,
+            # they place the origin of the world
+            [p.control_map_m for p in run.project.control_points if p.role == "control"],
+        ],
+        choose_pairs,
+    ),
+    Stage(
+        "matches",
+        "Matching",
+        ("features",),
+        lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
+        match_photographs,
+    ),
+    Stage(
+        "tie_points",
+        "Tie points",
+        ("features", "matches"),
+        lambda run: run.project.adjustment.tie_point_sigma_px,
+        join_tie_points,
+    ),
+    Stage(
+        "orientation",
+        "Orientation",
+        ("photographs", "tie_points"),
+        lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
+        orient_photographs,
+    ),
+    Stage(
+        "transfer",
+        "Tie point transfer",
+        ("photographs", "tie_points", "orientation"),
+        lambda run: [run.project.transfer, run.project.adjustment.tie_point_sigma_px],
+        transfer_tie_points,
+    ),
+    Stage("intersection", "Linear intersection", ("orientation", "transfer"), lambda _: None, intersect_clouds),
+    Stage(
+        "adjustment",
+        "Joint adjustment",
+        ("orientation", "transfer"),
+        lambda run: [
+            run.project.adjustment,
+            run.project.gnss_offset_sigma_m,
+            run.project.calibration,
+            run.project.focal_readings_px,
+        ],
+        adjust_block,
+    ),
+    Stage(
+        "dense",
+        "Dense matching",
+        ("adjustment",),
+        lambda run: [run.photograph_fingerprints, run.project.dense, run.project.surface.cell_m],
+        match_surface,
+    ),
+    Stage("surface", "Surface model", ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
+    Stage(
+        "relief",
+        "Terrain and contours",
+        ("surface",),
+        lambda run: [run.project.terrain, run.project.contours],
+        trace_relief,
+    ),
+    Stage(
+        "orthophoto",
+        "Orthophoto",
+        ("adjustment", "surface"),
+        lambda run: [run.photograph_fingerprints, run.project.orthophoto],
+        make_orthophoto,
+    ),
+    Stage(
+        "comparison",
+        "Comparison",
+        ("intersection", "adjustment"),
+        lambda run: (
+            None
+            if run.project.reference is None
+            else [file_fingerprint(run.project.reference), run.project.heights.reference]
+        ),
+        compare_clouds,
+    ),
+    Stage(
+        "results",
+        "Report",
+        ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
+        lambda run: [str(run.project.results), run.project.report],
+        publish,
+    ),
+)
+
+
+class Watcher(Protocol):
+    """Told by the pipeline what it does; the command line shows it."""
+
+    def begin(self, stage: Stage) -> None:
+        """Start a stage."""
+
+    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
+        """Report progress within a stage."""
+
+    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+        """End a stage; ``seconds`` is None when its result was already there."""
+
+    def warn(self, text: str) -> None:
+        """Say what is doubtful, in a sentence."""
+
+
+@dataclass(frozen=True)
+class Silent:
+    """A watcher that says nothing."""
+
+    def begin(self, stage: Stage) -> None:
+        """Start a stage."""
+
+    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
+        """Report progress within a stage."""
+
+    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+        """End a stage."""
+
+    def warn(self, text: str) -> None:
+        """Say what is doubtful."""
+
+
+def load_project(path: Path, photographs: Path | None = None) -> Project:
+    """Read and check a project file; ``photographs`` says where the pictures are, in place of the file's own folder.
+
+    Raises ProjectError with every fault at once.
+    """
+    return read_project(path, photographs, read_matlab_camera=read_camera)
+
+
+def stage_named(name: str) -> Stage:
+    """Return the stage called ``name``. Raises WorkspaceError listing the names when there is none."""
+    for stage in STAGES:
+        if stage.name == name:
+            return stage
+    raise WorkspaceError(f"there is no stage {name!r}; the stages are {', '.join(s.name for s in STAGES)}")
+
+
+def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str]) -> str:
+    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete."""
+    return fingerprint(__version__, stage.name, stage.settings(run), [marks[name] for name in stage.needs])
+
+
+def fingerprints(run: Run) -> dict[str, str]:
+    """Return the fingerprint that every stage should have. Needs the stage `pairs`."""
+    marks: dict[str, str] = {}
+    for stage in STAGES:
+        marks[stage.name] = _fingerprint(run, stage, marks)
+    return marks
+
+
+def _present(run: Run, stage: Stage, mark: str) -> bool:
+    if not run.workspace.is_complete(stage.name, mark):
+        return False
+    products = run.workspace.summary(stage.name).get("products", [])
+    return all((run.project.results / name).is_file() for name in products)
+
+
+@contextmanager
+def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run]:
+    """Open a project's workspace, hold its lock, and give access to what its stages have written.
+
+    Raises WorkspaceError when another process works there.
+    """
+    workspace = Workspace(project.work)
+    with workspace.locked(), ThreadPoolExecutor(os.cpu_count()) as own:
+        yield Run(project, workspace, executor or own)
+
+
+def run_pipeline(
+    project: Project,
+    *,
+    watcher: Watcher | None = None,
+    start: str | None = None,
+    until: str | None = None,
+    executor: Executor | None = None,
+) -> dict[str, Any]:
+    """Bring a project to its results, doing only what is not done yet; returns report.json as a dictionary.
+
+    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary
+    unless it is the last). Raises a PhotogramError that says what the user can mend.
+    """
+    watcher = watcher or Silent()
+    names = [stage.name for stage in STAGES]
+    first = len(names) if start is None else names.index(stage_named(start).name)
+    last = names.index(stage_named(until).name) if until else len(names) - 1
+    with open_run(project, executor) as run:
+        make_folder(project.results)  # what cannot be written must show before hours of work
+        reason = unwritable(project.results)
+        if reason:
+            raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
+        _Progress(run, watcher, first, last).go_on()
+    report = project.results / "report.json"
+    return dict(read_json(report)) if last == len(names) - 1 else {}
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """How far a run is: stages from number ``first`` are repeated, ``last`` is the last to be done.
+
+    ``marks`` are the fingerprints of stages that are done, ``damaged`` those of them that have to be made again, and
+    ``repaired`` all that ever had to be.
+    """
+
+    run: Run
+    watcher: Watcher
+    first: int
+    last: int
+    marks: dict[str, str] = field(default_factory=dict)
+    damaged: set[str] = field(default_factory=set)
+    repaired: set[str] = field(default_factory=set)
+
+    def go_on(self) -> None:
+        """Do what is not done. A stage that is found damaged is made again; those after it stay, since what is made
+        again is what it was."""
+        while (number := self._next()) <= self.last:
+            try:
+                self._do(number, STAGES[number])
+            except DamagedStageError as fault:
+                self._note_damage(fault)
+            except OSError as fault:
+                if isinstance(fault, PhotogramError):
+                    raise
+                raise WorkspaceError(
+                    f"{fault.filename or self.run.workspace.folder}: {fault.strerror or fault}, in the stage "
+                    f"{STAGES[number].name}: check the disks, and who may read and write there"
+                ) from fault
+
+    def _next(self) -> int:
+        again = [number for number, stage in enumerate(STAGES) if stage.name in self.damaged]
+        return min([*again, len(self.marks)])
+
+    def _do(self, number: int, stage: Stage) -> None:
+        done = stage.name in self.marks
+        mark = _fingerprint(self.run, stage, self.marks)
+        self.watcher.begin(stage)
+        if number < self.first and _present(self.run, stage, mark):
+            self.watcher.end(stage, None, self.run.workspace.summary(stage.name))
+        else:
+            _run_stage(self.run, stage, mark, self.watcher, fresh=number >= self.first and not done)
+        if number == 0 and self.last > 0:  # before hours of work, and in every run: control may have changed since
+            stop_at_contradictions(self.run.project, self.run.block(), self.run.notes())
+        self.marks[stage.name] = mark
+        self.damaged.discard(stage.name)
+
+    def _note_damage(self, fault: DamagedStageError) -> None:
+        if fault.stage in self.repaired:
+            raise WorkspaceError(
+                f"{fault.path}: {fault.what}, again after it was made anew: check the disk, or name another folder "
+                "under work"
+            ) from fault
+        self.repaired.add(fault.stage)
+        if fault.stage in self.marks:
+            self.damaged.add(fault.stage)
+        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is made again")
+        self.run.workspace.discard(fault.stage)
+
+
+def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bool) -> None:
+    if fresh:
+        run.workspace.discard(stage.name)
+    began = time.monotonic()
+    folder = run.workspace.begin(stage.name, mark, watcher.warn)
+    with journalled(folder), peak_memory() as peak:
+        summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
+    seconds = time.monotonic() - began
+    measured = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}
+    run.workspace.finish(stage.name, mark, {**measured, **summary})
+    watcher.end(stage, seconds, summary)

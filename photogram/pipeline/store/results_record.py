@@ -1,0 +1,74 @@
+"""What photogram has written to a folder of results, by name and checksum: nothing else is ever removed from it.
+
+The record is ``checksums.sha256``, which ``sha256sum --check`` reads too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from photogram.files.atomic import observed, replacing
+from photogram.files.stage_folders import faults_of
+from photogram.pipeline.store.workspace import file_fingerprint
+
+CHECKSUMS = "checksums.sha256"
+_PLACES = (Path("."), Path("pictures"))
+_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+
+
+def read_record(results: Path) -> dict[str, str]:
+    """Return the SHA-256, in hex, of what photogram has written to a folder of results, by name; lines that are damaged
+    are left out. Raises WorkspaceError where the record cannot be read."""
+    path = results / CHECKSUMS
+    if not path.is_file():
+        return {}
+    with faults_of(path, "cannot be read"):
+        text = path.read_text(encoding="utf-8", errors="replace")
+    found = (_LINE.fullmatch(line) for line in text.splitlines())
+    return {match[2]: match[1] for match in found if match}
+
+
+def _write_record(results: Path, files: dict[str, str]) -> None:
+    with replacing(results / CHECKSUMS) as temporary:
+        temporary.write_text("".join(f"{files[name]}  {name}\n" for name in sorted(files)), encoding="utf-8")
+
+
+@contextmanager
+def recorded(results: Path) -> Iterator[None]:
+    """Record every result and every picture that is written to a folder of results while the block runs, each file
+    before it is there; other folders in it may be anything, that of the intermediate results among them."""
+    files = read_record(results)
+
+    def note(temporary: Path, path: Path) -> None:
+        name = path.relative_to(results)
+        if name.parent in _PLACES and name.name != CHECKSUMS:
+            files[name.as_posix()] = file_fingerprint(temporary)
+            _write_record(results, files)
+
+    with observed(results, note):
+        yield
+
+
+def remove_made(results: Path, names: Iterable[str]) -> list[str]:
+    """Remove files from a folder of results that photogram has written there and nobody has changed since; return
+    their names. Raises WorkspaceError where one cannot be removed."""
+    files, removed = read_record(results), []
+    for name in names:
+        path = results / name
+        known = files.pop(name, None)
+        links = path.is_symlink() or (path.parent.is_symlink() and path.parent != results)
+        own = known is not None and Path(name).parent in _PLACES and not links
+        if own and path.is_file() and file_fingerprint(path) == known:
+            with faults_of(path, "cannot be removed"):
+                path.unlink()
+            removed.append(name)
+    _write_record(results, files)
+    return removed
+
+
+def remove_outdated(results: Path, products: Iterable[str]) -> list[str]:
+    """Remove what photogram has written to a folder of results but for ``products``, as ``remove_made``."""
+    return remove_made(results, sorted(read_record(results).keys() - set(products)))

@@ -1,0 +1,154 @@
+"""The files of a stage and their checksums: taken when a file is written, compared when it is read.
+
+While a stage works, its checksums stand in JOURNAL, a line for each file, written before the file takes its name; so
+what a run that was killed has left can be told from what is damaged. When the stage is complete they go to its note.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from photogram.files.atomic import observed, remove_leftovers
+from photogram.files.stage_folders import MARKER, NOTE, faults_of
+
+JOURNAL = "files.sha256"
+
+
+@dataclass(frozen=True)
+class Checksum:
+    """What a file of a stage holds: its length, and the SHA-256 of its content in hex."""
+
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class StageFile:
+    """A file of a complete stage: what it holds, and when it was last written to, in ns, by its file system."""
+
+    bytes: int
+    sha256: str
+    mtime_ns: int
+
+    @staticmethod
+    def of(value: Mapping[str, Any]) -> StageFile:
+        """Return what ``to_json`` wrote."""
+        return StageFile(int(value["bytes"]), str(value["sha256"]), int(value["mtime_ns"]))
+
+    def to_json(self) -> dict[str, object]:
+        """Return it as JSON."""
+        return asdict(self)
+
+
+def checksum(path: Path) -> Checksum:
+    """Return the checksum of a file. Raises OSError where it cannot be read."""
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return Checksum(stream.tell(), digest)
+
+
+def is_unchanged(path: Path, known: StageFile) -> bool:
+    """Return whether a file is there that holds what it should, by its content. Raises OSError where it cannot be
+    read."""
+    try:
+        return not path.is_symlink() and checksum(path) == Checksum(known.bytes, known.sha256)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return False
+
+
+def looks_unchanged(path: Path, known: StageFile) -> bool:
+    """Return whether a file is there that holds what it should: by length and time where nobody wrote to it since, else
+    by its content. Raises OSError where it cannot be read."""
+    try:
+        found = os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    if (found.st_size, found.st_mtime_ns) == (known.bytes, known.mtime_ns):
+        return not path.is_symlink()
+    return found.st_size == known.bytes and is_unchanged(path, known)
+
+
+def files_below(folder: Path) -> Iterator[str]:
+    """Yield the names of everything but folders below ``folder``, with ``/``, without note and journal at its top.
+    Links are not followed."""
+    for place, folders, names in os.walk(folder):
+        inner = Path(place).relative_to(folder)
+        links = [name for name in folders if (Path(place) / name).is_symlink()]
+        for name in sorted([*names, *links]):
+            written = (inner / name).as_posix()
+            if written not in (NOTE, JOURNAL):
+                yield written
+
+
+@contextmanager
+def journalled(folder: Path) -> Iterator[None]:
+    """Note the checksum of every file that is written below the partial folder of a stage while the block runs."""
+    lock = Lock()
+
+    def note(temporary: Path, path: Path) -> None:
+        known = checksum(temporary)
+        line = f"{known.sha256} {known.bytes} {path.relative_to(folder).as_posix()}\n".encode()
+        with lock:
+            descriptor = os.open(folder / JOURNAL, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
+            try:
+                if os.write(descriptor, line) != len(line):
+                    raise OSError(f"the line of {path.name} was not written whole: is the disk full?")
+            finally:
+                os.close(descriptor)
+
+    with observed(folder, note):
+        yield
+
+
+def read_journal(folder: Path) -> dict[str, Checksum]:
+    """Return the checksums that the journal of a partial folder notes, of each file the last; what is half a line is
+    none. Raises OSError where it cannot be read."""
+    try:
+        lines = (folder / JOURNAL).read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
+        return {}
+    found: dict[str, Checksum] = {}
+    for line in lines:
+        parts = line.decode(errors="replace").split(" ", 2)
+        if len(parts) == 3 and parts[1].isdecimal():
+            found[parts[2]] = Checksum(int(parts[1]), parts[0])
+    return found
+
+
+def keep_whole_files(folder: Path) -> list[Path]:
+    """Remove from the partial folder of a stage what a killed run left half written and what has been damaged since;
+    return the latter."""
+    known, damaged = read_journal(folder), []
+    with faults_of(folder):
+        for place in [place for place, _, _ in os.walk(folder)]:
+            if os.path.isdir(place):  # else it was a leftover itself
+                remove_leftovers(Path(place))
+        for name in files_below(folder):
+            path = folder / name
+            whole = not path.is_symlink() and path.is_file() and known.get(name) == checksum(path)
+            if not whole and name != MARKER:
+                damaged.append(path)
+        for path in damaged:
+            path.unlink()
+    return damaged
+
+
+def files_of(folder: Path) -> dict[str, StageFile]:
+    """Return the files of a partial folder that is about to be complete, by name; a checksum that the journal has is
+    not taken again. Raises OSError where a file cannot be read."""
+    known, found = read_journal(folder), {}
+    for name in files_below(folder):
+        path = folder / name
+        status = os.lstat(path)
+        noted = known.get(name)
+        if noted is None or noted.bytes != status.st_size:
+            noted = checksum(path)
+        found[name] = StageFile(noted.bytes, noted.sha256, status.st_mtime_ns)
+    return found

@@ -1,0 +1,320 @@
+"""The folder of intermediate results: stages, fingerprints, atomic writes, resume.
+
+One sub-folder per stage, called as ``stage_folders`` says. A stage writes into a partial folder that is renamed when it
+is complete; ``stage.json`` in it carries its fingerprint, made of its settings and of the fingerprints of its inputs,
+and the checksum of every file. Finished files of a partial folder are kept when its fingerprint is still the same, so a
+stage with one file per photograph goes on where it was killed. Of a complete stage nothing is used that is not what the
+stage wrote. JSON for what people read, uncompressed npz for arrays, no pickle.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import DamagedStageError, WorkspaceError
+from photogram.files.arrays import read_npz
+from photogram.files.atomic import replacing
+from photogram.files.stage_folders import (
+    COMPLETE,
+    LOCK,
+    NOTE,
+    PARTIAL,
+    faults_of,
+    is_made_here,
+    make_stage_folder,
+    remove_stage_folder,
+)
+from photogram.pipeline.store.stage_files import (
+    JOURNAL,
+    StageFile,
+    files_of,
+    is_unchanged,
+    keep_whole_files,
+    looks_unchanged,
+)
+
+FORMAT = 7
+"""Raised when the meaning of files in a workspace changes; older stages are then made again."""
+
+RecordT = TypeVar("RecordT")
+
+_MISSING, _CHANGED = "is missing", "was changed since it was written"
+_UNKNOWN = "was not written by the stage"
+
+
+def _plain(value: object) -> object:
+    """Return a value that JSON can hold, with the same value for the same content."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(v) for name, v in asdict(value).items()}
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, Path):
+        return value.as_posix()
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None if np.isnan(value) else ("inf" if value > 0 else "-inf")
+    return value
+
+
+def fingerprint(*parts: object) -> str:
+    """Return the SHA-256, in hex, of values made of dataclasses, arrays, mappings, sequences, text and numbers."""
+    text = json.dumps([FORMAT, _plain(parts)], sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def file_fingerprint(path: Path) -> str:
+    """Return the SHA-256, in hex, of a file's content. Raises WorkspaceError when it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as fault:
+        raise WorkspaceError(f"{path}: cannot be read: {fault.strerror}") from fault
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON, whole or not at all; NaN becomes null."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(_plain(value), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
+    """Read JSON. Raises WorkspaceError when the file is missing or damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as fault:
+        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write arrays as uncompressed npz, whole or not at all, the same bytes for the same arrays."""
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz. Raises WorkspaceError when the file is missing or damaged."""
+    try:
+        return read_npz(path)
+    except OSError as fault:
+        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+
+
+def record_arrays(record: object) -> dict[str, NDArray[Any]]:
+    """Return the fields of a dataclass of arrays and numbers; fields that are None are left out."""
+    values = {f.name: getattr(record, f.name) for f in fields(record)}  # type: ignore[arg-type]
+    return {name: np.asarray(value) for name, value in values.items() if value is not None}
+
+
+def write_record(path: Path, record: object) -> None:
+    """Write a dataclass whose fields are arrays, or None, as npz."""
+    write_arrays(path, record_arrays(record))
+
+
+def read_record(path: Path, kind: type[RecordT]) -> RecordT:
+    """Read a dataclass of arrays that ``write_record`` wrote; scalars come back as Python's own."""
+    return kind(**{name: (a if a.ndim else a.item()) for name, a in read_arrays(path).items()})
+
+
+@dataclass(frozen=True)
+class _Note:
+    """What ``stage.json`` of a complete stage says, and when that file was written."""
+
+    value: dict[str, Any]
+    files: dict[str, StageFile]
+    mtime_ns: int
+
+
+def _seal(value: Mapping[str, object]) -> str:
+    """Return the checksum that a note carries of itself."""
+    return hashlib.sha256(json.dumps(_plain(value), sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The folder of intermediate results of one project."""
+
+    folder: Path
+    _notes: dict[str, _Note] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _checked: set[Path] = field(default_factory=set, init=False, repr=False, compare=False)
+
+    def stage(self, name: str) -> Path:
+        """Return the folder of a complete stage."""
+        return self.folder / f"{name}{COMPLETE}"
+
+    def partial(self, name: str) -> Path:
+        """Return the folder of a stage that works."""
+        return self.folder / f"{name}{PARTIAL}"
+
+    def _note(self, name: str) -> _Note:
+        """Return what a complete stage says of itself. Raises DamagedStageError where its note is missing or damaged,
+        or the stage is not there."""
+        path = self.stage(name) / NOTE
+        try:
+            mtime_ns = os.lstat(path).st_mtime_ns
+            known = self._notes.get(name)
+            if known is None or known.mtime_ns != mtime_ns:
+                value = json.loads(path.read_text(encoding="utf-8"))
+                if value.pop("sha256") != _seal(value):
+                    raise DamagedStageError(name, path, _CHANGED)
+                known = _Note(value, {n: StageFile.of(f) for n, f in value.pop("files").items()}, mtime_ns)
+                self._notes[name] = known
+        except (FileNotFoundError, NotADirectoryError) as fault:
+            raise DamagedStageError(name, path, _MISSING) from fault
+        except (AttributeError, LookupError, TypeError, ValueError, RecursionError) as fault:
+            raise DamagedStageError(name, path, _CHANGED) from fault
+        except OSError as fault:
+            if isinstance(fault, DamagedStageError):
+                raise
+            raise DamagedStageError(name, path, f"cannot be read ({fault.strerror})") from fault
+        return known
+
+    def is_complete(self, name: str, mark: str) -> bool:
+        """Return whether the stage is complete with the fingerprint ``mark``.
+
+        Raises DamagedStageError where a file of it is missing or was written to since and holds something else,
+        WorkspaceError where there is something at its place that photogram did not make.
+        """
+        folder = self.stage(name)
+        if not is_made_here(folder) or not any(folder.iterdir()):
+            return False
+        note = self._note(name)
+        if note.value.get("fingerprint") != mark:
+            return False
+        for written, known in note.files.items():
+            self._compare(name, folder / written, known, looks_unchanged)
+        return True
+
+    def _compare(
+        self, name: str, path: Path, known: StageFile, is_as_written: Callable[[Path, StageFile], bool]
+    ) -> None:
+        try:
+            if is_as_written(path, known):
+                return
+        except OSError as fault:
+            raise DamagedStageError(name, path, f"cannot be read ({fault.strerror})") from fault
+        raise DamagedStageError(name, path, _CHANGED if os.path.lexists(path) else _MISSING)
+
+    def has(self, name: str, *parts: str) -> bool:
+        """Return whether a complete stage has written a file, whatever became of it since. Raises DamagedStageError
+        where its note is damaged."""
+        return "/".join(parts) in self._note(name).files
+
+    def file(self, name: str, *parts: str) -> Path:
+        """Return the path of a file of a complete stage, as ``checked`` does."""
+        return self.checked(self.stage(name).joinpath(*parts))
+
+    def checked(self, path: Path) -> Path:
+        """Return the path of a file of a complete stage once its content is known to be what the stage wrote.
+
+        Its checksum is taken once in a process. Raises DamagedStageError where it is missing or holds something else.
+        """
+        if path not in self._checked:
+            folder, *parts = path.relative_to(self.folder).parts
+            name = folder.removesuffix(COMPLETE)
+            known = self._note(name).files.get("/".join(parts))
+            if known is None:
+                raise DamagedStageError(name, path, _UNKNOWN)
+            self._compare(name, path, known, is_unchanged)
+            self._checked.add(path)
+        return path
+
+    def summary(self, name: str) -> dict[str, Any]:
+        """Return what a complete stage said of itself: seconds and counts."""
+        return dict(self._note(name).value)
+
+    def begin(self, name: str, mark: str, warn: Callable[[str], None] = lambda _: None) -> Path:
+        """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept,
+        but for what has been damaged since, of which ``warn`` is told.
+
+        Raises WorkspaceError where the folder cannot be made, or somebody else's has its place.
+        """
+        partial, note = self.partial(name), {"stage": name, "fingerprint": mark, "format": FORMAT}
+        is_made_here(self.stage(name))  # else hours of work could not take their place
+        if is_made_here(partial) and _is_note(partial / NOTE, note):
+            for path in keep_whole_files(partial):
+                warn(f"{path}: {_CHANGED}: it is made again")
+        else:
+            remove_stage_folder(partial)
+            make_stage_folder(partial)
+            write_json(partial / NOTE, note)
+        return partial
+
+    def finish(self, name: str, mark: str, summary: Mapping[str, object]) -> None:
+        """Make the partial folder of a stage the complete one, replacing what was there."""
+        partial, complete = self.partial(name), self.stage(name)
+        with faults_of(partial):
+            files = {written: known.to_json() for written, known in files_of(partial).items()}
+            note = {"stage": name, "fingerprint": mark, "format": FORMAT, **summary, "files": files}
+            write_json(partial / NOTE, {**note, "sha256": _seal(note)})
+            (partial / JOURNAL).unlink(missing_ok=True)
+        # Killed from here on, a partial folder with a finished note remains: the stage is made again, nothing is mixed.
+        self.forget(name)
+        remove_stage_folder(complete)
+        with faults_of(complete):
+            os.replace(partial, complete)
+
+    def forget(self, name: str) -> None:
+        """Take nothing of a stage as known any more: its files are compared again when they are read."""
+        folder = self.stage(name)
+        self._notes.pop(name, None)
+        self._checked.difference_update([path for path in self._checked if path.is_relative_to(folder)])
+
+    def discard(self, name: str) -> None:
+        """Delete what an earlier run left of a stage."""
+        self.forget(name)
+        remove_stage_folder(self.partial(name))
+        remove_stage_folder(self.stage(name))
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the workspace for this process; the lock goes with the process, however it ends.
+
+        Raises WorkspaceError when another process holds it, or the folder cannot be made.
+        """
+        with faults_of(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            # neither a link is followed nor anything emptied that is called so
+            descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as fault:
+                raise WorkspaceError(
+                    f"{self.folder}: another photogram works here; wait for it, "
+                    "or give each project file its own 'work' folder"
+                ) from fault
+            except OSError as fault:
+                raise WorkspaceError(
+                    f"{self.folder}: its file system knows no locks ({fault.strerror}): "
+                    "put the 'work' folder on a local disk"
+                ) from fault
+            yield
+        finally:
+            os.close(descriptor)
+
+
+def _is_note(path: Path, note: Mapping[str, object]) -> bool:
+    """Return whether a partial folder says that it is of this stage and fingerprint, and not finished."""
+    try:
+        return bool(json.loads(path.read_text(encoding="utf-8")) == note)
+    except (OSError, ValueError, RecursionError):
+        return False

@@ -1,0 +1,108 @@
+"""Which row of a file of positions belongs to which photograph: by name, by number in the name, or by order."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from photogram.files.tables.position_files import PositionFile, PositionRow
+
+_AFTER_TIME = re.compile(r"_\d{14}_(\d{3,5})(?!\d)")
+_COUNTER = re.compile(r"(?<!\d)(\d{3,5})(?!\d)")
+_MRK_STEM = re.compile(r"(.+?)_?timestamp", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Matching:
+    """The rows of a file by the names of their photographs, and the rows that belong to none of them.
+
+    ``fault`` says why they cannot be matched at all, empty where they can.
+    """
+
+    rows: Mapping[str, PositionRow]
+    unmatched: tuple[PositionRow, ...] = ()
+    fault: str = ""
+
+
+def sequence_number(name: str) -> int | None:
+    """Return the number that DJI counts a flight's photographs by: 23 in 100_0001_0023.JPG, and 1 in
+    DJI_20240501101500_0001_V.JPG; None where the name has none."""
+    stem = PurePosixPath(name).stem
+    found = _AFTER_TIME.search(stem)
+    counters = [found[1]] if found else _COUNTER.findall(stem)
+    return int(counters[-1]) if counters else None
+
+
+def _shown(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
+
+
+def _by_number(file: PositionFile, names: Sequence[str]) -> Matching:
+    """Match by number; where some photographs begin as the file does, 100_0001_ for example, only those are meant."""
+    stem = _MRK_STEM.match(file.path.stem)
+    prefix = f"{stem[1]}_".lower() if stem else ""
+    own = [name for name in names if prefix and PurePosixPath(name).name.lower().startswith(prefix)]
+    rows = {row.number: row for row in file.rows}
+    matched = {n: rows[k] for n in own or names if (k := sequence_number(n)) is not None and k in rows}
+    taken = {row.number for row in matched.values()}
+    left = tuple(row for row in file.rows if row.number not in taken)
+    if matched:
+        return Matching(matched, left)
+    numbers = sorted(k for k in rows if k is not None)
+    return Matching(
+        {}, left,
+        f"its numbers {numbers[0]} to {numbers[-1]} are in the names of no photograph of the project "
+        f"({_shown(names)}): give the file that was written with these photographs",
+    )  # fmt: skip
+
+
+def _by_name(file: PositionFile, names: Sequence[str]) -> Matching:
+    """Match by the whole name, or by the file's name alone, its case and suffix set aside, where only one fits."""
+    whole = {name.lower(): name for name in names}
+    bare: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        bare[PurePosixPath(name).stem.lower()].append(name)
+    matched: dict[str, PositionRow] = {}
+    left, twice = [], []
+    for row in file.rows:
+        given = PurePosixPath(str(row.photograph).replace("\\", "/"))
+        alike = bare.get(given.stem.lower(), bare.get(given.name.lower(), []))
+        found = whole.get(str(given).lower()) or (alike[0] if len(alike) == 1 else None)
+        if found is None:
+            left.append(row)
+        elif matched.setdefault(found, row) is not row:
+            twice.append(f"{found} is there twice, in lines {matched[found].line} and {row.line}: keep one of the two")
+    if twice:
+        return Matching(matched, tuple(left), "; ".join(twice[:5]))
+    if matched:
+        return Matching(matched, tuple(left))
+    return Matching(
+        {}, tuple(left),
+        f"none of its {len(file.rows)} photographs ({_shown([str(r.photograph) for r in file.rows])}) is one of the "
+        f"project ({_shown(names)}): give the file of these photographs, with their file names",
+    )  # fmt: skip
+
+
+def _by_order(file: PositionFile, names: Sequence[str]) -> Matching:
+    if len(file.rows) != len(names):
+        return Matching(
+            {}, file.rows,
+            f"it has {len(file.rows)} positions for {len(names)} photographs ({_shown(names)}), and names none of "
+            "them: give a table with the names of the photographs, or limit it with flight",
+        )  # fmt: skip
+    return Matching(dict(zip(sorted(names), file.rows, strict=True)))
+
+
+def match_rows(file: PositionFile, names: Sequence[str]) -> Matching:
+    """Return which row of a file belongs to which photograph; ``names`` are those that the file may be about.
+
+    An MRK's rows by the number in the name, a table's by the name, those of RTKLIB in the order of the names.
+    """
+    if not names:
+        return Matching({}, file.rows, "there is no photograph that it could be about")
+    if file.format == "mrk":
+        return _by_number(file, names)
+    return _by_order(file, names) if file.format == "pos" else _by_name(file, names)

@@ -1,0 +1,466 @@
+"""The project file: what a survey consists of, in the map frame, and how it is to be worked out.
+
+read_project checks everything that can be known without opening a photograph and reports every fault at once. Files of
+ground points are read with it. Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel
+is (0, 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
+from photogram.errors import PhotogramError
+from photogram.frames import LocalFrame, WorldKind, product_crs
+from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
+from photogram.project.project_checks import camera_of, check_project, photographs_of
+from photogram.project.project_file import Document, Key, read_entry, read_settings
+from photogram.project.project_folders import check_folders
+from photogram.project.project_heights import listed_in_map, read_heights
+from photogram.project.project_points import GroundPoint, read_point_files
+from photogram.project.project_positions import FilePosition, read_position_files
+from photogram.project.project_ranges import SETTINGS
+from photogram.project.project_schema import (
+    PIXEL_ORIGIN_PX,
+    Attitude,
+    Calibration,
+    CameraEntry,
+    CameraSigmas,
+    LeverArmAxes,
+    PhotographEntry,
+    ProjectFile,
+    Quality,
+)
+from photogram.project.validation.findings import Finding
+from photogram.quality.asprs import ReportSettings
+from photogram.sfm.features import FeatureSettings
+from photogram.sfm.matching import MatchingSettings
+from photogram.sfm.orientation import OrientationSettings
+from photogram.sfm.pair_selection import PairSettings
+from photogram.sfm.transfer import TransferSettings
+from photogram.surface.contours import ContourSettings
+from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.ortho.orthophoto import OrthophotoSettings
+from photogram.surface.surface_model import SurfaceSettings
+from photogram.surface.terrain_model import TerrainSettings
+from photogram.survey import ControlPoints, Role, Roles, check_shape
+
+FloatArray = NDArray[np.float64]
+ValueT = TypeVar("ValueT")
+
+ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]], Camera]
+"""Reads a camera from (path, name, width_px, height_px, pixel_origin), as files.matlab.read_camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectPhotograph:
+    """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
+
+    ``gnss_map_m`` (3,) is its measured position as the project file itself gives it, ``file_position`` the one that a
+    file of positions gives, None where there is none: the photograph's tags are the last to be asked. ``gnss_sigma_m``
+    (3,) holds for any of them, None where the file says nothing; ``own_sigma`` says that it is this photograph's own.
+    ``lever_arm_m`` (3,) points from the antenna to the camera, forward, right and down along ``lever_arm_axes``, None
+    where positions are the camera's. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
+    writes them. ``height_above_ground_m`` is the flying height, None where the file says nothing.
+    """
+
+    name: str
+    path: Path
+    camera: int
+    flight: str = "1"
+    gnss_map_m: FloatArray | None = None
+    gnss_sigma_m: FloatArray | None = None
+    attitude_deg: tuple[float, float, float] | None = None
+    attitude_sigma_deg: float = 2.0
+    height_above_ground_m: float | None = None
+    file_position: FilePosition | None = None
+    own_sigma: bool = False
+    lever_arm_m: FloatArray | None = None
+    lever_arm_axes: LeverArmAxes = "body"
+
+    def __post_init__(self) -> None:
+        if self.lever_arm_m is not None:
+            check_shape("lever_arm_m", self.lever_arm_m, (3,))
+        if self.gnss_map_m is not None:
+            check_shape("gnss_map_m", self.gnss_map_m, (3,))
+        if self.gnss_sigma_m is not None:
+            check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectControlPoint:
+    """One surveyed point: its role in plan and in height, ``position_map_m`` (3,) with ``sigma_m`` (3,), its marks.
+
+    ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
+    ``heights`` is the system that its height was given in, None where nobody says.
+    """
+
+    name: str
+    roles: Roles
+    position_map_m: FloatArray
+    sigma_m: FloatArray
+    mark_photograph: NDArray[np.int64]
+    mark_pixel: FloatArray
+    mark_sigma_px: FloatArray
+    heights: HeightSystem | None = None
+
+    def __post_init__(self) -> None:
+        marks = len(self.mark_photograph)
+        check_shape("position_map_m", self.position_map_m, (3,))
+        check_shape("sigma_m", self.sigma_m, (3,))
+        check_shape("mark_pixel", self.mark_pixel, (marks, 2))
+        check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+
+    @property
+    def role(self) -> Role:
+        """Return ``control`` if any of its coordinates is, else ``check``."""
+        return "control" if "control" in self.roles else "check"
+
+    @property
+    def controlled(self) -> NDArray[np.bool_]:
+        """Return which of easting, northing and height (3,) are control."""
+        plan, height = (role == "control" for role in self.roles)
+        return np.array([plan, plan, height], dtype=bool)
+
+    @property
+    def control_map_m(self) -> FloatArray:
+        """Return the position (3,), NaN where a coordinate is a check: those must not touch what is adjusted."""
+        return np.where(self.controlled, self.position_map_m, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
+
+    ``cameras``: one calibrated per flight stands there once for each of its flights, as ``NAME (flight FLIGHT)``.
+    ``calibration``, ``camera_source`` and ``focal_readings_px``, by camera: whether its parameters are freed as given
+    or as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
+    that this source may mean. ``control_points`` holds those of the list, then those of the files.
+    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
+    ``warnings`` is what is doubtful in the file or in the files that it names.
+    """
+
+    path: Path
+    crs: str
+    world_kind: WorldKind
+    quality: Quality
+    cameras: tuple[Camera, ...]
+    calibration: tuple[Calibration, ...]
+    camera_source: tuple[str, ...]
+    focal_readings_px: tuple[tuple[float, ...], ...]
+    photographs: tuple[ProjectPhotograph, ...]
+    control_points: tuple[ProjectControlPoint, ...]
+    gnss_offset_sigma_m: FloatArray
+    features: FeatureSettings
+    pairs: PairSettings
+    matching: MatchingSettings
+    orientation: OrientationSettings
+    transfer: TransferSettings
+    adjustment: AdjustmentSettings
+    dense: DenseSettings
+    surface: SurfaceSettings
+    terrain: TerrainSettings
+    contours: ContourSettings
+    orthophoto: OrthophotoSettings
+    reference: Path | None
+    results: Path
+    work: Path
+    heights: DeclaredHeights = UNDECLARED
+    report: ReportSettings = field(default_factory=ReportSettings)
+    warnings: tuple[Finding, ...] = ()
+
+    @property
+    def product_crs(self) -> str:
+        """The CRS of every product, with what heights are counted from where that is declared."""
+        return product_crs(self.crs, self.heights)
+
+    def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
+        """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
+        is ``height_is_ellipsoidal``, for each photograph."""
+        return [
+            self.heights.gnss_given
+            if photograph.gnss_map_m is not None
+            else self.heights.of_tags(said)
+            if photograph.file_position is None
+            else photograph.file_position.heights
+            for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
+        ]
+
+    def control_points_in(self, frame: LocalFrame) -> ControlPoints:
+        """Return the control and check points with their marks, positions in the world of ``frame``.
+
+        Raises FrameError where a position lies outside the CRS.
+        """
+        points = self.control_points
+        position_map_m = np.array([p.position_map_m for p in points]).reshape(-1, 3)
+        marks = [len(p.mark_photograph) for p in points]
+        return ControlPoints(
+            tuple(p.name for p in points),
+            tuple(p.role for p in points),
+            frame.world_from_map(position_map_m),
+            np.array([p.sigma_m for p in points]).reshape(-1, 3),
+            np.concatenate([np.zeros(0, dtype=np.int64), *(p.mark_photograph for p in points)]),
+            np.repeat(np.arange(len(points), dtype=np.int64), marks),
+            np.concatenate([np.zeros((0, 2)), *(p.mark_pixel for p in points)]),
+            np.concatenate([np.zeros(0), *(p.mark_sigma_px for p in points)]),
+            np.array([p.controlled for p in points], dtype=bool).reshape(-1, 3),
+        )
+
+
+SECTIONS: Mapping[str, type[Any]] = {
+    "features": FeatureSettings,
+    "pairs": PairSettings,
+    "matching": MatchingSettings,
+    "orientation": OrientationSettings,
+    "transfer": TransferSettings,
+    "adjustment": AdjustmentSettings,
+    "dense": DenseSettings,
+    "surface": SurfaceSettings,
+    "terrain": TerrainSettings,
+    "contours": ContourSettings,
+    "orthophoto": OrthophotoSettings,
+    "report": ReportSettings,
+}
+"""Sections of the file that are settings, called as the fields of Project."""
+
+
+def read_project(
+    path: Path, photographs_folder: Path | None = None, *, read_matlab_camera: ReadMatlabCamera
+) -> Project:
+    """Read and check a project file.
+
+    ``photographs_folder`` stands instead of the file's own; ``read_matlab_camera`` reads cameras that are .mat files.
+    Raises ProjectError with one line for each fault, ``path:line: key: what is wrong``.
+    """
+    document = Document(path)
+    base = path.absolute().parent
+    file = read_entry(document, ProjectFile)
+    settings = {name: read_settings(document, name, kind, SETTINGS[name]) for name, kind in SECTIONS.items()}
+    folder = _folder(path, file, photographs_folder)
+    photographs = photographs_of(document, file, folder)
+    heights = read_heights(document, file, base) or UNDECLARED
+    surveyed, places = read_point_files(document, file, photographs, base, heights)
+    positions, located = read_position_files(document, file, photographs, folder, base, heights)
+    check_project(document, file, photographs, folder, base, places, located)
+    check_folders(document, path, file, photographs, folder, base)
+    control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
+    cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
+    document.raise_faults()
+    entries = _given(photographs)
+    copies = _copies(file, entries)
+    named = dict(zip(file.cameras, cameras, strict=True))
+    listed = _photographs(file, entries, list(copies), _given(folder), gnss_map_m, positions)
+    return Project(
+        path=path,
+        crs=_given(file.crs),
+        world_kind=file.world,
+        quality=file.quality,
+        cameras=tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
+        calibration=tuple(file.cameras[name].calibration for name, _ in copies),
+        camera_source=tuple(file.cameras[name].source or "" for name, _ in copies),
+        focal_readings_px=tuple(file.cameras[name].focal_readings_px for name, _ in copies),
+        photographs=listed,
+        control_points=_control_points(file, control_map_m, heights.control_points, surveyed, [p.name for p in listed]),
+        gnss_offset_sigma_m=np.array(file.gnss.offset_sigma_m),
+        reference=None if file.comparison.reference is None else base / file.comparison.reference,
+        results=base / file.results,
+        work=base / file.work,
+        heights=heights,
+        warnings=document.warnings,
+        **{name: _given(section) for name, section in settings.items()},
+    )
+
+
+def _folder(path: Path, file: ProjectFile, photographs_folder: Path | None) -> Path | None:
+    """Return the folder of the photographs: the one that is asked for, else the file's, None where it names none."""
+    if photographs_folder is None and file.photographs.folder is not None:
+        return path.absolute().parent / file.photographs.folder
+    return photographs_folder
+
+
+def _photographs(
+    file: ProjectFile,
+    entries: Sequence[PhotographEntry],
+    copies: Sequence[_Copy],
+    folder: Path,
+    gnss_map_m: FloatArray,
+    positions: Mapping[str, FilePosition],
+) -> tuple[ProjectPhotograph, ...]:
+    """Return the photographs; ``gnss_map_m`` (F, 3) are the positions of those that the file lists."""
+    numbers = {key: number for number, key in enumerate(copies)}
+    given = list(gnss_map_m) if file.photographs.list else [None] * len(entries)
+    return tuple(
+        _photograph(
+            file, p, folder, numbers[_copy_of(file, _given(camera_of(file, p)), p)], gnss, positions.get(p.name or "")
+        )
+        for p, gnss in zip(entries, given, strict=True)
+    )
+
+
+def photograph_paths(path: Path, photographs_folder: Path | None = None) -> list[Path]:
+    """Return the photographs that a project file names, or all of its folder, whatever else is wrong with the file.
+
+    None of them where the folder cannot be known. Raises ProjectError where the file is not YAML.
+    """
+    document = Document(path)
+    file = read_entry(document, ProjectFile)
+    folder = _folder(path, file, photographs_folder)
+    listed = photographs_of(document, file, folder) or []
+    return [] if folder is None else [folder / p.name for p in listed if p.name is not None]
+
+
+def _given(value: ValueT | None) -> ValueT:
+    """Return a value that the checks have found present."""
+    if value is None:
+        raise AssertionError("a key of the project file was used before its absence was reported")
+    return value
+
+
+def _sigmas(sigmas: CameraSigmas) -> FloatArray:
+    centre = dict.fromkeys(("cx_px", "cy_px"), sigmas.principal_point_px)
+    return np.array([centre[name] if name in centre else getattr(sigmas, name) for name in PARAMETER_NAMES])
+
+
+def _camera(
+    document: Document, key: Key, entry: CameraEntry, base: Path, read_matlab: ReadMatlabCamera
+) -> Camera | None:
+    """Return the camera, or None where a fault of the document has left it incomplete."""
+    if entry.width_px is None or entry.height_px is None:
+        return None
+    name = str(key[-1])
+    if entry.matlab is not None:
+        path = base / entry.matlab
+        if not isfile(path) or entry.pixel_origin is None or entry.pixel_origin == "colmap":
+            return None
+        try:
+            camera = read_matlab(path, name, entry.width_px, entry.height_px, entry.pixel_origin)
+        except PhotogramError as fault:
+            document.fault((*key, "matlab"), str(fault))
+            return None
+    elif entry.focal_px is None or entry.principal_point_px is None:
+        return None
+    else:
+        camera = Camera(
+            name,
+            entry.width_px,
+            entry.height_px,
+            entry.focal_px,
+            np.array(entry.principal_point_px) - PIXEL_ORIGIN_PX[entry.pixel_origin or "photogram"],
+            np.pad(entry.radial or (), (0, RADIAL_TERMS - len(entry.radial or ()))),
+            np.array(entry.tangential or (0.0, 0.0)),
+            affinity=np.array(entry.affinity or (0.0, 0.0)),
+            model=entry.model or "brown",
+        )
+    if not camera.focal_px + camera.affinity[0] > 0:
+        document.fault((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
+    if not camera.contains(camera.principal_point_px):
+        cx, cy = camera.principal_point_px
+        document.fault(
+            (*key, "principal_point_px" if entry.matlab is None else "matlab"),
+            f"the principal point ({cx:.10g}, {cy:.10g}) lies outside the photograph of {camera.width_px} × "
+            f"{camera.height_px} px: give it in pixels, u right and v down, from the top-left pixel",
+        )
+    return replace(camera, sigmas=_sigmas(entry.sigmas))
+
+
+_Copy = tuple[str, str | None]
+
+
+def _copy_of(file: ProjectFile, camera: str, photograph: PhotographEntry) -> _Copy:
+    """Return the camera of a photograph: its name, and the flight where each flight has its own calibration."""
+    return camera, photograph.flight if file.cameras[camera].per_flight else None
+
+
+def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_Copy, str]:
+    """Return all cameras, one for each flight where each has its own calibration, and what they are called."""
+    taken = dict.fromkeys(_copy_of(file, _given(camera_of(file, p)), p) for p in photographs)
+    copies: dict[_Copy, str] = {}
+    for name in file.cameras:
+        flights = [flight for camera, flight in taken if camera == name and flight is not None]
+        if not flights:
+            copies[name, None] = name
+        for flight in flights:
+            copies[name, flight] = f"{name} (flight {flight})"
+    return copies
+
+
+def _photograph(
+    file: ProjectFile,
+    entry: PhotographEntry,
+    folder: Path,
+    camera: int,
+    gnss_map_m: FloatArray | None,
+    position: FilePosition | None,
+) -> ProjectPhotograph:
+    name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
+    arm = file.gnss.lever_arm_per_flight_m.get(entry.flight, file.gnss.lever_arm_m)
+    return ProjectPhotograph(
+        name,
+        folder / name,
+        camera,
+        entry.flight,
+        None if entry.gnss_m is None else gnss_map_m,
+        None if sigma is None else np.array(sigma),
+        None if entry.attitude_deg is None else _angles(entry.attitude_deg),
+        entry.attitude_sigma_deg or file.photographs.attitude_sigma_deg,
+        entry.height_above_ground_m or file.photographs.height_above_ground_m,
+        position,
+        entry.gnss_sigma_m is not None,
+        None if arm is None else np.array(arm),
+        file.gnss.lever_arm_axes,
+    )
+
+
+def _angles(attitude: Attitude) -> tuple[float, float, float]:
+    return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
+
+
+def _control_points(
+    file: ProjectFile,
+    listed_map_m: FloatArray,
+    heights: HeightSystem | None,
+    surveyed: Sequence[GroundPoint],
+    photographs: list[str],
+) -> tuple[ProjectControlPoint, ...]:
+    block = file.control_points
+    origin = PIXEL_ORIGIN_PX[block.pixel_origin]
+    index = {name: i for i, name in enumerate(photographs)}
+    points = []
+    for entry, position_map_m in zip(block.list, listed_map_m, strict=True):
+        marks = len(entry.marks)
+        sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
+        points.append(
+            ProjectControlPoint(
+                _given(entry.name),
+                entry.role,
+                position_map_m,
+                np.array(entry.sigma_m or _given(block.sigma_m)),
+                np.array([index[name] for name in entry.marks], dtype=np.int64),
+                np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
+                np.full(marks, sigma_px),
+                heights,
+            )
+        )
+    for point in surveyed:
+        marked = np.array([index[name] for name in point.mark_photograph], dtype=np.int64)
+        points.append(
+            ProjectControlPoint(
+                point.name,
+                point.role,
+                point.position_map_m,
+                point.sigma_m,
+                marked,
+                point.mark_pixel,
+                point.mark_sigma_px,
+                point.heights,
+            )
+        )
+    return tuple(points)

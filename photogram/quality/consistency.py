@@ -1,0 +1,184 @@
+"""Whether a result is as good as it says: points that took no part, and points left out one by one, against the
+predicted covariances.
+
+The errors of check points are correlated, since all of them were intersected from the same photographs; they are tested
+together under their joint covariance, to which the survey of the check points adds its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from photogram.quality.accuracy import AXES
+from photogram.survey import Adjustment, ControlPoints, FloatArray
+
+SIGNIFICANCE = 0.01  # two-sided, of a survey whose sigmas are right
+
+
+@dataclass(frozen=True)
+class Shares:
+    """z-scores of ``n`` differences: mean, root mean square, and the shares within 1, 2 and 3 sigma, which are 0.683,
+    0.954 and 0.997 where the prediction is right."""
+
+    n: int
+    mean_z: float
+    rms_z: float
+    within_1: float
+    within_2: float
+    within_3: float
+
+
+def shares(z: FloatArray) -> Shares:
+    """Summarise z-scores (n,), NaN left out; not a number where there are none."""
+    z = z[np.isfinite(z)]
+    if not len(z):
+        return Shares(0, *(float("nan"),) * 5)
+    within = [float(np.mean(np.abs(z) <= k)) for k in (1.0, 2.0, 3.0)]
+    return Shares(len(z), float(z.mean()), float(np.sqrt(np.mean(z**2))), *within)
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedAgainstAchieved:
+    """Check points against what was predicted of them.
+
+    ``z`` (G, 3) adjusted − surveyed over its predicted standard deviation along easting, northing and height, NaN for
+    what was not checked; ``distance2`` (G,) the same of the point as a whole (squared Mahalanobis distance, χ² with as
+    many degrees of freedom as it has axes checked). ``n`` points; ``chi2`` of all of them together, with ``dof`` and
+    the probability ``p`` of a larger one.
+    """
+
+    n: int
+    z: FloatArray
+    distance2: FloatArray
+    axes: dict[str, Shares]
+    chi2: float
+    dof: int
+    p: float
+
+    @property
+    def consistent(self) -> bool:
+        """Return whether the differences are neither larger nor smaller than the prediction allows."""
+        return SIGNIFICANCE / 2 <= self.p <= 1.0 - SIGNIFICANCE / 2
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        points = f"{self.n} check point{'s' if self.n > 1 else ''}"
+        ratio = float(np.sqrt(self.chi2 / self.dof))
+        test = f"χ² = {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
+        if self.consistent:
+            return f"{points}: the differences are as large as predicted, {ratio:.2f} times on the average ({test})"
+        if self.p < 0.5:
+            return (
+                f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): some sigma is stated "
+                "too small, a measurement is wrong, or the camera bends the block; see Stated sigmas against residuals"
+            )
+        return (
+            f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): some sigma is "
+            "stated too large; see Stated sigmas against residuals"
+        )
+
+
+def _probability(p: float) -> str:
+    return "below 0.001" if p < 0.001 else "above 0.999" if p > 0.999 else f"{p:.3f}"
+
+
+def checked_axes(points: ControlPoints) -> NDArray[np.bool_]:
+    """Return which coordinates (G, 3) of ground points take no part in the adjustment, to be compared with it."""
+    return ~points.controlled
+
+
+def _difference_map_m(result: Adjustment) -> FloatArray:
+    """Return adjusted − surveyed (G, 3) of all ground points along easting, northing and height."""
+    frame, points = result.block.frame, result.block.control_points
+    difference = np.full((len(points), 3), np.nan)
+    known = np.isfinite(result.ground_world_m).all(axis=1)
+    adjusted = frame.map_from_world(result.ground_world_m[known])
+    difference[known] = adjusted - frame.map_from_world(points.position_world_m[known])
+    return difference
+
+
+def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved | None:
+    """Compare the differences of the check points with their predicted covariance; None where there are none.
+
+    The covariance is that of the intersected points together (errors of photographs, calibration and marks) and the
+    variances of their survey, along the axes of the map.
+    """
+    points = result.block.control_points
+    difference = _difference_map_m(result)
+    used = checked_axes(points) & np.isfinite(difference)
+    rows = np.flatnonzero(used.ravel())
+    if not len(rows):
+        return None
+    turn = np.kron(np.eye(len(points)), result.block.frame.rotation_world_from_map(np.zeros(3)))[:, rows]
+    # points without a position have no covariance, and none of the rows
+    joint = turn.T @ np.nan_to_num(result.ground_joint_covariance_m2) @ turn
+    joint[np.diag_indices(len(rows))] += points.sigma_m.ravel()[rows] ** 2
+    d = difference.ravel()[rows]
+    z = np.full(difference.shape, np.nan)
+    z.reshape(-1)[rows] = d / np.sqrt(np.diag(joint))
+    distance2 = np.full(len(points), np.nan)
+    for g in np.flatnonzero(used.any(axis=1)).tolist():
+        own = np.flatnonzero(rows // 3 == g)
+        distance2[g] = d[own] @ np.linalg.solve(joint[np.ix_(own, own)], d[own])
+    value = float(d @ np.linalg.solve(joint, d))
+    return PredictedAgainstAchieved(
+        n=int(used.any(axis=1).sum()),
+        z=z,
+        distance2=distance2,
+        axes={name: shares(z[:, axis]) for axis, name in enumerate(AXES)},
+        chi2=value,
+        dof=len(rows),
+        p=float(chi2.sf(value, len(rows))),
+    )
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Control points, each predicted from everything but its own survey: differences predicted − surveyed of ``n``.
+
+    RMSE, mean and z-scores as for check points, along easting, northing and height, in plan and in height; ``worst``
+    names the point that is farthest off, ``worst_m`` (3,) by how much, and ``worst_z`` (3,) in its sigmas.
+    """
+
+    n: int
+    rmse_m: tuple[float, float, float]
+    mean_m: tuple[float, float, float]
+    rmse_h_m: float
+    rmse_v_m: float
+    rms_z: tuple[float, float, float]
+    worst: str
+    worst_m: tuple[float, float, float]
+    worst_z: tuple[float, float, float]
+
+
+def _triple(values: FloatArray) -> tuple[float, float, float]:
+    e, n, h = (float(v) for v in values)
+    return e, n, h
+
+
+def leave_one_out(result: Adjustment) -> LeaveOneOut | None:
+    """Summarise what everything else predicts for each control point; None where nothing else determines any."""
+    r, points = result.reliability, result.block.control_points
+    known = np.flatnonzero(np.isfinite(r.ground_left_out_m).all(axis=1))
+    if not len(known):
+        return None
+    off = r.ground_left_out_m[known]
+    z = off / np.sqrt(np.einsum("kii->ki", r.ground_left_out_covariance_m2[known]))
+    rmse = np.sqrt(np.mean(off**2, axis=0))
+    worst = int(np.argmax(np.linalg.norm(off, axis=1)))
+    return LeaveOneOut(
+        n=len(known),
+        rmse_m=_triple(rmse),
+        mean_m=_triple(off.mean(axis=0)),
+        rmse_h_m=float(np.hypot(rmse[0], rmse[1])),
+        rmse_v_m=float(rmse[2]),
+        rms_z=_triple(np.sqrt(np.mean(z**2, axis=0))),
+        worst=points.name[known[worst]],
+        worst_m=_triple(off[worst]),
+        worst_z=_triple(z[worst]),
+    )

@@ -1,0 +1,159 @@
+"""What photographs, and control points left out, say of a focal length whose source they contradict.
+
+Parts of the pictures are adjusted by themselves; see photogram.quality.gross_errors.focal_length for its use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogram.camera import Camera
+from photogram.errors import PhotogramError
+from photogram.quality.gross_errors.blunders import Adjuster, Search, without
+from photogram.quality.gross_errors.focal_length import (
+    WRONG_BY,
+    FocalLength,
+    PhotographsSay,
+    model_sigma_px,
+    picture_parts,
+    settled,
+    without_prior,
+)
+from photogram.survey import Adjustment, Block
+
+FEWEST_RAYS = 20
+"""Rays of a photograph from which it takes part in the adjustment of a part of the pictures."""
+
+FEWEST_CONTROL = 3
+"""Control points that, left out one after the other, speak for one focal length or another."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class FocalDecision:
+    """What was decided on a focal length: the ``given`` one, what photographs ``say``, what was ``settled``, and the
+    ``evidence`` of control points; ``sentence`` says it."""
+
+    given_px: float
+    given_sigma_px: float
+    says: PhotographsSay
+    settled: FocalLength
+    evidence: float
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        say, is_ = self.says, self.settled
+        given = f"{self.given_px:.1f} ± {self.given_sigma_px:.1f} px"
+        photographs = f"{say.focal_px:.1f} ± {say.formal_sigma_px:.1f} px"
+        if say.trustworthy:
+            return (
+                f"its source gives {given}, the photographs determine {photographs}, in all parts of the pictures "
+                "alike: the source is rejected"
+            )
+        return (
+            f"its source gives {given}, the photographs want {photographs}, but parts of the pictures disagree by "
+            f"{say.model_sigma_px:.0f} px: something that the camera model leaves out, such as a rolling shutter, "
+            f"moves it. It is set to {is_.focal_px:.1f} ± {is_.sigma_px:.1f} px, which every predicted sigma counts: "
+            "calibrate the camera, or add oblique photographs or control points at different heights"
+        )
+
+
+def _restricted(block: Block, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Block:
+    """Return the block with the observations ``keep`` (N,) of its tie points alone."""
+    ties = block.tie_points
+    ties = ties.select(np.ones(len(ties), dtype=bool), keep)
+    ties = ties.select(ties.rays >= 2)
+    rays = np.bincount(ties.photograph, minlength=len(block.photographs))
+    poses = tuple(pose if n >= FEWEST_RAYS else None for pose, n in zip(block.poses, rays, strict=True))
+    return replace(block, tie_points=ties, poses=poses)
+
+
+def _focal_of(result: Adjustment, camera: Camera, c: int) -> tuple[float, float]:
+    """Return the focal length of a camera and its standard deviation without the prior of ``camera``, px."""
+    sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
+    return without_prior(result.block.cameras[c].focal_px, sigma, camera.focal_px, float(camera.sigmas[0]))
+
+
+def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) -> PhotographsSay:
+    """Return what the photographs say of the focal length of camera ``c`` in ``block``, whose prior is wide; ``free``
+    is its adjustment."""
+    camera = block.cameras[c]
+    focal_px, sigma_px = _focal_of(free, camera, c)
+    ties = free.block.tie_points
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    start = replace(block, poses=free.block.poses, tie_points=ties)
+    parts: list[tuple[float, float]] = []
+    for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
+        try:
+            part = _focal_of(adjuster(_restricted(start, keep)), camera, c)
+        except PhotogramError:
+            continue  # too little is left in this part of the pictures: the others speak
+        if np.isfinite(part[1]):
+            parts.append(part)
+    values = np.array(parts).reshape(-1, 2)
+    model_px = min(model_sigma_px(focal_px, sigma_px, values[:, 0], values[:, 1]), WRONG_BY * camera.focal_px)
+    return PhotographsSay(focal_px, sigma_px, model_px)
+
+
+def prediction(result: Adjustment) -> float:
+    """Return the logarithm of the likelihood of the control points, each predicted by all the rest
+    (cross-validation)."""
+    r, total = result.reliability, 0.0
+    for off, covariance in zip(r.ground_left_out_m, r.ground_left_out_covariance_m2, strict=True):
+        known = np.flatnonzero(np.isfinite(off))
+        if len(known):
+            C = covariance[np.ix_(known, known)]
+            total -= 0.5 * (off[known] @ np.linalg.solve(C, off[known]) + np.linalg.slogdet(C)[1])
+    return float(total)
+
+
+def _held_at(camera: Camera, focal: FocalLength) -> Camera:
+    """Return the camera with a focal length that is held and whose uncertainty counts in every covariance."""
+    sigmas = np.concatenate([[0.0], camera.sigmas[1:]])
+    return replace(camera, focal_px=focal.focal_px, sigmas=sigmas, considered_focal_sigma_px=focal.sigma_px)
+
+
+def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) -> float:
+    """Return the logarithm of the likelihood ratio of the control points, of what photographs say over the source."""
+    if len(block.control_points.with_role("control")) < FEWEST_CONTROL or not np.isfinite(says.sigma_px):
+        return 0.0
+    given, likelihood = block.cameras[c], []
+    for value, sigma in ((says.focal_px, says.sigma_px), (given.focal_px, float(given.sigmas[0]))):
+        camera = _held_at(given, FocalLength(value, sigma, 0.0))
+        cameras = tuple(camera if k == c else other for k, other in enumerate(block.cameras))
+        try:
+            likelihood.append(prediction(adjuster(replace(block, cameras=cameras))))
+        except PhotogramError:
+            return 0.0
+    return likelihood[0] - likelihood[1]
+
+
+def settle_focal_lengths(
+    block: Block, found: Search, adjuster: Adjuster, progress: Progress, readings_px: Sequence[Sequence[float]] = ()
+) -> tuple[Block | None, dict[str, FocalDecision]]:
+    """Return the block with the focal lengths settled whose source ``found`` rejects, and what was decided by camera.
+
+    None in place of the block where what the photographs say stands as it is: ``found`` is then the result.
+    """
+    accused = {a.name for a in found.accused if a.kind == "focal length"}
+    decisions: dict[str, FocalDecision] = {}
+    cameras, changed = list(block.cameras), False
+    for c, given in enumerate(block.cameras):
+        if given.name not in accused:
+            continue
+        progress(f"focal length of {given.name}")
+        wide = without(block, found.accused)
+        says = photographs_say(wide, found.result, c, adjuster)
+        others = without(block, [a for a in found.accused if a.name != given.name])
+        evidence = 0.0 if says.trustworthy else _evidence(others, c, says, adjuster)
+        readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))
+        focal = settled(readings, float(given.sigmas[0]), says, evidence)
+        decisions[given.name] = FocalDecision(given.focal_px, float(given.sigmas[0]), says, focal, evidence)
+        if not says.trustworthy:
+            cameras[c], changed = _held_at(given, focal), True
+    return (replace(block, cameras=tuple(cameras)) if changed else None), decisions

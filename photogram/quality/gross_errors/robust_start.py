@@ -1,0 +1,179 @@
+"""Gross contradictions found by a robust adjustment of everything that was measured beside the tie points.
+
+The block is adjusted with control points, marks, GNSS positions, attitudes and given focal lengths under the loss of
+Geman and McClure, which takes all weight from what lies far off; its scale falls from one at which most agree to that
+of the stated standard deviations (graduated non-convexity: Black & Rangarajan 1996; Yang et al. 2020). So blunders of
+any size cannot bend the block to which they are compared, and which of them hide each other does not matter. Tie points
+hold the shape; those that disagree from the start are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.marked_points import intersected_marks
+from photogram.adjustment.outliers import first_agreement
+from photogram.adjustment.registration import registered_block
+from photogram.errors import AdjustmentError
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import IndeterminateError, Problem
+from photogram.quality.gross_errors.blunders import Accusation, unmeasured
+from photogram.survey import Block, FloatArray
+
+LIMIT = 4.0
+"""Sigmas within which the loss is nearly square."""
+
+OFF = 0.2
+"""Weight below which a measurement counts as grossly off in the end."""
+
+STEP, ROUNDS_AT_END = 3.0, 3
+"""By which the scale falls from round to round, and rounds at its end."""
+
+_ITERATIONS, _TOLERANCE, _MOST_ROUNDS, _MOST_RAYS = 12, 1e-3, 14, 30_000
+
+
+@dataclass(frozen=True, eq=False)
+class _Misfits:
+    """Residuals in standard deviations, per coordinate, of control points in plan and in height (G, 2), of marks (M,),
+    GNSS positions (N,), attitudes (N,) and focal lengths (cameras,); NaN for what is not there."""
+
+    control: FloatArray
+    mark: FloatArray
+    gnss: FloatArray
+    attitude: FloatArray
+    focal: FloatArray
+
+    def kinds(self) -> Iterator[FloatArray]:
+        """Yield the residuals of each kind that are there."""
+        for values in (self.control[:, 0], self.control[:, 1], self.mark, self.gnss, self.attitude):
+            if np.isfinite(values).any():
+                yield values[np.isfinite(values)]
+
+
+def _misfits(problem: Problem, state: State) -> _Misfits:
+    """Return the residuals of everything but the tie points, in the standard deviations of ``problem``."""
+    block, points = problem.block, problem.block.control_points
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    count = len(block.photographs)
+    control, mark = np.full((len(points), 2), np.nan), np.full(len(points.mark_point), np.nan)
+    own = np.flatnonzero(np.array(points.role) == "control")
+    if len(own):
+        off = np.einsum("gji,gj->gi", problem.control_axes, state.control - problem.control_world_m)
+        whitened = np.where(np.isfinite(problem.control_sigma_m), off / problem.control_sigma_m, np.nan)
+        control[own, 0], control[own, 1] = np.linalg.norm(whitened[:, :2], axis=1) / np.sqrt(2.0), abs(whitened[:, 2])
+    used = np.isin(points.mark_point, own) & np.isfinite(points.mark_sigma_px)
+    v = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    mark[used] = np.where(np.isfinite(v).all(axis=1), np.linalg.norm(v, axis=1) / np.sqrt(2.0), np.inf)
+    gnss, attitude = np.full(count, np.nan), np.full(count, np.nan)
+    for i, photograph in enumerate(block.photographs):
+        measured = photograph.measured_centre_world_m(state.rotation[i])
+        if measured is not None and photograph.gnss_sigma_m is not None:
+            offset = state.offset[problem.flights.index(photograph.flight)] if problem.flights else np.zeros(3)
+            away = axes.T @ (state.position[i] - offset - measured)
+            gnss[i] = np.linalg.norm(away / photograph.gnss_sigma_m) / np.sqrt(3.0)
+        attitude_given, sigma_rad = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
+        if attitude_given is not None and sigma_rad is not None and photograph.heading_known:
+            turn = Rotation.from_matrix(attitude_given.T @ state.rotation[i]).magnitude()
+            attitude[i] = turn / sigma_rad / np.sqrt(3.0)
+    sigma_px = np.array([c.sigmas[0] if 0.0 < c.sigmas[0] < np.inf else np.nan for c in block.cameras])
+    focal = abs(state.parameters[:, 0] - np.array([c.focal_px for c in block.cameras])) / sigma_px
+    return _Misfits(control, mark, gnss, attitude, focal)
+
+
+def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
+    """Return the block with the standard deviations of what does not fit raised, as the loss at ``scale`` weights
+    it."""
+
+    def times(misfit: FloatArray) -> FloatArray:
+        # the weight of the loss is 1 / (1 + x²)²: infinite misfits get none
+        return np.where(np.isfinite(misfit), 1.0 + np.minimum(np.nan_to_num(misfit) / (LIMIT * scale), 1e6) ** 2, 1e12)
+
+    points = block.control_points
+    plan, height = times(misfits.control).T
+    control = points.sigma_m * np.where(points.controlled, np.column_stack([plan, plan, height]), 1.0)
+    marks = np.where(np.isnan(misfits.mark), points.mark_sigma_px, points.mark_sigma_px * times(misfits.mark))
+    gnss, attitude, focal = times(misfits.gnss), times(misfits.attitude), times(misfits.focal)
+    photographs = tuple(
+        replace(
+            p,
+            gnss_sigma_m=None if p.gnss_sigma_m is None else p.gnss_sigma_m * gnss[i],
+            attitude_sigma_rad=p.attitude_sigma_rad
+            if p.attitude_sigma_rad is None or not p.heading_known
+            else p.attitude_sigma_rad * attitude[i],
+        )
+        for i, p in enumerate(block.photographs)
+    )
+    cameras = tuple(
+        c if np.isnan(misfits.focal[k]) else replace(c, sigmas=np.concatenate([[c.sigmas[0] * focal[k]], c.sigmas[1:]]))
+        for k, c in enumerate(block.cameras)
+    )
+    weakened = replace(points, sigma_m=control, mark_sigma_px=marks)
+    return replace(block, cameras=cameras, photographs=photographs, control_points=weakened)
+
+
+def _thinned(problem: Problem) -> Problem:
+    """Return the problem with no more than some ten thousand rays of tie points."""
+    thin = int(np.ceil(len(problem.tie) / _MOST_RAYS))
+    return problem if thin <= 1 else problem.with_tie_observations(problem.tie.select(problem.tie.point % thin == 0))
+
+
+def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Accusation]:
+    """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (11,) of the cameras
+    to start from, where they are not the given ones.
+
+    Raises AdjustmentError where the block cannot be adjusted whatever is left out.
+    """
+    part, _ = registered_block(block)
+    whole = make_problem(part, settings)
+    state = start_state(part, whole.flights)
+    controls = np.array(part.control_points.role) == "control"
+    met = intersected_marks(part)[0][controls]
+    state = replace(state, control=np.where(np.isfinite(met), met, state.control))
+    if len(start):
+        state = replace(state, parameters=np.array(start))
+    angle = float(np.deg2rad(settings.minimum_ray_angle_deg))
+    _, agreeing, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
+    ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie
+    state, quick = (
+        replace(state, tie_point=points),
+        replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE),
+    )
+    misfits = _misfits(whole, state)
+    scale = max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in misfits.kinds())])
+    left = ROUNDS_AT_END
+    for _ in range(_MOST_ROUNDS):
+        problem = make_problem(_weakened(part, misfits, scale), quick).with_tie_observations(ties)
+        try:
+            state = minimise(problem, state, quick).state
+        except IndeterminateError as fault:
+            raise AdjustmentError("no part of the measurements determines the block") from fault
+        misfits = _misfits(whole, state)
+        left -= scale == 1.0
+        if not left:
+            break
+        scale = max(1.0, scale / STEP)
+    return list(_accused(part, misfits))
+
+
+def _accused(block: Block, misfits: _Misfits) -> Iterator[Accusation]:
+    limit = LIMIT * np.sqrt(OFF**-0.5 - 1.0)
+    points, names = block.control_points, [p.name for p in block.photographs]
+    for g in np.flatnonzero((misfits.control > limit).any(axis=1)).tolist():
+        wrong = misfits.control[g] > limit
+        axes = tuple(np.flatnonzero(points.controlled[g] & np.repeat(wrong, [2, 1])).tolist())
+        unknown = (float("nan"),) * len(axes)
+        yield Accusation("control point", points.name[g], None, axes, unknown, unknown, float("inf"))
+    for m in np.flatnonzero(misfits.mark > limit).tolist():
+        yield unmeasured("mark", points.name[points.mark_point[m]], names[points.mark_photograph[m]])
+    for i in np.flatnonzero(misfits.gnss > limit).tolist():
+        yield unmeasured("GNSS position", names[i])
+    for i in np.flatnonzero(misfits.attitude > limit).tolist():
+        yield unmeasured("attitude", names[i])
+    for c in np.flatnonzero(misfits.focal > limit).tolist():
+        yield unmeasured("focal length", block.cameras[c].name)

@@ -1,0 +1,62 @@
+"""What was held of the cameras, freed by covariance: would the photographs tell it, and what does holding it hide?
+
+A parameter that is held has no sigma, and the heights that follow from it look better than they are. Freed within the
+uncertainty of an ordinary calibration it either becomes known, or takes heights with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from photogram.camera import PARAMETER_NAMES, Camera
+from photogram.factors.elimination.reduced import SingularError
+from photogram.factors.elimination.state import State
+from photogram.factors.functionals import factored
+from photogram.factors.graph import IndeterminateError, Problem
+from photogram.quality.deformation import Places, parameters_of, stiffness
+from photogram.survey import Deformation, FloatArray
+
+ORDINARY = {
+    "focal_px": 0.005,
+    "cx_px": 0.002,
+    "cy_px": 0.002,
+    "k1": 0.01,
+    "k2": 0.02,
+    "k3": 0.01,
+    "p1": 0.0005,
+    "p2": 0.0005,
+}
+"""Sigmas of a calibration some flights old: of the focal length in itself, of the principal point in the width."""
+
+
+def ordinary_sigmas(camera: Camera) -> FloatArray:
+    """Return the sigmas (11,) to which the held parameters of a camera are freed, 0 for the others and for terms that
+    the camera does without."""
+    unit = {"focal_px": camera.focal_px, "cx_px": float(camera.width_px), "cy_px": float(camera.width_px)}
+    ordinary = np.array([ORDINARY.get(name, 0.0) * unit.get(name, 1.0) for name in PARAMETER_NAMES])
+    return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)
+
+
+def with_held_freed(known: Deformation, problem: Problem, state: State, places: Places) -> Deformation:
+    """Return the deformation with what is known of held parameters once they are freed; as it was where none is held,
+    or nothing fixes them."""
+    cameras = problem.block.cameras
+    freed = np.array([ordinary_sigmas(camera) for camera in cameras])
+    if not freed.any():
+        return known
+    loose = tuple(replace(c, sigmas=np.where(s > 0, s, c.sigmas)) for c, s in zip(cameras, freed, strict=True))
+    released = replace(problem, block=replace(problem.block, cameras=loose))
+    try:
+        stiff = stiffness(released, state, factored(released, state), places)
+    except (IndeterminateError, SingularError):
+        return known
+    count = len(cameras)
+    variance = [np.diag(stiff.modes[parameters_of(c, count), parameters_of(c, count)]) for c in range(count)]
+    return replace(
+        known,
+        freed_prior=freed,
+        freed_sigma=np.where(freed > 0, np.sqrt(np.array(variance)), 0.0),
+        freed_height_sigma_m=stiff.summary,
+    )

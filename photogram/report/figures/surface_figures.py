@@ -1,0 +1,228 @@
+"""The figures of the dense surface: each drawn once, for the report page and as a picture beside it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from photogram.report.figures.page_figures import PLAN_IN, WIDTH_IN, PageFigure, embedded
+from photogram.report.figures.pictures import save_picture
+from photogram.report.figures.profile_figure import profile_figure, sigma_histogram_figure
+from photogram.report.figures.profiles import Profile, surface_profiles
+from photogram.report.figures.surface_maps import (
+    orthophoto_figure,
+    rays_figure,
+    relief_figure,
+    sigma_figure,
+    target_shares,
+)
+from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture
+from photogram.report.numbers.dense_numbers import Json
+
+GROUND_RGB = (0xD4, 0xD4, 0xD4)
+JPEG_QUALITY = 88
+SVG_PICTURE = re.compile(rb"data:image/png;base64,([^\"]*)")
+
+
+def picture_name(key: str) -> str:
+    """Return what the picture of a figure is called in the folder of pictures."""
+    return f"{key.replace(' ', '_')}.png"
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFigure:
+    """A figure, its key on the page, caption, and what stands for it where it is not seen; ``tones`` tells that it is a
+    picture of many tones, which JPEG holds in a quarter of the bytes."""
+
+    key: str
+    figure: Figure
+    caption: str
+    alternative: str
+    tones: bool = False
+
+    @property
+    def file_name(self) -> str:
+        """Return what its picture is called in the folder of pictures."""
+        return picture_name(self.key)
+
+
+def drawn_surface(
+    dense: DenseSurface,
+    ground: GroundMarks,
+    numbers: Json,
+    target_rmse_v_m: float | None = None,
+    datum_sigma_m: float | None = None,
+) -> list[DrawnFigure]:
+    """Draw all figures of a dense surface; ``numbers`` is what `dense_numbers` made of the same.
+
+    ``target_rmse_v_m`` is what the project asks of heights, None where it asks nothing; ``datum_sigma_m`` the datum's
+    standard deviation in height where the sigmas of ``dense`` are relative, None where they contain it.
+    """
+    drawn = [_relief(dense, ground, numbers)]
+    if numbers["sigma_m"] is not None:
+        drawn += [_sigma(dense, numbers, target_rmse_v_m, datum_sigma_m), _rays(dense, numbers)]
+        drawn.append(_histogram(dense, numbers, target_rmse_v_m))
+    profiles = surface_profiles(dense, ground)
+    if profiles:
+        drawn.append(_profiles(dense, profiles, datum_sigma_m))
+    return drawn
+
+
+def surface_figures(drawn: Sequence[DrawnFigure]) -> list[PageFigure]:
+    """Return drawn figures as those of the report page."""
+    return [PageFigure(d.key, d.caption, d.alternative, _uri(d)) for d in drawn]
+
+
+def write_surface_pictures(folder: Path, drawn: Sequence[DrawnFigure]) -> list[str]:
+    """Write drawn figures as PNG into a folder; returns their names. Raises WorkspaceError when one cannot be
+    written."""
+    for figure in drawn:
+        save_picture(figure.figure, folder / figure.file_name)
+    return [figure.file_name for figure in drawn]
+
+
+def _uri(drawn: DrawnFigure) -> str:
+    uri = embedded(drawn.figure)
+    if not drawn.tones:
+        return uri
+    head, _, body = uri.partition(",")
+    picture = SVG_PICTURE.sub(_as_jpeg, base64.b64decode(body))
+    return f"{head},{base64.b64encode(picture).decode('ascii')}"
+
+
+def _as_jpeg(found: re.Match[bytes]) -> bytes:
+    """Return a PNG within an SVG as JPEG on the ground of maps, where that is smaller."""
+    with Image.open(io.BytesIO(base64.b64decode(found[1])), formats=["PNG"]) as picture:
+        ground = Image.new("RGBA", picture.size, (*GROUND_RGB, 255))
+        flat = Image.alpha_composite(ground, picture.convert("RGBA")).convert("RGB")
+    stream = io.BytesIO()
+    flat.save(stream, "JPEG", quality=JPEG_QUALITY, subsampling=0)
+    text = base64.b64encode(stream.getvalue())
+    return b"data:image/jpeg;base64," + text if len(text) < len(found[1]) else found[0]
+
+
+# ---- one by one ----------------------------------------------------------------------------------------------------
+
+
+def _length(length_m: float) -> str:
+    return f"{length_m * 100:.3g} cm" if length_m < 1 else f"{length_m:.3g} m"
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent, of which neither a small nor a nearly whole one is rounded away."""
+    digits = 0 if share in (0.0, 1.0) or 0.1 <= share < 0.995 else 1
+    return f"{100 * share:.{digits}f}\u202f%"
+
+
+def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
+    """Draw an orthophoto with the ground points at their surveyed places."""
+    rows, columns = orthophoto.source_shape
+    caption = (
+        f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
+        f"cells of {_length(orthophoto.cell_m)}: every cell as the photograph that suits it best shows it, upright by "
+        "the surface model. Grey: no photograph shows the place, or the surface has no height there. Symbols stand at "
+        "the surveyed coordinates of the ground points: their targets must lie under them."
+    )
+    alternative = f"Orthophoto with {len(ground.name)} ground points"
+    return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
+
+
+def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json) -> DrawnFigure:
+    rows, columns = dense.heights.values.shape
+    tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
+    cells = numbers["cells"]
+    of = "cells that the photographs see well enough" if dense.footprint is not None else "cells of the grid"
+    part = "" if numbers["completeness"] is None else f" {_percent(numbers['completeness'])} of the {of} are measured."
+    filled = (
+        f" {_percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
+        if cells["filled"]
+        else ""
+    )
+    beside = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
+    caption = (
+        f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
+        f"enlarged for the shading.{part} Grey: holes, where no height was found that photographs agree on.{filled}"
+        f"{beside}"
+    )
+    figure = relief_figure(dense, ground, tested, WIDTH_IN)
+    return DrawnFigure("dense surface", figure, caption, "Dense surface model, shaded and tinted by height", tones=True)
+
+
+def _of_datum(datum_sigma_m: float | None) -> str:
+    """Return what a caption says of sigmas without the datum's part, nothing of others."""
+    if datum_sigma_m is None:
+        return ""
+    return (
+        f" Relative to the survey’s mean height: the datum, ± {_length(datum_sigma_m)}, is the same for all heights "
+        "and left out here; dsm_sigma.tif contains it."
+    )
+
+
+def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None, datum_sigma_m: float | None) -> DrawnFigure:
+    classes = ""
+    if target_m is not None:
+        within = float(target_shares(dense, target_m)[:3].sum())
+        classes = (
+            f" Classes of the target for heights, {target_m:g} m as of the day it was drawn: {_percent(within)} of the "
+            "measured cells lie within it (blue)."
+        )
+    caption = (
+        "Predicted standard deviation of every height: the scatter of the matching, from how sharply the photographs "
+        "agree and under which angles they look, together with the uncertainty of the adjusted photographs. It does "
+        "not contain wrong matches, what moves or grows between photographs, edges that the cells cut through, nor "
+        f"errors of the geoid or the control survey’s datum. Median {numbers['sigma_m']['median']:.3f} m."
+        f"{_of_datum(datum_sigma_m)}{classes}"
+    )
+    alternative = "Map of the predicted standard deviation of the heights of the dense surface"
+    return DrawnFigure("dense sigma", sigma_figure(dense, target_m, WIDTH_IN), caption, alternative)
+
+
+def _histogram(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnFigure:
+    count = numbers["cells"]["measured"] + numbers["cells"]["measured_beyond"]
+    caption = (
+        f"Left: the predicted standard deviations of {count} measured cells. Right: how they "
+        "fall with the number of photographs that a height was matched in; median, middle two thirds, and the share of "
+        "the cells."
+    )
+    figure = sigma_histogram_figure(dense, target_m, PLAN_IN + 0.6)
+    return DrawnFigure("dense sigma histogram", figure, caption, "Histogram of standard deviations of heights")
+
+
+def _rays(dense: DenseSurface, numbers: Json) -> DrawnFigure:
+    share = numbers["share_3_or_more"]
+    three = "" if share is None else f" {_percent(share)} of the heights come from three photographs or more."
+    caption = (
+        "In how many photographs a height was matched, and the confidence of the match, 0 to 1. Heights of two "
+        f"photographs are checked by nothing.{three} Low confidence: little texture, steps, leaves, or photographs "
+        "that disagree."
+    )
+    alternative = "Maps of the number of photographs behind each height and of the confidence of its match"
+    return DrawnFigure("dense rays", rays_figure(dense, PLAN_IN + 0.6), caption, alternative)
+
+
+def _profiles(dense: DenseSurface, profiles: Sequence[Profile], datum_sigma_m: float | None) -> DrawnFigure:
+    lines = "; ".join(f"{p.line.letter} runs {p.line.why}" for p in profiles)
+    beside = sum(len(p.beside.name) for p in profiles)
+    checks = (
+        " Discs are check points beside a line with their surveyed heights; in the strip, the surface at their own "
+        "place minus the survey, with 2 sigma of the survey."
+        if beside
+        else " No check point lies beside a line."
+    )
+    caption = (
+        f"Profiles: {lines}. Below each, on a scale of its own, the band of ± 2 predicted sigma.{checks} Grey: gaps, "
+        f"not bridged.{_of_datum(datum_sigma_m)}"
+    )
+    figure = profile_figure(dense, profiles, PLAN_IN + 0.6)
+    names = ", ".join(p.line.letter for p in profiles)
+    known = float(np.mean([np.isfinite(p.height_m).mean() for p in profiles]))
+    alternative = f"Profiles {names} through the dense surface, {_percent(known)} of their length measured"
+    return DrawnFigure("dense profiles", figure, caption, alternative)

@@ -1,0 +1,43 @@
+"""The small pictures of the page's first screen: what was flown, and what was made of it, without axes and words."""
+
+from __future__ import annotations
+
+import base64
+import io
+
+import numpy as np
+from PIL import Image
+
+from photogram.report.figures.page_figures import PageFigure
+from photogram.report.figures.pictures import shaded_relief
+from photogram.report.numbers.dense import OrthophotoPicture
+from photogram.survey import ByteArray, Raster
+
+LONGER_SIDE_PX = 560
+JPEG_QUALITY = 82
+NO_DATA_RGB = (0xE4, 0xE8, 0xEA)
+ORTHOPHOTO, SURFACE = "thumbnail orthophoto", "thumbnail surface"
+
+
+def thumbnails(orthophoto: OrthophotoPicture | None, surface: Raster) -> list[PageFigure]:
+    """Return the orthophoto, where there is one, and the surface (heights in m, NaN in holes) as small pictures."""
+    found = []
+    if orthophoto is not None:
+        found.append(PageFigure(ORTHOPHOTO, "Orthophoto", "The orthophoto, small", _uri(orthophoto.rgba)))
+    if np.isfinite(surface.values).any():
+        relief = (255.0 * shaded_relief(surface)[0] + 0.5).astype(np.uint8)
+        found.append(
+            PageFigure(SURFACE, "Surface model", "The surface model, shaded and tinted by height", _uri(relief))
+        )
+    return found
+
+
+def _uri(rgba: ByteArray) -> str:
+    """Return a picture (rows, columns, 4), no longer than LONGER_SIDE_PX, on the ground of maps as a data URI."""
+    picture = Image.fromarray(np.ascontiguousarray(rgba))
+    flat = Image.alpha_composite(Image.new("RGBA", picture.size, (*NO_DATA_RGB, 255)), picture).convert("RGB")
+    scale = LONGER_SIDE_PX / max(flat.size)
+    flat = flat.resize([max(1, round(scale * side)) for side in flat.size], Image.Resampling.LANCZOS)
+    stream = io.BytesIO()
+    flat.save(stream, "JPEG", quality=JPEG_QUALITY)
+    return f"data:image/jpeg;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"

@@ -1,0 +1,190 @@
+"""The numbers of report.json that tell of the dense surface, and its test at the check points."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from photogram.decimation import bands
+from photogram.quality.asprs import MINIMUM_POINTS, accuracy
+from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture, sampled
+from photogram.survey import FloatArray
+
+Json = dict[str, Any]
+
+FEWEST_CHECKS = 3
+"""With fewer check points on the surface no RMSE is given."""
+REFUTED_RMS_Z = 2.0
+"""Differences that are so many times their predicted standard deviations refute these."""
+
+
+def dense_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
+    """Return the key `dense` of report.json: size and completeness, standard deviations, and check points."""
+    rows, columns = dense.heights.values.shape
+    check_points = surface_check_numbers(dense, ground)
+    return {
+        "cell_m": dense.cell_m,
+        "rows": rows,
+        "columns": columns,
+        **_cell_numbers(dense),
+        "sigma_m": sigma_numbers(dense),
+        "confidence": _spread(_measured(dense, dense.confidence), 5),
+        "photographs": {"used": len(dense.photographs), "names": list(dense.photographs)},
+        "settings": dict(dense.settings),
+        "check_points": check_points,
+        "warnings": _warnings(check_points),
+    }
+
+
+def sigma_numbers(dense: DenseSurface) -> Json | None:
+    """Return the spread of the standard deviations of the measured cells, None where there are none."""
+    return _spread(_measured(dense, dense.sigma.values), 95)
+
+
+def _cell_numbers(dense: DenseSurface) -> Json:
+    """Count cells: of the footprint the measured, filled and empty ones, which add up, and those measured by so many
+    photographs."""
+    shape = dense.heights.values.shape
+    footprint = measured = filled = beyond = 0
+    by_rays = np.zeros(256, dtype=np.int64)
+    for band in bands(shape):
+        known = dense.measured(band)
+        within = np.ones_like(known) if dense.footprint is None else dense.footprint[band]
+        footprint += int(within.sum())
+        measured += int((known & within).sum())
+        filled += int((dense.filled[band] & within).sum())
+        beyond += int((known & ~within).sum())
+        by_rays += np.bincount(dense.rays[band][known], minlength=256)
+    several = int(by_rays[3:].sum())
+    return {
+        "cells": {
+            "grid": shape[0] * shape[1],
+            "footprint": footprint,
+            "measured": measured,
+            "filled": filled,
+            "holes": footprint - measured - filled,
+            "measured_beyond": beyond,
+        },
+        "completeness": measured / footprint if footprint else None,
+        "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
+        "share_3_or_more": several / int(by_rays.sum()) if by_rays.any() else None,
+    }
+
+
+def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:
+    """Return the finite values of the measured cells; no more than these is copied."""
+    known = np.empty(sum(int(_finite(dense, values, band).sum()) for band in bands(values.shape)), dtype=np.float32)
+    start = 0
+    for band in bands(values.shape):
+        part = values[band][_finite(dense, values, band)]
+        known[start : start + len(part)] = part
+        start += len(part)
+    return known
+
+
+def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    return np.asarray(dense.measured(band) & np.isfinite(values[band]))
+
+
+def _spread(values: np.ndarray[Any, Any], percentile: int) -> Json | None:
+    """Return median, mean, extremes and a percentile, None of nothing."""
+    if not len(values):
+        return None
+    mean, least, most = float(values.mean(dtype=np.float64)), float(values.min()), float(values.max())
+    middle, far = np.percentile(values, [50, percentile], overwrite_input=True)
+    extreme = {"maximum": most} if percentile > 50 else {"minimum": least}
+    return {"median": float(middle), "mean": mean, f"percentile_{percentile}": float(far), **extreme}
+
+
+def orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
+    """Return the key `orthophoto` of report.json: size, and which part of it shows anything."""
+    rows, columns = orthophoto.source_shape
+    covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
+    return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered}
+
+
+# ---- the surface at the check points -------------------------------------------------------------------------------
+
+
+def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
+    """Return the heights of the surface, interpolated bilinearly, minus those of the points that are checks in height.
+
+    Control points never enter: the adjustment was fitted to them. The standard deviation of a difference is
+    √(σ_surface² + σ_survey² + (∂h/∂E σ_E)² + (∂h/∂N σ_N)²), since the surveyor's error in plan is one in height on a
+    slope. A point over a hole or a filled cell does not test the surface, and is named with the reason.
+    """
+    checks = ground.select(ground.checks_height)
+    at = sampled(dense, checks.place_map_m[:, :2])
+    known = np.isfinite(at.height_m)
+    difference_m = at.height_m - checks.place_map_m[:, 2]
+    survey_m = np.hypot(checks.sigma_m[:, 2], np.hypot(*(at.slope * checks.sigma_m[:, :2]).T))
+    sigma_m = np.hypot(at.sigma_m, survey_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = difference_m / sigma_m
+    reason = np.where(at.filled, "its cells are filled, not measured", "it lies in a hole")
+    reason = np.where(at.inside, reason, "it lies outside the surface")
+    numbers = _summary(difference_m[known], survey_m[known], z[known])
+    numbers["points"] = [
+        {
+            "name": checks.name[i],
+            "surveyed_m": float(checks.place_map_m[i, 2]),
+            "surface_m": float(at.height_m[i]),
+            "difference_m": float(difference_m[i]),
+            "sigma_m": float(at.sigma_m[i]),
+            "survey_sigma_m": float(survey_m[i]),
+            "z": float(z[i]) if np.isfinite(z[i]) else None,
+        }
+        for i in np.flatnonzero(known).tolist()
+    ]
+    numbers["not_tested"] = [
+        {"name": checks.name[i], "reason": str(reason[i])} for i in np.flatnonzero(~known).tolist()
+    ]
+    return {**numbers, "sentence": _sentence(numbers)}
+
+
+def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> Json:
+    """Return n and, from FEWEST_CHECKS on, mean, RMSE and normalised RMS of differences (n,), null before."""
+    n = len(difference_m)
+    if n < FEWEST_CHECKS:
+        nothing = ("mean_m", "sd_m", "rmse_m", "survey_rmse_m", "rmse_v_m", "rms_z")
+        return {"n": n, **dict.fromkeys(nothing)}
+    plan = np.full((n, 2), np.nan)
+    found = accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
+    height, tested = found.axes[2], z[np.isfinite(z)]
+    return {
+        "n": n,
+        "mean_m": height.mean_m,
+        "sd_m": height.sd_m,
+        "rmse_m": height.rmse_m,
+        "survey_rmse_m": found.survey_v_m,
+        "rmse_v_m": found.rmse_v_m,
+        "rms_z": float(np.sqrt(np.mean(tested**2))) if len(tested) else None,
+    }
+
+
+def _sentence(numbers: Json) -> str:
+    n, points = numbers["n"], numbers["points"]
+    if not n:
+        why = f" ({len(numbers['not_tested'])} lie beside it or in holes)" if numbers["not_tested"] else ""
+        return (
+            f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
+        )
+    if n < FEWEST_CHECKS:
+        found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
+        return f"the dense surface is tested by {found} only: too few check points for an RMSE"
+    few = f"; the standard asks for {MINIMUM_POINTS} check points or more" if n < MINIMUM_POINTS else ""
+    mean = f"{numbers['mean_m']:+.3f}".replace("-", "−")
+    times = "" if numbers["rms_z"] is None else f", {numbers['rms_z']:.2g} times the predicted sigmas"
+    return f"the dense surface at {n} check points: RMSE {numbers['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
+
+
+def _warnings(check_points: Json) -> list[str]:
+    rms_z = check_points["rms_z"]
+    if rms_z is None or not math.isfinite(rms_z) or rms_z <= REFUTED_RMS_Z:
+        return []
+    return [
+        f"the heights of the dense surface at {check_points['n']} check points are off by {rms_z:.2g} times their "
+        "predicted standard deviations: do not trust dsm_sigma.tif here, look at the profiles and at single points"
+    ]

@@ -1,0 +1,277 @@
+"""What report.json says of GNSS positions: how many took part and how good they are, whether flights are off together,
+which lever arm was counted, and what must be known before they are believed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
+from photogram.adjustment.lever_arms import LeftArm
+from photogram.project.validation.findings import some, things
+from photogram.report.numbers.numbers import gnss_residual_m
+from photogram.survey import Adjustment, FloatArray, Photograph
+
+Json = dict[str, Any]
+Notes = Sequence[Mapping[str, Any]]
+"""By photograph, what measured_positions.position_note says of its position."""
+
+BEYOND_PRIOR = 3.29
+"""An offset of more prior sigmas contradicts its prior."""
+LARGE_OFFSET_M = 5.0
+"""An offset beyond what antennas, base stations and receivers without corrections usually make."""
+
+_AXES = ("easting", "northing", "height")
+
+
+def _flights(result: Adjustment) -> tuple[list[str], FloatArray]:
+    """Return the flights with positions, and which photographs (N,) take part with theirs."""
+    photographs, poses = result.block.photographs, result.block.poses
+    used = np.array(
+        [p.gnss_world_m is not None and pose is not None for p, pose in zip(photographs, poses, strict=True)],
+        dtype=bool,
+    )
+    return sorted({p.flight for p, u in zip(photographs, used, strict=True) if u}), used
+
+
+def _figures(values: FloatArray) -> str:
+    return "(" + ", ".join(f"{v:+.3f}" for v in values) + ")"
+
+
+def _sigmas(values: FloatArray) -> str:
+    return "(" + ", ".join(f"{v:.3f}" for v in values) + ")"
+
+
+def _p(p: float) -> str:
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
+
+
+def _beyond(offset: FloatArray, prior: FloatArray) -> list[str]:
+    """Return the axes along which an offset contradicts its prior; an axis held at zero cannot."""
+    return [name for name, o, s in zip(_AXES, offset, prior, strict=True) if s > 0 and abs(o) > BEYOND_PRIOR * s]
+
+
+def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: FloatArray, test: OffsetTest) -> str:
+    """Return what an estimated offset says; all figures in m along easting, northing and height."""
+    if not test.degrees:
+        return (
+            f"Flight {flight}: no statement on a common offset is possible, nothing but its prior determines it: it "
+            "needs control points."
+        )
+    figures = f"off together by {_figures(offset)} ± {_sigmas(sigma)} m in easting, northing and height"
+    verdict = f"(χ² = {test.chi2:.1f} with {test.degrees} degrees of freedom, {_p(test.p)})"
+    if not test.significant:
+        return f"Flight {flight}: the GNSS positions are not significantly {figures} {verdict}."
+    beyond = _beyond(offset, prior)
+    sentence = f"Flight {flight}: the GNSS positions are {figures} {verdict}"
+    if beyond:
+        axis = int(np.argmax(np.abs(offset) / np.where(prior > 0, prior, np.inf)))
+        return (
+            f"{sentence}: in {' and '.join(beyond)} that is beyond the prior, {abs(offset[axis]) / prior[axis]:.0f} "
+            "times its sigma: look for another height system, base station or lever arm, or give a larger "
+            "gnss.offset_sigma_m."
+        )
+    if np.max(np.abs(offset)) > LARGE_OFFSET_M:
+        return (
+            f"{sentence}: it is estimated and removed, but no antenna makes so much: look for another height system "
+            "(heights in the project file), a wrong base station or wrong control points."
+        )
+    return f"{sentence}: the base station, the lever arm or the height system; it is estimated and removed."
+
+
+def _held_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: FloatArray, test: OffsetTest) -> str:
+    """Return what the residuals of a flight say whose offset is held at zero."""
+    if not test.degrees:
+        return (
+            f"Flight {flight}: nothing but its GNSS positions says where it is; whether they are off together cannot "
+            "be known without control points."
+        )
+    verdict = f"(χ² = {test.chi2:.1f} with 3 degrees of freedom, {_p(test.p)})"
+    figures = f"{_figures(offset)} ± {_sigmas(sigma)} m in easting, northing and height"
+    if not test.significant:
+        return f"Flight {flight}: control and GNSS agree, an offset would be {figures} {verdict}."
+    return (
+        f"Flight {flight}: control and GNSS contradict each other: residuals of {_figures(mean)} m on the average, and "
+        f"an offset of {figures} {verdict} would be estimated: check base station, height system and lever arm, or "
+        "give gnss.offset_sigma_m so that it is."
+    )
+
+
+def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Json:
+    """Return the numbers of one flight; ``used`` (N,) are the photographs whose positions took part."""
+    block = result.block
+    members = used & np.array([p.flight == flight for p in block.photographs], dtype=bool)
+    residual = gnss_residual_m(result)[members]
+    mean = residual.mean(axis=0)
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    estimated = flight in result.flights
+    offset, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+    if estimated:
+        f = result.flights.index(flight)
+        offset = axes.T @ result.offset_world_m[f]
+        covariance = axes.T @ result.offset_covariance_m2[f] @ axes
+        prior = np.maximum(block.gnss_offset_sigma_m, 1e-6)
+        test = estimated_offset_test(offset, covariance, prior)
+        sentence = _offset_sentence(flight, offset, np.sqrt(np.diag(covariance)), block.gnss_offset_sigma_m, test)
+    else:
+        if flight in result.held_flights:
+            f = result.held_flights.index(flight)
+            offset = axes.T @ result.implied_offset_world_m[f]
+            covariance = axes.T @ result.implied_offset_covariance_m2[f] @ axes
+        test = implied_offset_test(offset, covariance)
+        sentence = _held_sentence(flight, mean, offset, np.sqrt(np.diag(covariance)), test)
+    known = bool(test.degrees)
+    return {
+        "n": int(members.sum()),
+        "estimated": estimated,
+        "offset_m": offset.tolist() if estimated or known else None,
+        "sigma_m": np.sqrt(np.diag(covariance)).tolist() if estimated or known else None,
+        "chi2": test.chi2 if known else None,
+        "degrees_of_freedom": test.degrees,
+        "p": test.p if known else None,
+        "p_axes": [float(p) if np.isfinite(p) else None for p in test.p_axes],
+        "significant": test.significant if known else None,
+        "beyond_prior": estimated and bool(_beyond(offset, block.gnss_offset_sigma_m)),
+        "mean_residual_m": mean.tolist(),
+        "rms_residual_m": np.sqrt(np.mean(residual**2, axis=0)).tolist(),
+        "sentence": sentence,
+    }
+
+
+def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> list[Json]:
+    """Return the photographs without a part of their own in GNSS, and why."""
+    missing = []
+    for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
+        if takes_part:
+            continue
+        if note.get("copy_of"):
+            reason = f"the same photograph as {note['copy_of']}"
+        elif note.get("gnss_frozen"):
+            reason = "the receiver had stopped: photographs taken at different times have the same position"
+        elif photograph.gnss_world_m is None and note.get("gnss_map_m") is not None:
+            reason = "left out: everything else contradicts it"
+        elif photograph.gnss_world_m is None:
+            reason = "no position in the project, in a file of positions or in its tags"
+        else:
+            reason = f"not oriented, so its position ({note.get('gnss_source', 'project')}) has nothing to hold"
+        missing.append({"photograph": photograph.name, "reason": reason})
+    return missing
+
+
+def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> Json | None:
+    """Return by flight how many positions were brought to the camera by a lever arm, and how."""
+    arms: Json = {}
+    for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
+        for axes, arm in (("world", note.get("lever_arm_enu_m")), ("camera", note.get("lever_arm_camera_m"))):
+            if takes_part and arm is not None:
+                entry = arms.setdefault(photograph.flight, {"n": 0, "axes": [], "length_m": []})
+                entry["n"] += 1
+                entry["axes"].append(axes)
+                entry["length_m"].append(float(np.linalg.norm(arm)))
+    for entry in arms.values():
+        entry["axes"] = Counter(entry["axes"]).most_common(1)[0][0]
+        entry["length_m"] = float(np.mean(entry["length_m"]))
+    return arms or None
+
+
+def _left_arm(result: Adjustment) -> tuple[Json | None, str]:
+    """Return the lever arm that the positions show beside the one that is counted, and the warning it deserves."""
+    found = LeftArm(result.left_arm_camera_m, result.left_arm_sigma_m, result.left_arm_p)
+    if not np.isfinite(found.p):
+        return None, ""
+    right, backward, down = found.arm_camera_m
+    body, spread = np.array([-backward, right, down]), found.sigma_m[[1, 0, 2]]
+    numbers = {
+        "forward_right_down_m": [None if np.isnan(x) else float(x) for x in body],
+        "sigma_m": [None if np.isnan(x) else float(x) for x in spread],
+        "p": found.p,
+        "significant": found.significant,
+    }
+    if not found.significant:
+        return numbers, ""
+    words = ", ".join(
+        f"{x:+.3f} ± {s:.3f} m {name}"
+        for name, x, s in zip(("forward", "right", "down"), body, spread, strict=True)
+        if np.isfinite(x)
+    )
+    return numbers, (
+        f"The GNSS positions are off in a way that turns with the camera ({_p(found.p)}): an arm from the antenna to "
+        f"the camera of {words}, as in a picture taken looking down, is not counted: give gnss.lever_arm_m, or correct "
+        "the one that is given."
+    )
+
+
+def _warnings(notes: Notes, used: FloatArray) -> list[str]:
+    """Return what the sources of the positions give reason to warn of."""
+    taken = [note for note, u in zip(notes, used, strict=True) if u]
+    warnings = []
+    for solution, one in (("float", "float solution"), ("single", "solution of a single receiver")):
+        claimed = [n for n in taken if n.get("gnss_stated_sigma_m") and n.get("gnss_solution") == solution]
+        if claimed:
+            stated, believed = (
+                ", ".join(f"{s:.3g}" for s in np.min([n[key] for n in claimed], axis=0))
+                for key in ("gnss_stated_sigma_m", "gnss_sigma_m")
+            )
+            several = one.replace("solution", "solutions", 1)
+            warnings.append(
+                f"{things(len(claimed), one, several)} ({some([n['name'] for n in claimed])}) stated with {stated} m, "
+                f"weighed with {believed} m or more: no centimetres without fixed ambiguities."
+            )
+    without = [n["name"] for n in taken if n.get("gnss_lacks_lever_arm")]
+    if without:
+        warnings.append(
+            f"{things(len(without), 'position')} ({some(without)}) of the antenna, and no lever arm to the camera: "
+            "give lever_arms: FILE.MRK with the file, or gnss.lever_arm_m."
+        )
+    frozen = [n["name"] for n in notes if n.get("gnss_frozen")]
+    if frozen:
+        warnings.append(
+            f"{things(len(frozen), 'photograph')} ({some(frozen)}) taken at different times with the same GNSS "
+            "position: the receiver had stopped, these positions were not used."
+        )
+    sources = Counter(n.get("gnss_source") for n in taken)
+    if len(sources) > 1 and "tags" in sources:
+        left = [n["name"] for n in taken if n.get("gnss_source") == "tags"]
+        if any(s not in ("tags", "project") for s in sources):
+            warnings.append(
+                f"{things(len(left), 'photograph')} ({some(left)}) in no file of positions: the position in the tags "
+                "was taken."
+            )
+    return warnings
+
+
+def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
+    """Return ``gnss`` of report.json; ``notes`` are those of the photographs, in their order, or none."""
+    photographs = result.block.photographs
+    notes = notes or [{"name": p.name} for p in photographs]
+    names, used = _flights(result)
+    flights = {flight: _flight_numbers(result, flight, used) for flight in names}
+    arm, arm_warning = _left_arm(result)
+    solutions = Counter(
+        str(note.get("gnss_solution", "unknown")) for note, takes_part in zip(notes, used, strict=True) if takes_part
+    )
+    control = sum(role == "control" for role in result.block.control_points.role)
+    lost = _not_used(photographs, used, notes)
+    sentence = f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part together"
+    sentence += f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."
+    doubtful = [
+        f["sentence"]
+        for f in flights.values()
+        if f["significant"]
+        and (f["beyond_prior"] or not f["estimated"] or np.max(np.abs(f["offset_m"])) > LARGE_OFFSET_M)
+    ]
+    return {
+        "sentence": sentence,
+        "positions_used": int(used.sum()),
+        "control_points_used": control,
+        "flights": flights,
+        "solutions": {kind: solutions[kind] for kind in ("fix", "float", "single", "unknown")},
+        "sources": dict(Counter(str(n.get("gnss_source", "project")) for n, u in zip(notes, used, strict=True) if u)),
+        "lever_arm_m": _arms(photographs, used, notes),
+        "lever_arm_left": arm,
+        "not_used": lost,
+        "warnings": doubtful + ([arm_warning] if arm_warning else []) + _warnings(notes, used),
+    }

@@ -1,0 +1,224 @@
+"""What a reader of a report must not overlook, the gravest first: few sentences, each with what to do.
+
+What is of no consequence stands in its section of the page, not here: a parameter that keeps its stated value, sigmas
+that were stated a little off, quantities that change together and cost no heights.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from photogram.adjustment.placing import WHOLE_BLOCK
+from photogram.quality.asprs import MINIMUM_POINTS
+from photogram.report.numbers.traffic_lights import number
+
+Json = dict[str, Any]
+Severity = Literal["bad", "attention", "note"]
+SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
+
+CALIBRATE = ": calibrate the camera"
+"""Where in the sentence on a focal length that stays doubtful the remedy begins."""
+MOST_NAMED = 5
+"""Blunders, check points and other findings of one kind that are said one by one, at most."""
+WRONGLY_STATED = (0.7, 1.3)
+"""Sigma factors of a group between which nobody needs to change what was stated."""
+GROUP_TITLES = {
+    "tie_points": "tie points",
+    "marks": "marks",
+    "control_plan": "control points in plan",
+    "control_height": "control points in height",
+    "gnss_plan": "GNSS positions in plan",
+    "gnss_height": "GNSS positions in height",
+    "attitude": "measured attitudes",
+    "gnss_offset": "GNSS offsets",
+    "calibration": "given calibrations",
+}
+
+
+def ranked_warnings(report: Mapping[str, Any]) -> list[Json]:
+    """Return `{part, severity, sentence, remedy}` of a report with `asprs` in it, the gravest first."""
+    found = [
+        *_adjustment(report),
+        *_focal_lengths(report),
+        *_blunders(report),
+        *_check_points(report),
+        *_prediction(report),
+        *_heights(report),
+        *_geometry(report),
+        *_several("surface", (report.get("dense") or {}).get("warnings")),
+        *_several("GNSS", (report.get("gnss") or {}).get("warnings")),
+        *_block(report["block"]),
+        *_stated_sigmas(report.get("variance_components") or {}),
+        *_too_few(report["asprs"]),
+    ]
+    return sorted(found, key=lambda w: SEVERITIES.index(w["severity"]))
+
+
+def _warning(part: str, severity: Severity, sentence: str, remedy: str = "") -> Json:
+    return {"part": part, "severity": severity, "sentence": sentence, "remedy": remedy}
+
+
+def sentences(values: object) -> list[str]:
+    """Return the sentences of a list of texts, or of entries that each have one."""
+    rows = values if isinstance(values, list) else []
+    said = [str(row.get("sentence") or "") if isinstance(row, Mapping) else str(row) for row in rows]
+    return [sentence for sentence in said if sentence]
+
+
+def _several(part: str, values: object, severity: Severity = "attention", remedy: str = "") -> list[Json]:
+    """Warn of the first sentences of a list, and of how many more there are."""
+    said = sentences(values)
+    found = [_warning(part, severity, sentence, remedy) for sentence in said[:MOST_NAMED]]
+    more = len(said) - MOST_NAMED
+    return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
+
+
+def _adjustment(report: Mapping[str, Any]) -> list[Json]:
+    if report["adjustment"]["converged"]:
+        return []
+    sentence = "the adjustment did not converge: use nothing of this result"
+    return [_warning("adjustment", "bad", sentence, "look at the warnings below, and at photogram check")]
+
+
+def _focal_lengths(report: Mapping[str, Any]) -> list[Json]:
+    found = []
+    for name, camera in report["cameras"].items():
+        said, calibrate, more = str(camera.get("focal_length") or "").partition(CALIBRATE)
+        remedy = f"{calibrate}{more}".removeprefix(": ") or "correct focal_px in the project file"
+        found += [_warning("calibration", "bad", f"focal length of {name}: {said}", remedy)] if said else []
+    return found
+
+
+def _blunders(report: Mapping[str, Any]) -> list[Json]:
+    decided = any(camera.get("focal_length") for camera in report["cameras"].values())
+    named = [b for b in report.get("blunders") or [] if not (decided and b.get("kind") == "focal length")]
+    found = list[Json]()
+    remedy = "it is left out: check it where it was measured"
+    harmless = [b.get("kind") in ("GNSS position", "attitude") for b in named]
+    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if not h], "bad", remedy)
+    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if h], "attention", remedy)
+    effect = sentences([report.get("blunders_effect") or ""])
+    found += [_warning("blunders", "note", sentence) for sentence in effect]
+    # what one blunder spreads to its neighbours is suspected too
+    suspects = [s for s in report.get("suspects") or [] if not named or s.get("kind") == "GNSS position"]
+    if suspects:
+        others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
+        severity: Severity = "attention" if all(s.get("kind") == "GNSS position" for s in suspects) else "bad"
+        remedy = "check it, and leave it out where it is wrong"
+        found.append(_warning("suspects", severity, f"{suspects[0].get('sentence', '')}{others}", remedy))
+    return found
+
+
+def _heights(report: Mapping[str, Any]) -> list[Json]:
+    heights = report.get("heights") or {}
+    found = _several("heights", heights.get("warnings"))
+    if heights and heights.get("output") is None:
+        said = str(heights.get("sentence") or "")
+        found.append(_warning("heights", "attention", said, "write heights: … in the project file") if said else {})
+    return [warning for warning in found if warning]
+
+
+def _check_points(report: Mapping[str, Any]) -> list[Json]:
+    asprs = report["asprs"]
+    part, found = "check points", list[Json]()
+    if asprs["blunders"]:
+        first, count = asprs["blunders"][0], len(asprs["blunders"])
+        more = f"; so are {count - 1} more coordinates" if count > 1 else ""
+        remedy = "check their coordinates and marks, the height system and the control points"
+        found.append(_warning(part, "bad", f"{first}{more}", remedy))
+    if asprs["systematic"]:
+        said = "; ".join(asprs["systematic"])
+        found.append(_warning(part, "attention", said, "check datum, height system and control points"))
+    return found + _several(part, asprs["survey"], remedy="survey them again, more precisely")
+
+
+def _prediction(report: Mapping[str, Any]) -> list[Json]:
+    found = report.get("predicted_against_achieved") or {}
+    if found.get("consistent") is not False:
+        return []
+    larger = number((found.get("chi2") or {}).get("p")) < 0.5
+    sentence = found.get("sentence") or "differences of check points contradict their predicted sigmas"
+    remedy = "believe the check points, not the predicted sigmas" if larger else ""
+    return [_warning("prediction", "bad" if larger else "note", sentence, remedy)]
+
+
+def best_remedy(diagnosis: Mapping[str, Any]) -> str:
+    """Return what would help a weak block most, as computed; empty where nothing that was tried helps."""
+    helpful = [r for r in diagnosis.get("remedies") or [] if r.get("helps")]
+    if not helpful:
+        return ""
+    best = min(helpful, key=lambda r: number(r.get("sigma_height_after_m")))
+    title = str(best["title"])
+    title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
+    return (
+        f"{title} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{best['sigma_height_after_m']:.3f} m"
+    )
+
+
+def _geometry(report: Mapping[str, Any]) -> list[Json]:
+    diagnosis, cameras = report.get("diagnosis") or {}, report["cameras"]
+    decided = tuple(
+        f"The focal length of {name} is known" for name, camera in cameras.items() if camera.get("focal_length")
+    )
+    said = [s for s in sentences(diagnosis.get("warnings")) if not (decided and s.startswith(decided))]
+    # what the datum leaves open is what most else follows from
+    said.sort(key=lambda s: not s.startswith(WHOLE_BLOCK))
+    found = _several("geometry", said)
+    if found:
+        found[0]["remedy"] = best_remedy(diagnosis)
+    return found
+
+
+def _block(block: Mapping[str, Any]) -> list[Json]:
+    found, missing = [], block["photographs"] - block["registered"]
+    if missing:
+        said = f"{missing} of {block['photographs']} photographs are not in the result"
+        found.append(_warning("photographs", "attention", said, "why stands under Discarded"))
+    sizes = block["component_sizes"]
+    if len(sizes) > 1:
+        said = f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)"
+        found.append(_warning("photographs", "attention", said, "fly with more overlap between the parts"))
+    share = number((block.get("overlap") or {}).get("share_2_or_more"))
+    if math.isfinite(share) and share < 0.9:
+        said = f"{1 - share:.0%} of the ground is seen by fewer than two photographs"
+        found.append(_warning("photographs", "attention", said, "there is no surface there: fly with more overlap"))
+    return found
+
+
+def _stated(group: Mapping[str, Any], title: str) -> str:
+    stated, factor, unit = number(group.get("stated_sigma")), number(group.get("sigma_factor")), group.get("unit")
+    if not unit or not math.isfinite(stated):
+        return f"{title} ({factor:.2g} times)"
+    return f"{title} (stated {stated:.2g} {unit}, found {factor * stated:.2g} {unit})"
+
+
+def _stated_sigmas(components: Mapping[str, Any]) -> list[Json]:
+    low, high = WRONGLY_STATED
+    small, large = list[str](), list[str]()
+    for name, group in components.items():
+        if not isinstance(group, Mapping) or not group.get("significant"):
+            continue
+        text, factor = _stated(group, GROUP_TITLES.get(name, name)), number(group.get("sigma_factor"))
+        small += [text] * (factor > high)
+        large += [text] * (factor < low)
+    part, found = "stated sigmas", []
+    if small:
+        said = f"sigmas stated too small, so that predicted ones are too small as well: {', '.join(small)}"
+        found.append(_warning(part, "attention", said, "look for a wrong measurement among them, or state more"))
+    if large:
+        said = f"sigmas stated too large, which keeps predicted ones on the safe side: {', '.join(large)}"
+        found.append(_warning(part, "note", said))
+    return found
+
+
+def _too_few(asprs: Mapping[str, Any]) -> list[Json]:
+    n_h, n_v = asprs["n_h"], asprs["n_v"]
+    if n_h == n_v == 0:
+        said = "no check points: the accuracy of this survey is predicted, not tested"
+        return [_warning("check points", "attention", said, "survey five check points or more, best thirty")]
+    few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
+    said = f"{' and '.join(few)}: the standard asks for {MINIMUM_POINTS} check points or more"
+    return [_warning("check points", "note", said)] if few else []

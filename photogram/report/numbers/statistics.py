@@ -1,0 +1,146 @@
+"""The numbers of report.json that say whether the result is as good as predicted."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from photogram.adjustment.variance_components import Scatter, scatters
+from photogram.quality.consistency import (
+    LeaveOneOut,
+    PredictedAgainstAchieved,
+    leave_one_out,
+    predicted_against_achieved,
+)
+from photogram.surface.surface_model import NMAD_FACTOR
+from photogram.survey import Adjustment, FloatArray, Raster
+
+Json = dict[str, Any]
+
+# what a group's observations are called in a sentence, the unit of their sigmas, and how many of it one px, m or rad is
+_GROUPS = {
+    "tie_points": ("tie points", "px", 1.0),
+    "marks": ("marks", "px", 1.0),
+    "control_plan": ("control points in plan", "m", 1.0),
+    "control_height": ("control points in height", "m", 1.0),
+    "gnss_plan": ("GNSS positions in plan", "m", 1.0),
+    "gnss_height": ("GNSS positions in height", "m", 1.0),
+    "attitude": ("measured attitudes", "deg", 180.0 / np.pi),
+    "gnss_offset": ("offsets of GNSS", "m", 1.0),
+    "calibration": ("given calibrations", "", 1.0),
+}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _sentence(name: str, found: Scatter) -> str | None:
+    """Return what there is to say of a group whose sigmas are refuted, None for any other."""
+    if not found.significant:
+        return None
+    title, unit, factor = _GROUPS[name]
+    stated, sd = found.stated_sigma * factor, found.sigma_factor_sd
+    times = f"{title} scatter {found.sigma_factor:.2g} ± {sd:.1g} times as much as stated"
+    remedy = "a wrong one among them, or a sigma too small" if found.sigma_factor > 1.0 else "their sigma is too large"
+    if not unit:
+        return f"{times}: {remedy}"
+    return f"{times} ({stated:.2g} {unit}): about {found.sigma_factor * stated:.2g} {unit}; {remedy}"
+
+
+def component_numbers(result: Adjustment) -> Json:
+    """Return the variance component of every group of observations; nothing is rescaled by it."""
+    return {
+        name: {
+            "observations": found.observations,
+            "redundancy": found.redundancy,
+            "stated_sigma": None if not _GROUPS[name][1] else found.stated_sigma * _GROUPS[name][2],
+            "unit": _GROUPS[name][1] or None,
+            "sigma_factor": _finite(found.sigma_factor),
+            "sigma_factor_sd": _finite(found.sigma_factor_sd),
+            "significant": found.significant,
+            "sentence": _sentence(name, found),
+        }
+        for name, found in scatters(result.components).items()
+    }
+
+
+def _check_point_numbers(found: PredictedAgainstAchieved | None) -> Json | None:
+    if found is None:
+        return None
+    return {
+        "n": found.n,
+        "axes": {name: asdict(part) for name, part in found.axes.items()},
+        "chi2": {"value": found.chi2, "dof": found.dof, "p": found.p},
+        "consistent": found.consistent,
+        "sentence": found.sentence,
+    }
+
+
+def _left_out_numbers(found: LeaveOneOut) -> Json:
+    return {
+        "n": found.n,
+        "rmse_m": list(found.rmse_m),
+        "mean_m": list(found.mean_m),
+        "rmse_h_m": found.rmse_h_m,
+        "rmse_v_m": found.rmse_v_m,
+        "rms_z": list(found.rms_z),
+        "max": {"name": found.worst, "left_out_m": list(found.worst_m), "z": list(found.worst_z)},
+    }
+
+
+def consistency_numbers(result: Adjustment, points: list[Json]) -> Json:
+    """Return predicted_against_achieved, leave_one_out and variance_components; each of the ground points gets its
+    ``z`` and ``mahalanobis``, null where it was not checked."""
+    found, left_out = predicted_against_achieved(result), leave_one_out(result)
+    for g, point in enumerate(points):
+        checked = found is not None and bool(np.isfinite(found.distance2[g]))
+        point["z"] = [_finite(z) for z in found.z[g]] if found is not None and checked else None
+        point["mahalanobis"] = float(np.sqrt(found.distance2[g])) if found is not None and checked else None
+    return {
+        "predicted_against_achieved": _check_point_numbers(found),
+        "leave_one_out": None if left_out is None else _left_out_numbers(left_out),
+        "variance_components": component_numbers(result),
+    }
+
+
+def _sigma_numbers(sigma: Raster) -> Json:
+    known = sigma.values[np.isfinite(sigma.values)].astype(np.float64)
+    return {
+        "median": float(np.median(known)),
+        "mean": float(known.mean()),
+        "percentile_95": float(np.percentile(known, 95)),
+        "maximum": float(known.max()),
+    }
+
+
+def dsm_numbers(
+    surface: Raster,
+    sigma: Raster,
+    held_out_m: FloatArray,
+    relative: Raster | None = None,
+    datum_covariance_m2: FloatArray | None = None,
+) -> Json:
+    """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
+    (K,) that were held out of it, null where none were; ``relative`` are the standard deviations without the datum's
+    part, which has a covariance (3, 3) along easting, northing and height."""
+    off = held_out_m if len(held_out_m) else np.full(1, np.nan)
+    datum = None if datum_covariance_m2 is None else np.sqrt(np.diag(datum_covariance_m2))
+    return {
+        "rows": surface.values.shape[0],
+        "columns": surface.values.shape[1],
+        "cell_m": surface.cell_m,
+        "cells": int(np.isfinite(sigma.values).sum()),
+        "sigma_m": _sigma_numbers(sigma),
+        "relative_sigma_m": None if relative is None else _sigma_numbers(relative),
+        "datum_sigma_m": None
+        if datum is None
+        else dict(zip(("easting", "northing", "height"), map(_finite, datum.tolist()), strict=True)),
+        "held_out": {
+            "n": len(held_out_m),
+            "rmse_m": _finite(np.sqrt(np.mean(off**2))),
+            "nmad_m": _finite(NMAD_FACTOR * np.median(np.abs(off - np.median(off)))),
+        },
+    }

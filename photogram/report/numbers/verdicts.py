@@ -1,0 +1,64 @@
+"""What the report says of every control point, and of the blunders that the survey holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from photogram.adjustment.reliability import LEAST_REDUNDANCY, minimal_detectable_blunder
+from photogram.quality.accuracy import AXES
+from photogram.survey import Adjustment, FloatArray
+
+Json = dict[str, Any]
+
+
+def control_test(left_out_m: FloatArray, covariance_m2: FloatArray) -> Json | None:
+    """Return the χ² test of a control point as a whole: predicted minus surveyed (3,) with its covariance (3, 3), NaN
+    along what is not tested. None where nothing is."""
+    known = np.flatnonzero(np.isfinite(left_out_m))
+    if not len(known):
+        return None
+    off = left_out_m[known]
+    value = float(off @ np.linalg.solve(covariance_m2[np.ix_(known, known)], off))
+    return {"value": value, "dof": len(known), "p": float(chi2.sf(value, len(known)))}
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def control_verdict(result: Adjustment, g: int, blunders: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return a sentence on control point ``g``, None for check points: its blunder, else what a blunder in it would
+    have to reach to be found, and along which axes no statement is possible."""
+    points, r = result.block.control_points, result.reliability
+    own = [str(blunder["sentence"]) for blunder in blunders if points.name[g] in blunder["points"]]
+    if own or points.role[g] == "check":
+        return "; ".join(own) or None
+    controlled = points.controlled[g]
+    judged = controlled & (np.nan_to_num(r.ground_redundancy[g]) > LEAST_REDUNDANCY)
+    silent = [axis for axis, c, j in zip(AXES, controlled, judged, strict=True) if c and not j]
+    parts = [f"no statement possible in {_listed(silent)}: only this point determines it"] if silent else []
+    if judged.any():
+        mdb = minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])
+        worst = int(np.argmax(np.where(judged, mdb, -np.inf)))
+        largest = float(np.nanmax(np.abs(np.where(judged, r.ground_w[g], np.nan))))
+        parts.append(
+            f"agrees with everything else (|w| at most {largest:.1f}); a blunder of {mdb[worst]:.3f} m in "
+            f"{AXES[worst]} would be found"
+        )
+    return "; ".join(parts)
+
+
+def effect_sentence(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
+    """Return what leaving out the blunders does to the check points, None without check points, or where nothing can
+    be adjusted with the blunders in it."""
+    if not before["n"] or not after["n"]:
+        return None
+    return (
+        f"with that in the adjustment, the RMSE of {after['n']} check points would be {before['rmse_h_m']:.3f} m in "
+        f"plan and {before['rmse_v_m']:.3f} m in height; without, it is {after['rmse_h_m']:.3f} and "
+        f"{after['rmse_v_m']:.3f} m"
+    )

@@ -1,0 +1,116 @@
+"""How figures, sentences and settings are written on the report page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from photogram.report.numbers.traffic_lights import number
+
+NO_FIGURE = "–"
+THIN_SPACE = "\u202f"
+SETTING_TITLES = {
+    "photographs": ("photographs for a cell, at most", ""),
+    "agreeing_share": ("share of them that must agree", ""),
+    "small_step": ("penalty of a small step", " hundredths of a correlation"),
+    "large_step": ("penalty of a large step", " hundredths of a correlation"),
+    "contrast_dn": ("contrast that halves it", " grey values"),
+    "noise_dn": ("noise of the photographs", " grey values"),
+}
+
+
+def fixed(value: object, digits: int = 3) -> str:
+    """Write a number with so many decimals, its thousands apart; an en dash where there is none."""
+    figure = number(value)
+    if not math.isfinite(figure):
+        return NO_FIGURE
+    text = f"{figure:,.{digits}f}".replace(",", THIN_SPACE)
+    return "−" + text[1:] if text.startswith("-") and float(f"{figure:.{digits}f}") else text.lstrip("-")
+
+
+def signed(value: object, digits: int = 3) -> str:
+    """Write a number as `fixed` does, with its sign."""
+    figure = number(value)
+    return "+" + fixed(figure, digits) if round(figure, digits) > 0 else fixed(figure, digits)
+
+
+def small(value: object, significant: int = 4) -> str:
+    """Write a number of unknown size with so many digits, as powers of ten where that is shorter."""
+    figure = number(value)
+    if not math.isfinite(figure):
+        return NO_FIGURE
+    text = f"{figure:.{significant}g}"
+    mantissa, _, exponent = text.partition("e")
+    return (mantissa + (f"·10^{int(exponent)}" if exponent else "")).replace("-", "−")
+
+
+def whole(value: object) -> str:
+    """Write a count, its thousands apart."""
+    return fixed(value, 0)
+
+
+def share(value: object) -> str:
+    """Write a part of one in per cent."""
+    figure = number(value)
+    return f"{100 * figure:.0f}{THIN_SPACE}%" if math.isfinite(figure) else NO_FIGURE
+
+
+def probability(value: object, equals: str = "") -> str:
+    """Write a probability; of one that is tiny, only that it is."""
+    figure = number(value)
+    return "< 0.001" if figure < 0.001 else f"{equals}{fixed(figure)}"
+
+
+def memory(value: object) -> str:
+    """Write bytes in MiB."""
+    return fixed(number(value) / 2**20, 0)
+
+
+def rich(text: object) -> Markup:
+    """Write RMSE_H and its kind with a subscript."""
+    written = str(escape(text))
+    for letter in ("H1", "H2", "V1", "V2", "3D", "H", "V", "x", "y"):
+        written = written.replace(f"RMSE_{letter}", f"RMSE<sub>{letter}</sub>")
+    return Markup(written)
+
+
+def plain(value: object) -> str:
+    """Write a value of any kind as text: entries of a block as `name: value`, lists with commas."""
+    if isinstance(value, Mapping):
+        entries = ((str(k).replace("_", " "), v) for k, v in value.items())
+        return "; ".join(f"{k} ({plain(v)})" if isinstance(v, Mapping) else f"{k}: {plain(v)}" for k, v in entries)
+    if isinstance(value, list | tuple):
+        return ", ".join(plain(v) for v in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return small(value)
+    return NO_FIGURE if value is None else str(value)
+
+
+def capitalised(text: object) -> str:
+    """Write a sentence with a capital at its beginning and without a full stop at its end."""
+    said = str(text or "").strip().removesuffix(".")
+    # k2, sigma0 and names of files keep their letters
+    as_it_is = any(c.isdigit() or c in "._" for c in said.partition(" ")[0])
+    return said if as_it_is else said[:1].upper() + said[1:]
+
+
+def css_string(text: object, most: int) -> Markup:
+    """Write a text of at most so many characters as a string of CSS that no character can end or leave."""
+    words = " ".join(str(text or "").split())
+    words = words if len(words) <= most else words[: most - 1].rstrip() + "…"
+    plain_letters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,-"
+    return Markup('"' + "".join(c if c in plain_letters else f"\\{ord(c):06x}" for c in words) + '"')
+
+
+def matching_settings(settings: Mapping[str, Any]) -> str:
+    """Write the settings of the dense matching in words with their units."""
+    found = []
+    for name, value in settings.items():
+        title, unit = SETTING_TITLES.get(name, (str(name).replace("_", " "), ""))
+        found.append(f"{title} {plain(value)}{unit}")
+    return "; ".join(found)

@@ -1,0 +1,360 @@
+"""Starting poses of all photographs, in the world: from control points, from measured poses, or from tie points alone.
+
+Where every photograph shows four control points it is resected from them. Else the block is started from measured
+positions and attitudes, if its tie points confirm them; else it is grown from its tie points. Either is then brought
+into the world by a robust similarity to control points or GNSS positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from photogram.camera import PARAMETER_NAMES, Camera, Pose, models_of
+from photogram.errors import OrientationError, PhotogramError
+from photogram.sfm.direct_orientation import direct_structure, measured
+from photogram.sfm.growth import extend, grow, settle
+from photogram.sfm.mark_scale import other_size, picture_factor
+from photogram.sfm.resection import Resection, collinear, resect
+from photogram.sfm.similarity import Similarity, open_turn_rad, robust_similarity, similarity_from_attitudes, straight
+from photogram.sfm.structure import BoolArray, Structure, StructureSettings
+from photogram.survey import Block, ControlPoints, FloatArray, IntArray, Photograph, TiePoints
+from photogram.triangulation import consensus_intersections, ideal_observations
+
+Method = Literal["control", "attitude", "growth"]
+Progress = Callable[[int, int, str], None]
+
+ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
+ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are believed
+SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
+OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
+LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
+CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
+DISTORTION_PX = 10.0  # that distortion may be wrong by in the corners, for control points to be resected with it
+
+
+@dataclass(frozen=True)
+class OrientationSettings(StructureSettings):
+    """How starting poses are found; ``auto`` takes the first method of the three that can be had and holds."""
+
+    method: Literal["auto", "control", "attitude", "growth"] = "auto"
+
+
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """Starting poses in the world, and how they were found.
+
+    ``poses[i]`` is None for a photograph that is not registered; ``reason[i]`` then says why. ``resections`` are those
+    of photographs with enough control points. ``component`` (N,): 0 for the block that is adjusted, 1 and more for
+    others that share no tie points with it, −1 for photographs in none. ``parameters``: the interior orientation
+    (11,) of each camera that came out of it, none where it was not touched.
+    """
+
+    poses: tuple[Pose | None, ...]
+    resections: tuple[Resection | None, ...]
+    component: IntArray
+    method: Method
+    reason: tuple[str, ...]
+    parameters: tuple[FloatArray, ...] = field(default=())
+
+    @property
+    def registered(self) -> BoolArray:
+        """Return which photographs (N,) have a pose."""
+        return np.array([pose is not None for pose in self.poses], dtype=bool)
+
+    def calibrated(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+        """Return the cameras as they came out of the orientation."""
+        if not self.parameters:
+            return tuple(cameras)
+        return tuple(c.with_parameters(q) for c, q in zip(cameras, self.parameters, strict=True))
+
+
+def _distortion_sigma_px(camera: Camera) -> float:
+    """Return how far, by the stated sigmas of its distortion, an image point in the corner of a picture may be off.
+
+    Focal length and principal point do not count: a pose takes up what is wrong with them.
+    """
+    f, r = camera.focal_px, 0.5 * float(np.hypot(camera.width_px, camera.height_px)) / camera.focal_px
+    moved = {
+        "k1": r**3,
+        "k2": r**5,
+        "k3": r**7,
+        "k4": r**9,
+        "p1": 3.0 * r**2,
+        "p2": 3.0 * r**2,
+        "b1": r / f,
+        "b2": r / f,
+    }
+    sigmas = np.array([camera.sigmas[PARAMETER_NAMES.index(name)] for name in moved])
+    return float(np.linalg.norm(f * np.array(list(moved.values())) * np.where(np.isfinite(sigmas), sigmas, 0.0)))
+
+
+def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Resection | None, ...], tuple[str, ...]]:
+    """Resect every photograph that shows four control points, or three and has a GNSS position, not in one line.
+
+    Returns the resections, and one line for each photograph whose control points contradict each other. A camera that
+    is hardly known bends the rays more than control points could contradict each other: its photographs are left out,
+    unless ``any_camera`` is wanted.
+    """
+    points = block.control_points.fully_controlled()
+    known = [any_camera or _distortion_sigma_px(camera) < DISTORTION_PX for camera in block.cameras]
+    found: list[Resection | None] = []
+    faults: list[str] = []
+    for index, photograph in enumerate(block.photographs):
+        marks = np.flatnonzero(points.mark_photograph == index)
+        position = points.position_world_m[points.mark_point[marks]]
+        gnss = photograph.gnss_world_m
+        resection = None
+        enough = len(marks) >= 4 or (len(marks) == 3 and gnss is not None)
+        if enough and known[photograph.camera] and not collinear(position):
+            pixel, sigma = points.mark_pixel[marks], points.mark_sigma_px[marks]
+            try:
+                camera = block.cameras[photograph.camera]
+                sigma_m = points.sigma_m[points.mark_point[marks]]
+                resection = resect(camera, position, pixel, sigma, sigma_m=sigma_m, expected_world_m=gnss)
+            except PhotogramError as fault:
+                faults.append(f"photograph {photograph.name}: {fault}")
+        found.append(resection)
+    return tuple(found), tuple(faults)
+
+
+def _confirmed(
+    block: Block, resections: tuple[Resection | None, ...], settings: StructureSettings
+) -> tuple[Resection | None, ...]:
+    """Return the resections without those that the tie points contradict: P3P of three or four points may pick a pose
+    far away, and its control points alone do not show it."""
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    loose = replace(settings, threshold_px=LOOSE * settings.threshold_px)
+    structure = Structure.empty(block.tie_points, block.cameras, camera_of, loose)
+    for i, resection in enumerate(resections):
+        if resection is not None:
+            structure.register(i, resection.refined)
+    structure.intersect()
+    tie, count = block.tie_points, len(resections)
+    seen = structure.registered[tie.photograph]
+    seen &= (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point]
+    visible = np.bincount(tie.photograph[seen], minlength=count)
+    good = np.bincount(tie.photograph[structure.good], minlength=count)
+    holds = (visible < settings.minimum_points) | (good >= CONFIRMED_SHARE * visible)
+    return tuple(r if h else None for r, h in zip(resections, holds, strict=True))
+
+
+def intersected_control(structure: Structure, points: ControlPoints) -> FloatArray:
+    """Return control points (G, 3) in the structure's frame from their marks, NaN with fewer than two that agree."""
+    usable = np.flatnonzero(structure.registered[points.mark_photograph])
+    order = usable[np.lexsort((points.mark_photograph[usable], points.mark_point[usable]))]
+    photograph, point = points.mark_photograph[order], points.mark_point[order]
+    marks = TiePoints(
+        photograph, point, np.zeros_like(point), points.mark_pixel[order], points.mark_sigma_px[order],
+        np.full((len(points), 3), np.nan), np.zeros((len(points), 3), dtype=np.uint8),
+    )  # fmt: skip
+    limit = np.maximum(3.0 * structure.settings.threshold_px, 5.0 * marks.sigma_px)
+    position: FloatArray = consensus_intersections(
+        marks.first_observation, photograph, structure.camera_of, marks.pixel,
+        ideal_observations(structure.calibrated(), structure.camera_of, marks), limit,
+        models_of(structure.cameras), structure.parameters, structure.rotation, structure.position,
+    )[0]  # fmt: skip
+    return position
+
+
+def georeference(structure: Structure, block: Block) -> Similarity:
+    """Return the similarity that brings a structure into the world: by control points where three are intersected, not
+    in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open.
+
+    Raises OrientationError when neither is enough.
+    """
+    points = block.control_points.fully_controlled()
+    source = intersected_control(structure, points)
+    known = np.isfinite(source).all(axis=1)
+    if not straight(points.position_world_m[known]):
+        target = points.position_world_m[known]
+        extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+        sigma = np.linalg.norm(points.sigma_m[known], axis=1) + SHAPE_TOLERANCE * extent
+        try:
+            return robust_similarity(source[known], target, sigma)[0]
+        except OrientationError as fault:
+            if sum(p.gnss_world_m is not None for p in block.photographs) < 2:
+                factor = picture_factor(replace(block, poses=structure.poses(), cameras=structure.calibrated()))
+                why = str(fault) if factor is None else other_size(factor)
+                raise OrientationError(f"the control points do not fit the block: {why}") from fault
+    index = [i for i in np.flatnonzero(structure.registered) if block.photographs[i].gnss_world_m is not None]
+    target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
+    sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)
+    sigma = sigma + SHAPE_TOLERANCE * float(np.linalg.norm(np.ptp(target, axis=0))) if len(index) else sigma
+    source = structure.position[index]
+    with_attitude = [i for i in index if block.photographs[i].attitude_world_from_camera is not None]
+    if len(with_attitude) >= 2 and open_turn_rad(source, target, sigma) > OPEN_TURN_RAD:
+        return similarity_from_attitudes(
+            structure.position[with_attitude],
+            structure.rotation[with_attitude],
+            np.array([block.photographs[i].gnss_world_m for i in with_attitude]),
+            np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
+        )
+    if not (straight(source) or straight(target)):
+        return robust_similarity(source, target, sigma)[0]
+    raise OrientationError(
+        f"the block of {int(structure.registered.sum())} photographs cannot be placed in {block.frame.crs}: "
+        f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
+        "give three of either, not in one line"
+    )
+
+
+def _components(block: Block, settings: OrientationSettings, progress: Progress) -> tuple[list[Structure], Method]:
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    everything = np.ones(len(camera_of), dtype=bool)
+    if settings.method != "growth" and measured(block).sum() >= 3:
+        progress(0, len(camera_of), "from measured poses")
+        structure = direct_structure(block, settings)
+        if structure is not None:
+            extend(structure, everything, progress)
+            settle(structure)
+            rest = ~structure.registered
+            others = grow(block.tie_points, block.cameras, camera_of, settings, progress, candidates=rest)
+            return [structure, *others], "attitude"
+        if settings.method == "attitude":
+            raise OrientationError(
+                "the tie points do not confirm the measured positions and attitudes: "
+                "set orientation: {method: growth}, or leave the choice out"
+            )
+    if settings.method == "attitude":
+        raise OrientationError("orientation by attitude needs three photographs with GNSS position and attitude")
+    return grow(block.tie_points, block.cameras, camera_of, settings, progress), "growth"
+
+
+def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -> tuple[str, ...]:
+    rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
+    reasons = []
+    for i, number in enumerate(component.tolist()):
+        if number == 0:
+            reasons.append("")
+        elif number > 0:
+            size = int(np.count_nonzero(component == number))
+            reasons.append(f"shares no tie points with the block: one of {size} photographs by themselves")
+        elif rays[i] < settings.minimum_points:
+            reasons.append(f"{rays[i]} tie points with other photographs, {settings.minimum_points} are needed")
+        else:
+            reasons.append(f"its {rays[i]} tie points do not agree with the block")
+    return tuple(reasons)
+
+
+def orient(block: Block, settings: OrientationSettings, progress: Progress = lambda *_: None) -> Orientation:
+    """Find a starting pose for every photograph that can be joined to the block.
+
+    Control points that contradict each other in every photograph are passed over where tie points orient the block: the
+    adjustment names the wrong ones. Raises OrientationError when they do and nothing else orients it, when nothing can
+    be oriented, or when nothing places the block in the world.
+    """
+    count = len(block.photographs)
+    resections, faults = resections_of(block, any_camera=settings.method == "control")
+    contradicted = bool(faults) and len(faults) + sum(r is not None for r in resections) == count
+    if contradicted and settings.method == "control":
+        raise OrientationError("\n".join(faults))
+    if settings.method != "control":
+        resections = _confirmed(block, resections, settings)
+    if settings.method in ("auto", "control") and all(r is not None for r in resections):
+        poses = tuple(r.refined for r in resections if r is not None)
+        return Orientation(poses, resections, np.zeros(count, dtype=np.int64), "control", ("",) * count)
+    if settings.method == "control":
+        lacking = [p.name for p, r in zip(block.photographs, resections, strict=True) if r is None]
+        raise OrientationError(
+            f"orientation by control needs 4 marked control points in every photograph; {len(lacking)} have fewer, "
+            f"the first {lacking[0]}: mark them, or leave orientation.method out"
+        )
+    components, method = _components(block, settings, progress)
+    if not components:
+        if contradicted and settings.method == "auto":
+            raise OrientationError("\n".join(faults))
+        raise OrientationError(
+            f"no two of the {count} photographs can be oriented to each other: they need {settings.minimum_points} tie "
+            "points in common, and views from different places: give photographs that overlap by 60 % or more"
+        )
+    structure = components[0]
+    try:
+        fit = georeference(structure, block)
+    except OrientationError as fault:
+        raise OrientationError("\n".join([str(fault), *faults])) from fault
+    component = np.full(count, -1, dtype=np.int64)
+    for number, other in enumerate(components):
+        component[other.registered] = number
+    poses_found = [None if pose is None else fit.pose(pose) for pose in structure.poses()]
+    for i, resection in enumerate(resections):
+        if poses_found[i] is None and resection is not None:
+            poses_found[i], component[i] = resection.refined, 0
+    return Orientation(
+        tuple(poses_found), resections, component, method, _reasons(block, component, settings),
+        tuple(structure.parameters),
+    )  # fmt: skip
+
+
+def _turn_about_vertical(rotation: FloatArray) -> FloatArray:
+    """Return the turn about the vertical (3, 3) nearest to a rotation (3, 3) of the world."""
+    angle = np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _angle_rad(a: FloatArray, b: FloatArray) -> float:
+    return float(np.arccos(np.clip((np.trace(a.T @ b) - 1.0) / 2.0, -1.0, 1.0)))
+
+
+def _common_turn(turns: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to most of the turns (K, 3, 3), by an iteratively reweighted chordal mean
+    (Hartley et al. 2013, sec. 5): positions that are metres off turn a block as a whole."""
+    weight = np.ones(len(turns))
+    common = np.eye(3)
+    for _ in range(30):
+        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turns))
+        common = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        weight = 1.0 / np.maximum(np.linalg.norm(turns - common, axis=(1, 2)), 0.02)
+    return np.asarray(common)
+
+
+def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
+    """Return the photographs with the measured attitudes that may take part in the adjustment.
+
+    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
+    all. A compass that is wrong is wrong for whole strips, so where one attitude in five of a flight does not agree,
+    none of its headings is believed: what remains is the tilt, which the vertical gives, turned to the heading of the
+    pose. A tilt that does not agree is left out.
+    """
+    given, turned = [], []
+    for i, (photograph, pose) in enumerate(zip(block.photographs, poses, strict=True)):
+        if pose is not None and photograph.attitude_world_from_camera is not None:
+            given.append(i)
+            turned.append(pose.rotation_world_from_camera @ photograph.attitude_world_from_camera.T)
+    if not given:
+        return block.photographs
+    turns = np.array(turned)
+    common = _common_turn(turns)
+    agrees = {
+        i: _angle_rad(common, turn) < _limit_rad(block.photographs[i]) for i, turn in zip(given, turns, strict=True)
+    }
+    for flight in {block.photographs[i].flight for i in given}:
+        members = [i for i in given if block.photographs[i].flight == flight]
+        if np.mean([agrees[i] for i in members]) <= ATTITUDES_AGREEING:
+            agrees.update(dict.fromkeys(members, False))
+    return tuple(
+        photograph if agrees.get(i, True) else _with_tilt_alone(photograph, turns[given.index(i)], common)
+        for i, photograph in enumerate(block.photographs)
+    )
+
+
+def _limit_rad(photograph: Photograph) -> float:
+    return ATTITUDE_LIMIT * (photograph.attitude_sigma_rad or 0.0)
+
+
+def _with_tilt_alone(photograph: Photograph, turn: FloatArray, common: FloatArray) -> Photograph:
+    """Return a photograph whose pose is ``turn`` (3, 3) away from its attitude with the tilt of the attitude alone."""
+    attitude = photograph.attitude_world_from_camera
+    if attitude is None:
+        return photograph
+    tilted = _turn_about_vertical(turn) @ attitude
+    # a common turn about level axes is the block's, by its positions, and no fault of this tilt
+    level = common @ _turn_about_vertical(common).T
+    pose = turn @ attitude
+    if min(_angle_rad(tilted, pose), _angle_rad(level @ tilted, pose)) < _limit_rad(photograph):
+        return replace(photograph, attitude_world_from_camera=tilted, heading_known=False)
+    return replace(photograph, attitude_world_from_camera=None, attitude_sigma_rad=None)

@@ -1,0 +1,312 @@
+"""What is oriented so far: poses, tie points and calibration of a growing block, in a frame of its own.
+
+A structure starts from two photographs or from measured poses and is changed step by step: tie points are intersected,
+photographs added, everything adjusted, observations that disagree set aside and taken back when they agree again.
+Tests are on residuals in pixels, on the angle between rays, and on the side of the photograph a point lies on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera, Pose, image_plane, models_of, project
+from photogram.factors.elimination.bundle import BundleState, adjust_bundle
+from photogram.factors.elimination.loss import RobustLoss
+from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.survey import FloatArray, IntArray, TiePoints, check_range
+from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
+
+BoolArray = NDArray[np.bool_]
+
+HUBER = 2.0  # sigmas of an image point, of one pixel where the block has settled
+LARGEST_FOCAL_CHANGE = 2.0  # a factor
+LARGEST_CHANGE = 4.0  # sigmas of what was known of a calibration
+FIRST_FREE = np.isin(PARAMETER_NAMES, ("focal_px", "k1", "k2"))  # what even a weak block can tell
+PHOTOGRAPHS_FOR_CALIBRATION = 5
+NEIGHBOURS = 5
+
+
+@dataclass(frozen=True)
+class StructureSettings:
+    """Which image points agree with a structure; the final adjustment judges anew, and more strictly."""
+
+    threshold_px: float = 4.0  # residual of an image point that agrees
+    minimum_ray_angle_deg: float = 1.5  # of a tie point
+    minimum_points: int = 20  # agreeing tie points in a photograph that is oriented
+    minimum_share: float = 0.25  # of a photograph's visible tie points that agree with its pose
+
+    def __post_init__(self) -> None:
+        check_range("threshold_px", self.threshold_px, 0.1, 1000.0)
+        check_range("minimum_ray_angle_deg", self.minimum_ray_angle_deg, 0.1, 90.0)
+        check_range("minimum_points", self.minimum_points, 6)
+        check_range("minimum_share", self.minimum_share, 0.01, 1.0)
+
+
+@dataclass(eq=False)
+class Structure:
+    """Poses and tie points so far.
+
+    ``rotation`` (N, 3, 3) world from camera and ``position`` (N, 3) of the photographs in ``registered`` (N,),
+    ``parameters`` (cameras, 11), ``point`` (P, 3), NaN where unknown, ``good`` (O,) the observations that agree. The
+    frame is any that the start was given in.
+    """
+
+    tie_points: TiePoints
+    cameras: tuple[Camera, ...]
+    camera_of: IntArray
+    settings: StructureSettings
+    rotation: FloatArray
+    position: FloatArray
+    registered: BoolArray
+    parameters: FloatArray
+    point: FloatArray
+    good: BoolArray
+    ideal: FloatArray = field(repr=False)
+
+    @staticmethod
+    def empty(
+        tie_points: TiePoints, cameras: Sequence[Camera], camera_of: IntArray, settings: StructureSettings
+    ) -> Structure:
+        """Return a structure without any photograph."""
+        n = len(camera_of)
+        return Structure(
+            tie_points,
+            tuple(cameras),
+            camera_of,
+            settings,
+            np.broadcast_to(np.eye(3), (n, 3, 3)).copy(),
+            np.zeros((n, 3)),
+            np.zeros(n, dtype=bool),
+            np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
+            np.full((len(tie_points), 3), np.nan),
+            np.zeros(len(tie_points.photograph), dtype=bool),
+            ideal_observations(cameras, camera_of, tie_points),
+        )
+
+    @property
+    def known(self) -> BoolArray:
+        """Return which tie points (P,) have a position."""
+        return np.asarray(np.isfinite(self.point[:, 0]))
+
+    @property
+    def visible(self) -> IntArray:
+        """Return how many known tie points each photograph (N,) has an image point of."""
+        seen = self.known[self.tie_points.point]
+        return np.bincount(self.tie_points.photograph[seen], minlength=len(self.camera_of)).astype(np.int64)
+
+    def poses(self) -> tuple[Pose | None, ...]:
+        """Return the poses, None for photographs that are not registered."""
+        return tuple(
+            Pose(R.copy(), C.copy()) if known else None
+            for R, C, known in zip(self.rotation, self.position, self.registered, strict=True)
+        )
+
+    def calibrated(self) -> tuple[Camera, ...]:
+        """Return the cameras as they stand."""
+        return tuple(c.with_parameters(q) for c, q in zip(self.cameras, self.parameters, strict=True))
+
+    def register(self, photograph: int, pose: Pose) -> None:
+        """Give a photograph its pose."""
+        self.rotation[photograph], self.position[photograph] = pose.rotation_world_from_camera, pose.position_world_m
+        self.registered[photograph] = True
+
+    def withdraw(self, photographs: BoolArray) -> None:
+        """Take photographs (N,) out again."""
+        self.registered &= ~photographs
+        self.good &= self.registered[self.tie_points.photograph]
+        self._forget(np.bincount(self.tie_points.point[self.good], minlength=len(self.point)) < 2)
+
+    def _forget(self, points: BoolArray) -> None:
+        self.point[points] = np.nan
+        self.good &= ~points[self.tie_points.point]
+
+    def _observations(self, chosen: BoolArray) -> Observations:
+        tie = self.tie_points
+        photograph = tie.photograph[chosen]
+        return Observations(
+            photograph,
+            tie.point[chosen],
+            tie.pixel[chosen],
+            np.ones(len(photograph)),
+            self.camera_of[photograph],
+            models_of(self.cameras),
+        )
+
+    def residual_px(self, chosen: BoolArray) -> FloatArray:
+        """Return the lengths (M,) of the residuals of chosen observations (O,) of known points; infinite behind."""
+        o = self._observations(chosen)
+        return np.asarray(
+            np.linalg.norm(residuals(o, self.parameters, self.rotation, self.position, self.point), axis=1)
+        )
+
+    def intersect(self, photographs: BoolArray | None = None) -> None:
+        """Intersect unknown tie points from their registered photographs; only those seen by ``photographs`` (N,)."""
+        tie = self.tie_points
+        seen = self.registered[tie.photograph]
+        wanted = ~self.known & (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)
+        if photographs is not None:
+            touched = np.zeros(len(tie), dtype=bool)
+            touched[tie.point[photographs[tie.photograph]]] = True
+            wanted &= touched
+        if not wanted.any():
+            return
+        chosen = seen & wanted[tie.point]
+        part = tie.select(wanted, seen)
+        limit = np.full(len(part.photograph), self.settings.threshold_px)
+        points, agree = consensus_intersections(
+            part.first_observation, part.photograph, self.camera_of, part.pixel, self.ideal[chosen], limit,
+            models_of(self.cameras), self.parameters, self.rotation, self.position,
+        )  # fmt: skip
+        wide = ray_angles(part, agree, self.position, points) > np.deg2rad(self.settings.minimum_ray_angle_deg)
+        points[~wide] = np.nan
+        self.point[wanted] = points
+        self.good[chosen] = agree & wide[part.point]
+
+    def judge(self, limit_px: float | None = None, photographs: BoolArray | None = None) -> None:
+        """Choose anew which observations of known points agree, and forget points that too few rays, or too nearly
+        parallel ones, are left of; only those of ``photographs`` (N,) where they are given."""
+        tie = self.tie_points
+        chosen = self.registered[tie.photograph] & self.known[tie.point]
+        if photographs is not None:
+            chosen &= photographs[tie.photograph]
+        self.good[chosen] = self.residual_px(chosen) < (limit_px or self.settings.threshold_px)
+        if photographs is not None:
+            return
+        rays = np.bincount(tie.point[self.good], minlength=len(tie))
+        self._forget(self.known & (rays < 2))
+        angle = ray_angles(tie, self.good, self.position, np.nan_to_num(self.point))
+        self._forget(self.known & (angle < np.deg2rad(self.settings.minimum_ray_angle_deg)))
+
+    def neighbours(self, photographs: BoolArray) -> BoolArray:
+        """Return ``photographs`` (N,) and the registered ones that share most points with any of them."""
+        tie = self.tie_points
+        touched = np.zeros(len(tie), dtype=bool)
+        touched[tie.point[self.good & photographs[tie.photograph]]] = True
+        shared = np.bincount(tie.photograph[self.good & touched[tie.point]], minlength=len(self.camera_of))
+        shared[photographs | ~self.registered] = 0
+        wanted = NEIGHBOURS * max(1, int(photographs.sum()))
+        best = np.argsort(-shared, kind="stable")[:wanted]
+        active = photographs.copy()
+        active[best[shared[best] > 0]] = True
+        return active
+
+    def adjust(
+        self,
+        active: BoolArray | None = None,
+        *,
+        iterations: int = 15,
+        tolerance: float = 1e-3,
+        huber_px: float = HUBER,
+        calibrate: bool = True,
+        loss: RobustLoss = "huber",
+    ) -> None:
+        """Adjust the photographs ``active`` (N,), or all, with their tie points; the others stay where they are.
+
+        The calibration takes part, unless ``calibrate`` is False, when all are adjusted and there are enough of them;
+        one that leaves what a camera can be is not taken.
+        """
+        tie, chosen = self.tie_points, self.good.copy()
+        if active is not None:
+            touched = np.zeros(len(tie), dtype=bool)
+            touched[tie.point[chosen & active[tie.photograph]]] = True
+            chosen &= touched[tie.point]
+        photographs, photograph = np.unique(tie.photograph[chosen], return_inverse=True)
+        points, point = np.unique(tie.point[chosen], return_inverse=True)
+        if not len(points):
+            return
+        sigma = np.array([camera.sigmas for camera in self.cameras])
+        enough = calibrate and active is None and len(photographs) >= PHOTOGRAPHS_FOR_CALIBRATION
+        free = (sigma > 0) & FIRST_FREE & enough
+        start = BundleState(
+            self.rotation[photographs], self.position[photographs], self.parameters, self.point[points], 0.0, 0
+        )
+        # residuals that are large yet must not outweigh what is known of the calibration
+        noise_px = huber_px / HUBER
+        result = adjust_bundle(
+            Observations(
+                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px),
+                self.camera_of[tie.photograph[chosen]], models_of(self.cameras),
+            ),
+            start,
+            held_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
+            free=free,
+            prior_sigma=np.where(sigma > 0, sigma, np.inf),
+            prior_parameters=np.array([camera.parameters for camera in self.cameras]),
+            loss=loss,
+            threshold=HUBER,
+            maximum_iterations=iterations,
+            relative_tolerance=tolerance,
+        )  # fmt: skip
+        if free.any() and not all(_believable(c, q) for c, q in zip(self.cameras, result.parameters, strict=True)):
+            self.adjust(iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False, loss=loss)
+            return
+        self.rotation[photographs], self.position[photographs] = result.rotation, result.position
+        self.point[points] = result.point
+        if free.any():
+            self.parameters = result.parameters
+            self.ideal = ideal_observations(self.calibrated(), self.camera_of, tie)
+
+    def resect(self, photograph: int) -> bool:
+        """Find the pose of a photograph from the tie points that are known, and register it when enough agree.
+
+        P3P in RANSAC (Grunert 1841; Fischler & Bolles 1981) as OpenCV implements it, refined on all that agree.
+        """
+        tie, s = self.tie_points, self.settings
+        seen = np.flatnonzero((tie.photograph == photograph) & self.known[tie.point])
+        if len(seen) < s.minimum_points:
+            return False
+        camera = self.cameras[self.camera_of[photograph]].with_parameters(self.parameters[self.camera_of[photograph]])
+        points, ideal = self.point[tie.point[seen]], image_plane(camera, tie.pixel[seen])
+        pose = resected(points, ideal, s.threshold_px / camera.focal_px)
+        if pose is None:
+            return False
+        local = pose.camera_from_world(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error_px = np.linalg.norm(local[:, :2] / local[:, 2:] - ideal, axis=1) * camera.focal_px
+        if camera.model == "fisheye":  # a pixel far off its axis is much more of ideal coordinates
+            error_px = np.linalg.norm(project(camera, pose, points) - tie.pixel[seen], axis=1)
+        agree = (local[:, 2] > 0) & (error_px < s.threshold_px)
+        if agree.sum() < max(s.minimum_points, s.minimum_share * len(seen)):
+            return False
+        self.register(photograph, pose)
+        self.good[seen] = agree
+        return True
+
+
+def _believable(given: Camera, parameters: FloatArray) -> bool:
+    """Return whether a calibration (11,) is near the given one, and its distortion can be undone up to the corners."""
+    if not 1.0 / LARGEST_FOCAL_CHANGE < parameters[0] / given.focal_px < LARGEST_FOCAL_CHANGE:
+        return False
+    if np.any(np.abs(parameters - given.parameters)[FIRST_FREE] > LARGEST_CHANGE * given.sigmas[FIRST_FREE]):
+        return False
+    camera = given.with_parameters(parameters)
+    width, height = given.width_px - 0.5, given.height_px - 0.5
+    corners = np.array([[-0.5, -0.5], [width, -0.5], [-0.5, height], [width, height]])
+    reach = float(np.linalg.norm((corners - camera.principal_point_px) / camera.focal_px, axis=1).max())
+    # the corners of a fisheye may lie beyond what it sees
+    return camera.largest_image_radius > min(reach, 0.9 * given.largest_image_radius)
+
+
+def resected(points: FloatArray, ideal: FloatArray, threshold: float) -> Pose | None:
+    """Return the pose that most points (N, 3), seen at ideal coordinates (N, 2), agree with; None when there is none.
+
+    ``threshold`` is the largest disagreement at unit focal length.
+    """
+    origin = points.mean(axis=0)
+    found, rotation, translation, inliers = cv2.solvePnPRansac(
+        points - origin, ideal, np.eye(3), np.zeros(4), None, None, False, 2000, threshold, 0.9999, None,
+        cv2.SOLVEPNP_P3P,
+    )  # fmt: skip
+    if not found or inliers is None or len(inliers) < 4:
+        return None
+    chosen = inliers.ravel()
+    rotation, translation = cv2.solvePnPRefineLM(
+        (points - origin)[chosen], ideal[chosen], np.eye(3), np.zeros(4), rotation, translation
+    )
+    R = cv2.Rodrigues(rotation)[0]
+    return Pose(np.ascontiguousarray(R.T), origin - (R.T @ translation).ravel())

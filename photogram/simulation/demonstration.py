@@ -1,0 +1,208 @@
+"""The built-in simulated survey: photographs, project file and truth written to a folder, and the result judged by
+that truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS
+from photogram.errors import ProjectError
+from photogram.files.atomic import make_folder, replacing
+from photogram.files.maps.rasters import write_geotiff
+from photogram.files.photographs.images import write_photograph
+from photogram.pipeline.store.workspace import fingerprint, read_json, write_json
+from photogram.simulation.simulation import (
+    SimulatedSurvey,
+    SurveyPlan,
+    demonstration_plan,
+    render_photographs,
+    simulate,
+    truth_surface,
+)
+from photogram.simulation.survey_folder import photograph_tags, truth_record
+
+TRUTH_CELL_M = 0.1
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A simulated survey's result against its truth; errors in m, ``gsd_m`` the size of a pixel on the ground.
+
+    Check points took no part in the adjustment; NMAD is that of a cloud's heights over the true surface.
+    """
+
+    gsd_m: float
+    check_points: int
+    check_rmse_plan_m: float
+    check_rmse_height_m: float
+    camera_rmse_m: float
+    focal_error_px: float
+    focal_sigma_px: float
+    nmad_m: dict[str, float]
+
+    @property
+    def gain(self) -> float:
+        """Return how many times closer to the truth the adjusted cloud is than the linear cloud from three views."""
+        return self.nmad_m["linear_3view"] / self.nmad_m["adjusted"]
+
+
+def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], digits: int) -> str:
+    return "[" + ", ".join(f"{v:.{digits}f}" for v in values) + "]"
+
+
+def _sigma(value: float) -> str:
+    return "free" if np.isinf(value) else f"{value:g}"
+
+
+def _gnss_lines(plan: SurveyPlan) -> list[str]:
+    if not plan.gnss_tags:
+        return ["  # the photographs' tags give neither position nor attitude"]
+    if plan.rtk_flag is not None:
+        return ["  # GNSS positions, their sigmas and the gimbal's attitude are in the photographs' own tags"]
+    sigma = _numbers(np.array(plan.gnss_sigma_m), 3)
+    return [
+        "  # GNSS positions and the gimbal's attitude are in the photographs' own tags, the sigmas are not",
+        f"  gnss_sigma_m: {sigma}",
+    ]
+
+
+_SPARSE = (
+    "# Left out so that the demonstration is quick: take these two lines away, or run `photogram demo --dense`.",
+    "dense: {enabled: false}",
+    "orthophoto: {enabled: false}",
+)
+
+
+def _coarse_cells(plan: SurveyPlan) -> tuple[str, ...]:
+    return (
+        "# Coarse cells are quick: without these two lines they are 2 GSD and 1 GSD.",
+        f"surface: {{cell_m: {4 * plan.gsd_m:.2f}}}",
+        f"orthophoto: {{cell_m: {2 * plan.gsd_m:.2f}}}",
+    )
+
+
+def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
+    camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
+    sigma = camera.sigmas
+    stated = [k for k in range(3, PARAMETERS) if CLASSIC[k] or sigma[k] > 0]
+    sigmas = ", ".join(f"{PARAMETER_NAMES[k]}: {_sigma(sigma[k])}" for k in stated)
+    radial = camera.radial if camera.radial[3] else camera.radial[:3]
+    lines = [
+        f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
+        "photogram: 1",
+        "report: {name: Simulated survey of photogram demo, target_rmse_h_m: 0.05, target_rmse_v_m: 0.05}",
+        f"crs: {survey.frame.crs}",
+        "heights: ellipsoidal # of the control points, the GNSS positions and all results",
+        "cameras:",
+        f"  {camera.name}:",
+        f"    width_px: {camera.width_px}",
+        f"    height_px: {camera.height_px}",
+        *([f"    model: {camera.model}"] if camera.model != "brown" else []),
+        f"    focal_px: {camera.focal_px:.4f}",
+        f"    principal_point_px: {_numbers(camera.principal_point_px, 4)}",
+        f"    radial: {_numbers(radial, 8)}",
+        f"    tangential: {_numbers(camera.tangential, 8)}",
+        *([f"    affinity: {_numbers(camera.affinity, 4)}"] if camera.affinity.any() else []),
+        "    # what the laboratory says of these figures; 0 holds one fixed",
+        f"    sigmas: {{focal_px: {_sigma(sigma[0])}, principal_point_px: {_sigma(sigma[1])}, {sigmas}}}",
+        "photographs:",
+        "  folder: photographs",
+        f"  camera: {camera.name}",
+        f"  attitude_sigma_deg: {plan.attitude_sigma_deg:g}",
+        *_gnss_lines(plan),
+        "  list:",
+        *(f'    - {{name: {p.name}, flight: "{p.flight}"}}' for p in survey.photographs),
+        "gnss:",
+        f"  offset_sigma_m: {_numbers(np.array(plan.gnss_offset_sigma_m), 3)}",
+        "control_points:",
+        f"  sigma_m: {_numbers(np.array(plan.control_sigma_m), 4)}",
+        f"  mark_sigma_px: {plan.stated_mark_sigma_px:.4f}",
+        "  list:",
+    ]
+    position_map_m = survey.frame.map_from_world(points.position_world_m)
+    for g, name in enumerate(points.name):
+        marks = np.flatnonzero(points.mark_point == g)
+        digits = 0 if plan.whole_pixel_marks else 3
+        seen = ", ".join(
+            f"{survey.photographs[points.mark_photograph[m]].name}: {_numbers(points.mark_pixel[m], digits)}"
+            for m in marks
+        )
+        lines += [
+            f"    - name: {name}",
+            f"      role: {points.role[g]}",
+            f"      position_m: {_numbers(position_map_m[g], 4)}",
+            f"      marks: {{{seen}}}",
+        ]
+    lines += [
+        "features:",
+        "  maximum: 2500",
+        *(_coarse_cells(plan) if dense else _SPARSE),
+        "comparison:",
+        "  reference: truth_surface.tif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def write_demonstration(
+    folder: Path,
+    seed: int,
+    progress: Callable[[int, int, str], None],
+    plan: SurveyPlan | None = None,
+    *,
+    dense: bool = True,
+) -> Path:
+    """Simulate the demonstration survey, or another ``plan``, and write photographs, project.yaml and its truth.
+
+    ``dense``: whether its project asks for a dense surface and an orthophoto. Returns the project file. What an earlier
+    run with the same seed and plan has written is kept, unless its project leaves out what is asked for now. Raises
+    ProjectError where the folder has a project file that is none of a demonstration.
+    """
+    plan = plan or demonstration_plan()
+    project, truth = folder / "project.yaml", folder / "truth.json"
+    made = truth.is_file() and project.is_file() and read_json(truth).get("made_from") == fingerprint(plan, seed)
+    if made and not (dense and _SPARSE[1] in project.read_text(encoding="utf-8")):
+        return project
+    if project.exists() and not truth.is_file():
+        raise ProjectError(f"{project}: there is a project file of a survey already: name another folder")
+    make_folder(folder / "photographs")
+    survey = simulate(plan, seed)
+    count = len(survey.photographs)
+    for done, (photograph, (name, pixels)) in enumerate(
+        zip(survey.photographs, render_photographs(survey), strict=True)
+    ):
+        progress(done, count, name)
+        write_photograph(folder / "photographs" / name, pixels, photograph_tags(survey, photograph))
+    write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
+    with replacing(project) as temporary:
+        temporary.write_text(_project_text(survey, dense), encoding="utf-8")
+    write_json(truth, truth_record(survey))
+    progress(count, count, "")
+    return project
+
+
+def judge(folder: Path, report: dict[str, Any]) -> Judgement:
+    """Compare report.json of the demonstration in ``folder`` with the truth beside it."""
+    truth = read_json(folder / "truth.json")
+    error = [
+        np.array(report["photographs"][name]["position_map_m"]) - np.array(position)
+        for name, position in truth["positions_map_m"].items()
+        if report["photographs"][name]["registered"]
+    ]
+    camera = report["cameras"][truth["camera"]["name"]]
+    check = report["check_points"]
+    return Judgement(
+        float(truth["gsd_m"]),
+        int(check["n"]),
+        float(check["rmse_h_m"]),
+        float(check["rmse_v_m"]),
+        float(np.sqrt(np.mean(np.sum(np.square(error), axis=1)))),
+        float(camera["focal_px"] - truth["camera"]["parameters"][0]),
+        float(camera["sigma"]["focal_px"]),
+        {name: float(cloud["nmad_m"]) for name, cloud in report["clouds"].items() if cloud["nmad_m"] is not None},
+    )

@@ -1,0 +1,328 @@
+"""Photographs of a made scene: each pixel's ray, undistorted by the full camera model, meets the height field exactly.
+
+Within a cell the surface is bilinear, so the height of a ray above it is a quadratic of the ray's parameter and its
+first root is the hit; blocks of cells that lie below the ray are skipped (Amanatides & Woo 1987, on two levels).
+Nothing in here depends on the number of threads.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from photogram.camera import Camera, Pose, ideal_point, image_plane
+from photogram.compilation import njit
+from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
+
+FloatArray = NDArray[np.float64]
+ByteArray = NDArray[np.uint8]
+
+_COARSEST_WAVELENGTH_M = 20.0
+_ROWS_PER_TASK = 16
+_FINE_OCTAVES = 3
+_ROOF, _WALL = int(Material.ROOF_TILES), int(Material.WALL)
+
+
+class _Field(NamedTuple):
+    """A scene as the kernels take it; ``floor_m`` lies below and ``ceiling_m`` above everything."""
+
+    height: NDArray[np.float32]
+    material: ByteArray
+    light: ByteArray
+    block_max: NDArray[np.float32]
+    block_target: NDArray[np.int32]
+    targets: FloatArray
+    sun: FloatArray
+    west: float
+    south: float
+    cell: float
+    floor_m: float
+    ceiling_m: float
+    target_radius: float
+    finest: float
+    octaves: int
+    seed: int
+
+
+def _field(scene: Scene) -> _Field:
+    octaves = 1 + max(0, round(float(np.log2(_COARSEST_WAVELENGTH_M / scene.finest_wavelength_m))))
+    floor, ceiling = float(scene.height_m.min()) - 1.0, float(scene.height_m.max()) + 1.0
+    return _Field(
+        scene.height_m, scene.material, scene.light, scene.block_max, scene.block_target, scene.targets, scene.sun,
+        scene.west_m, scene.south_m, scene.cell_m, floor, ceiling, scene.target_radius_m, scene.finest_wavelength_m,
+        octaves, scene.seed,
+    )  # fmt: skip
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _boundary(cell: int, side: int, origin: float, step: float) -> float:
+    """Return the ray parameter where it leaves a cell, of ``side`` fine cells, along one axis."""
+    if step > 0.0:
+        return ((cell + 1) * side - origin) / step
+    if step < 0.0:
+        return (cell * side - origin) / step
+    return float(np.inf)
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _first_root(A: float, B: float, C: float) -> float:
+    """Return the smallest positive root of A s² + B s + C with C > 0, infinity when there is none."""
+    discriminant = B * B - 4.0 * A * C
+    if discriminant < 0.0:
+        return float(np.inf)
+    root = np.sqrt(discriminant)
+    if B < 0.0:
+        return float(2.0 * C / (root - B))
+    return float(-(B + root) / (2.0 * A)) if A < 0.0 else float(np.inf)
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _hit_in_block(
+    height: NDArray[np.float32], block: tuple[int, int], o: FloatArray, d: FloatArray, start: float, end: float
+) -> float:
+    """Return where the ray o + t d (columns, rows, metres) first meets the cells of a block before ``end``, or NaN."""
+    rows, columns = height.shape
+    first_c, first_r = block[0] * BLOCK_CELLS, block[1] * BLOCK_CELLS
+    c = min(max(int(np.floor(o[0] + start * d[0])), first_c), first_c + BLOCK_CELLS - 1)
+    r = min(max(int(np.floor(o[1] + start * d[1])), first_r), first_r + BLOCK_CELLS - 1)
+    t = start
+    while t < end:
+        along, up = _boundary(c, 1, o[0], d[0]), _boundary(r, 1, o[1], d[1])
+        leave = min(along, up, end)
+        c0, c1 = min(max(c, 0), columns - 1), min(max(c + 1, 0), columns - 1)
+        r0, r1 = min(max(r, 0), rows - 1), min(max(r + 1, 0), rows - 1)
+        a, b = np.float64(height[r0, c0]), np.float64(height[r0, c1])
+        e, g = np.float64(height[r1, c0]), np.float64(height[r1, c1])
+        z = o[2] + t * d[2]
+        if min(z, o[2] + leave * d[2]) <= max(a, b, e, g):
+            u, v = o[0] + t * d[0] - c, o[1] + t * d[1] - r
+            hu, hv, huv = b - a, e - a, a - b - e + g
+            above = z - (a + hu * u + hv * v + huv * u * v)
+            if above <= 0.0:
+                return t
+            s = _first_root(-huv * d[0] * d[1], d[2] - hu * d[0] - hv * d[1] - huv * (u * d[1] + v * d[0]), above)
+            if t + s <= leave:
+                return float(t + s)
+        if along <= up:
+            c += 1 if d[0] > 0.0 else -1
+        else:
+            r += 1 if d[1] > 0.0 else -1
+        t = max(t, leave)
+    return float(np.nan)
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _first_hit(f: _Field, origin: FloatArray, direction: FloatArray, end: float) -> float:
+    """Return the parameter of the first hit of the ray origin + t direction (world, m) before ``end``, NaN for none."""
+    o = np.array([(origin[0] - f.west) / f.cell, (origin[1] - f.south) / f.cell, origin[2]])
+    d = np.array([direction[0] / f.cell, direction[1] / f.cell, direction[2]])
+    t = 0.0
+    if o[2] > f.ceiling_m:
+        if d[2] >= 0.0:
+            return float(np.nan)
+        t = (f.ceiling_m - o[2]) / d[2]
+    if d[2] < 0.0:
+        end = min(end, (f.floor_m - o[2]) / d[2])
+    elif d[2] > 0.0:
+        end = min(end, (f.ceiling_m - o[2]) / d[2])
+    rows, columns = f.block_max.shape
+    c, r = int(np.floor((o[0] + t * d[0]) / BLOCK_CELLS)), int(np.floor((o[1] + t * d[1]) / BLOCK_CELLS))
+    while t < end:
+        along, up = _boundary(c, BLOCK_CELLS, o[0], d[0]), _boundary(r, BLOCK_CELLS, o[1], d[1])
+        leave = min(along, up, end)
+        highest = f.block_max[min(max(r, 0), rows - 1), min(max(c, 0), columns - 1)]
+        if min(o[2] + t * d[2], o[2] + leave * d[2]) <= highest:
+            hit = _hit_in_block(f.height, (c, r), o, d, t, leave)
+            if not np.isnan(hit):
+                return float(hit)
+        if along <= up:
+            c += 1 if d[0] > 0.0 else -1
+        else:
+            r += 1 if d[1] > 0.0 else -1
+        t = max(t, leave)
+    return float(np.nan)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _hit_all(f: _Field, origin: FloatArray, direction: FloatArray, end: float) -> FloatArray:
+    t = np.empty(len(direction))
+    for i in range(len(direction)):
+        t[i] = _first_hit(f, origin, direction[i], end)
+    return t
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _paint_target(f: _Field, x: float, y: float, footprint: float, rgb: FloatArray) -> None:
+    """Paint a quartered disc with a light ring over ``rgb``, its edges as soft as a pixel's footprint (m)."""
+    rows, columns = f.block_target.shape
+    side = BLOCK_CELLS * f.cell
+    r, c = int(np.floor((y - f.south) / side)), int(np.floor((x - f.west) / side))
+    if r < 0 or c < 0 or r >= rows or c >= columns or f.block_target[r, c] < 0:
+        return
+    target = f.block_target[r, c]
+    dx, dy = x - f.targets[target, 0], y - f.targets[target, 1]
+    distance = np.sqrt(dx * dx + dy * dy)
+    ring = min(max((RING * f.target_radius - distance) / footprint + 0.5, 0.0), 1.0)
+    disc = min(max((f.target_radius - distance) / footprint + 0.5, 0.0), 1.0)
+    sign = min(max(2.0 * dx / footprint, -1.0), 1.0) * min(max(2.0 * dy / footprint, -1.0), 1.0)
+    quarters = 0.36 + 0.33 * sign
+    for k in range(3):
+        rgb[k] += ring * (0.50 - rgb[k])
+        rgb[k] += disc * (quarters - rgb[k])
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: FloatArray) -> None:
+    """Fill ``rgb`` with the light that a place of the surface sends to the camera, 1 for white in full sun."""
+    rows, columns = f.height.shape
+    px, py = (x - f.west) / f.cell, (y - f.south) / f.cell
+    c, r = min(max(int(np.floor(px)), 0), columns - 2), min(max(int(np.floor(py)), 0), rows - 2)
+    u, v = min(max(px - c, 0.0), 1.0), min(max(py - r, 0.0), 1.0)
+    contrast, light, roof = 0.0, 0.0, False
+    for n in range(3):
+        rgb[n] = 0.0
+    for k in range(4):
+        row, column = r + k // 2, c + k % 2
+        w = (u if k % 2 else 1.0 - u) * (v if k // 2 else 1.0 - v)
+        m = f.material[row, column]
+        roof = roof or m >= _ROOF
+        light += w * f.light[row, column] / 255.0
+        contrast += w * PALETTE[m, 3]
+        for n in range(3):
+            rgb[n] += w * PALETTE[m, n]
+    h00, h01 = np.float64(f.height[r, c]), np.float64(f.height[r, c + 1])
+    h10, h11 = np.float64(f.height[r + 1, c]), np.float64(f.height[r + 1, c + 1])
+    if roof and max(h00, h01, h10, h11) - min(h00, h01, h10, h11) > 1.0:
+        contrast = PALETTE[_WALL, 3]
+        for n in range(3):
+            rgb[n] = PALETTE[_WALL, n]
+    grain = hue = 0.0
+    wavelength = f.finest
+    for octave in range(f.octaves):
+        s = 1.0 / wavelength
+        value = gradient_noise(f.seed + octave, x * s, y * s, z * s)
+        grain += value * (1.6 if octave < _FINE_OCTAVES else 1.0)
+        if octave >= f.octaves - 3:
+            hue += value
+        wavelength *= 2.0
+    grain = np.exp(0.36 * contrast * grain)
+    rgb[0] *= grain * (1.0 + 0.18 * contrast * hue)
+    rgb[1] *= grain
+    rgb[2] *= grain * (1.0 - 0.15 * contrast * hue)
+    _paint_target(f, x, y, footprint, rgb)
+    gx = ((1 - v) * (h01 - h00) + v * (h11 - h10)) / f.cell
+    gy = ((1 - u) * (h10 - h00) + u * (h11 - h01)) / f.cell
+    facing = (f.sun[2] - gx * f.sun[0] - gy * f.sun[1]) / np.sqrt(1.0 + gx * gx + gy * gy)
+    shade = 0.34 + 0.86 * max(facing, 0.0) * light
+    for k in range(3):
+        rgb[k] *= shade
+    rgb[2] *= 1.0 + 0.12 * (1.0 - light)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _render_rows(
+    f: _Field,
+    model: int,
+    q: FloatArray,
+    R: FloatArray,
+    C: FloatArray,
+    readout: FloatArray,
+    first: int,
+    height_px: int,
+    vignetting: float,
+    out: NDArray[np.float32],
+) -> None:
+    """Fill rows of a photograph, from row ``first`` on, with digital numbers; where a ray meets nothing it sees sky."""
+    rgb, d = np.empty(3), np.empty(3)
+    middle = C.copy()
+    for row in range(out.shape[0]):
+        C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
+        for column in range(out.shape[1]):
+            x, y = ideal_point(model, q, column, first + row)
+            for k in range(3):
+                d[k] = R[k, 0] * x + R[k, 1] * y + R[k, 2]
+            t = _first_hit(f, C, d, 1e5)
+            if np.isnan(t):
+                rgb[0], rgb[1], rgb[2] = 0.55, 0.65, 0.80
+            else:
+                _colour(f, C[0] + t * d[0], C[1] + t * d[1], C[2] + t * d[2], t / q[0], rgb)
+            falloff = 1.0 - vignetting * (x * x + y * y)
+            for k in range(3):
+                out[row, column, k] = 255.0 * np.sqrt(max(rgb[k] * falloff, 0.0))
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    pose: Pose,
+    *,
+    seed: int,
+    noise_dn: float = 2.0,
+    blur_px: float = 0.45,
+    vignetting: float = 0.5,
+    readout_world_m: FloatArray | None = None,
+    threads: int | None = None,
+) -> ByteArray:
+    """Take a photograph of a scene: (height_px, width_px, 3) uint8 red, green, blue.
+
+    ``noise_dn`` is the standard deviation of the sensor's noise in digital numbers, ``blur_px`` that of the lens's
+    point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the
+    projection centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per
+    processor) do not change the result. Raises ImageError where the camera's distortion cannot be undone within the
+    photograph.
+    """
+    corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
+    image_plane(camera, corners)
+    field, q = _field(scene), camera.parameters
+    R, C = np.ascontiguousarray(pose.rotation_world_from_camera), np.ascontiguousarray(pose.position_world_m)
+    readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
+    picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
+    with ThreadPoolExecutor(threads or cpu_count()) as pool:
+        tasks = [
+            pool.submit(
+                _render_rows,
+                field,
+                camera.kind,
+                q,
+                R,
+                C,
+                readout,
+                row,
+                camera.height_px,
+                vignetting,
+                picture[row : row + _ROWS_PER_TASK],
+            )
+            for row in range(0, camera.height_px, _ROWS_PER_TASK)
+        ]
+        for task in tasks:
+            task.result()
+    if blur_px > 0:
+        picture = gaussian_filter(picture, (blur_px, blur_px, 0))
+    if noise_dn > 0:
+        picture += noise_dn * np.random.default_rng(seed).standard_normal(picture.shape, dtype=np.float32)
+    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def intersect(scene: Scene, camera: Camera, pose: Pose, pixels: FloatArray) -> FloatArray:
+    """Return the places (N, 3), world frame, that pixels (N, 2) of a photograph show, exactly; NaN for the sky."""
+    ideal = image_plane(camera, np.asarray(pixels, np.float64))
+    direction = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation_world_from_camera.T
+    t = _hit_all(_field(scene), np.ascontiguousarray(pose.position_world_m), np.ascontiguousarray(direction), 1e5)
+    return np.asarray(pose.position_world_m + t[:, None] * direction)
+
+
+def visible(scene: Scene, pose: Pose, points_world_m: FloatArray, *, tolerance_m: float = 0.05) -> NDArray[np.bool_]:
+    """Return which points (N, 3) of the world frame are not hidden by the scene from a projection centre.
+
+    A point up to ``tolerance_m`` below the surface, along the ray, counts as visible. Whether it lies in the
+    photograph, and in front of it, is another question.
+    """
+    ray = np.ascontiguousarray(points_world_m - pose.position_world_m)
+    t = _hit_all(_field(scene), np.ascontiguousarray(pose.position_world_m), ray, 1.0)
+    hidden_m = (1.0 - t) * np.linalg.norm(ray, axis=1)
+    return np.asarray(~(hidden_m > tolerance_m))

@@ -1,0 +1,130 @@
+"""Photographs read between their pixels, and where a pixel stands for less than a cell, averaged over the cell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.compilation import njit
+from photogram.surface.views import seen_at
+
+FloatArray = NDArray[np.float64]
+ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.int32]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def catmull_rom(t: float, weight: FloatArray) -> None:
+    """Fill the weights (4,) of four equidistant values for the place t, 0 to 1, between the middle two (Keys 1981,
+    eq. 8, a = −1/2)."""
+    weight[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
+    weight[1] = 1.0 + t * t * (1.5 * t - 2.5)
+    weight[2] = t * (0.5 + t * (2.0 - 1.5 * t))
+    weight[3] = t * t * (0.5 * t - 0.5)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def add_cubic(
+    picture: ByteArray, u: float, v: float, scale: float, across: FloatArray, down: FloatArray, out: FloatArray
+) -> None:
+    """Add ``scale`` times the colour at the pixel (u, v) to ``out`` (3,); ``across`` and ``down`` (4,) are for use in
+    here. Beyond its border a photograph goes on with the border."""
+    height, width = picture.shape[0], picture.shape[1]
+    c, r = int(np.floor(u)), int(np.floor(v))
+    catmull_rom(u - c, across)
+    catmull_rom(v - r, down)
+    for i in range(4):
+        row = min(max(r - 1 + i, 0), height - 1)
+        for j in range(4):
+            column = min(max(c - 1 + j, 0), width - 1)
+            w = scale * down[i] * across[j]
+            for k in range(3):
+                out[k] += w * picture[row, column, k]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def add_linear(picture: ByteArray, u: float, v: float, scale: float, out: FloatArray) -> None:
+    """Add ``scale`` times the colour at the pixel (u, v), bilinear, to ``out`` (3,)."""
+    height, width = picture.shape[0], picture.shape[1]
+    c, r = int(np.floor(u)), int(np.floor(v))
+    for i in range(2):
+        row = min(max(r + i, 0), height - 1)
+        down = v - r if i else 1.0 - (v - r)
+        for j in range(2):
+            column = min(max(c + j, 0), width - 1)
+            w = scale * down * (u - c if j else 1.0 - (u - c))
+            for k in range(3):
+                out[k] += w * picture[row, column, k]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def add_photograph(
+    number: int,
+    picture: ByteArray,
+    camera: tuple[int, FloatArray, FloatArray, FloatArray, float],
+    log_gain: FloatArray,
+    falloff: FloatArray,
+    places: tuple[FloatArray, FloatArray, FloatArray],
+    label: IntArray,
+    weight: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Add to ``out`` (R, C, 3) what the photograph ``number`` contributes to each cell.
+
+    ``camera`` is model, parameters, rotation, position and largest radius as ``seen_at`` takes them; colours are
+    multiplied by exp(−``log_gain`` (3,) − ``falloff`` (3,) r²), r the ideal radius. ``places`` are the feet of the
+    verticals (R, C, 3), their steps up (R, C, 3) and heights on them (R, C); ``label`` and ``weight`` (R, C, 4) say
+    which photographs a cell is made of, −1 for none. Cells that are larger than a pixel are sampled at as many
+    places as they have pixels, at the height of their centre.
+    """
+    model, q, R, C, largest = camera
+    foot, up, height = places
+    X, colour, across, down = np.empty(3), np.empty(3), np.empty(4), np.empty(4)
+    east, south = np.empty(3), np.empty(3)
+    for i in range(label.shape[0]):
+        for j in range(label.shape[1]):
+            w = 0.0
+            for k in range(4):
+                if label[i, j, k] == number:
+                    w += weight[i, j, k]
+            if w == 0.0:
+                continue
+            for k in range(3):
+                X[k] = foot[i, j, k] + height[i, j] * up[i, j, k]
+                east[k] = foot[i, j + 1, k] - foot[i, j, k]
+                south[k] = foot[i + 1, j, k] - foot[i, j, k]
+                colour[k] = 0.0
+            u, v, depth = seen_at(model, q, R, C, largest, X)
+            side = np.sqrt(east[0] * east[0] + east[1] * east[1] + east[2] * east[2])
+            n = int(np.ceil(side * q[0] / depth - 0.5))
+            if n <= 1:
+                add_cubic(picture, u, v, 1.0, across, down, colour)
+            else:
+                _add_cell(picture, camera, X, (east, south), n, colour)
+            distance2 = (X[0] - C[0]) ** 2 + (X[1] - C[1]) ** 2 + (X[2] - C[2]) ** 2
+            r2 = max(distance2 / (depth * depth) - 1.0, 0.0)
+            for k in range(3):
+                out[i, j, k] += w * colour[k] * np.exp(-log_gain[k] - falloff[k] * r2)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _add_cell(
+    picture: ByteArray,
+    camera: tuple[int, FloatArray, FloatArray, FloatArray, float],
+    X: FloatArray,
+    sides: tuple[FloatArray, FloatArray],
+    n: int,
+    colour: FloatArray,
+) -> None:
+    """Add the mean over n × n places of a cell centred at X (3,); its image is taken as a parallelogram."""
+    model, q, R, C, largest = camera
+    u, v, _ = seen_at(model, q, R, C, largest, X)
+    du, dv, _ = seen_at(model, q, R, C, largest, X + sides[0])
+    eu, ev, _ = seen_at(model, q, R, C, largest, X + sides[1])
+    if not np.isfinite(du + dv + eu + ev):
+        du, dv, eu, ev = u, v, u, v
+    for a in range(n):
+        s = (a + 0.5) / n - 0.5
+        for b in range(n):
+            t = (b + 0.5) / n - 0.5
+            add_linear(picture, u + s * (du - u) + t * (eu - u), v + s * (dv - v) + t * (ev - v), 1.0 / (n * n), colour)
