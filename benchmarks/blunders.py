@@ -21,9 +21,9 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.reliability import NONCENTRALITY, minimal_detectable_blunder
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import suspects
-from photogram.quality.gross_errors.blunder_names import Blunder
-from photogram.quality.gross_errors.ground_check import adjust_and_judge
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.quality.gross_errors.blunder_naming import Blunder
+from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 KINDS = ("height", "plan", "mark", "exchanged")

@@ -40,7 +40,7 @@ from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.solvers import SolverName
 from photogram.sfm.similarity import fit_similarity
-from photogram.simulation.simulation import simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
 from photogram.survey import Block
 
 BLOCKS = {20: (4, 5, 10_000), 100: (5, 20, 50_000), 500: (10, 50, 200_000)}
@@ -317,7 +317,7 @@ def run_engine(folder: Path, engine: str, task: Path, processors: int, repeat: i
 
 
 def _first_run(path: str) -> None:
-    from photogram.factors.elimination.elimination import bundle  # noqa: F401 - what the clock must not count
+    from photogram.factors.elimination.points import bundle  # noqa: F401 - what the clock must not count
 
     task = make_task(20, 1, free=True)
     few, q = task.observations.select(task.observations.point < 50), task.start.parameters

@@ -26,8 +26,8 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import PARAMETER_NAMES
 from photogram.errors import AdjustmentError
 from photogram.quality.accuracy import AXES
-from photogram.quality.consistency import predicted_against_achieved
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.quality.prediction_test import predicted_against_achieved
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, FloatArray
 
 KNOWN = (0.0,) * 8

@@ -31,12 +31,12 @@ from dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, si
 from rectified_pairs import heights_of_pairs, warm_up
 
 from photogram.files.clouds.points import read_cloud
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.simulation import whole_survey_plan
+from photogram.simulation.simulated_survey import whole_survey_plan
 from photogram.survey import Block, Raster
 
 METHODS = ("photogram", "StereoSGBM")

@@ -27,7 +27,7 @@ from scipy.ndimage import binary_closing, map_coordinates
 
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.survey import PointCloud, Raster
 
 FloatArray = NDArray[np.float64]

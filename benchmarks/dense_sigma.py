@@ -24,9 +24,9 @@ from dense_truth import as_adjusted, simulated_survey, simulated_truth
 from numpy.typing import NDArray
 
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.stages.surface_stages import MatchedHeights
+from photogram.pipeline.stages.surface import MatchedHeights
 from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.simulation import whole_survey_plan
+from photogram.simulation.simulated_survey import whole_survey_plan
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

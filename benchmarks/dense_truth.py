@@ -19,10 +19,10 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 from photogram.camera import Camera, Pose, image_plane, project
 from photogram.files.maps.rasters import read_raster
 from photogram.files.matlab import read_camera
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Material, Scene
-from photogram.simulation.simulation import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
 from photogram.survey import Block, Raster
 
 FloatArray = NDArray[np.float64]

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.files.maps.rasters import read_raster
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.stages.surface_stages import surface_layers
+from photogram.pipeline.stages.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
-from photogram.surface.dense_surface import patch_cells
+from photogram.surface.dsm import patch_cells
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

@@ -34,7 +34,7 @@ from photogram.cli.commands import (
 )
 from photogram.cli.main import main as photogram
 from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.flight_plan import SurveyPlan
+from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(
     width_px=400, height_px=300, focal_px=600.0, flying_height_m=40.0, forward_overlap=0.75, side_overlap=0.7, strips=2,

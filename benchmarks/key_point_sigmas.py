@@ -20,7 +20,7 @@ from photogram.pipeline.stages.stages import REDUCTIONS
 from photogram.pipeline.store.workspace import read_arrays, read_record
 from photogram.project.project import Project
 from photogram.sfm.features import SMALLEST_PX, picture_scale
-from photogram.sfm.transfer import TRANSFERRED
+from photogram.sfm.guided_matching import TRANSFERRED
 from photogram.survey import Features, TiePoints
 
 EDGES = (1.0, 2.0, 4.0, 8.0, 16.0, np.inf)

@@ -25,7 +25,7 @@ from photogram.camera import AFFINITY, Camera, Pose, image_plane
 from photogram.compilation import njit
 from photogram.files.photographs.images import read_grey
 from photogram.frames import LocalFrame
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.survey import Block, Raster
 
 FloatArray = NDArray[np.float64]

@@ -33,7 +33,7 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import Pose
 from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.sfm.similarity import fit_similarity
-from photogram.simulation.simulation import SimulatedBlock, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedBlock, simulate_block, whole_survey_plan
 from photogram.survey import Block
 
 SIDES = {100: (5, 20), 300: (10, 30), 1000: (20, 50), 2000: (8, 250)}

@@ -27,9 +27,9 @@ import yaml
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.store.workspace import read_json
-from photogram.project.draft.tagged_cameras import SIGMA_NAMES, tagged_camera
-from photogram.simulation.simulation import SurveyPlan, render_photographs, simulate, whole_survey_plan
-from photogram.simulation.survey_folder import write_survey_folder
+from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
+from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate, whole_survey_plan
+from photogram.simulation.survey_files import write_survey_folder
 
 OFF_PERCENT = (0, -5, 5, -10, 10, -15, 15, 20)
 SHAPES = ((3, 5), (3, 6), (4, 5), (4, 6), (3, 7))

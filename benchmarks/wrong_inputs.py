@@ -26,9 +26,9 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.sfm.orientation import OrientationSettings, believed_attitudes, orient
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, FloatArray, Photograph
 
 What = tuple[str, str, str | None]

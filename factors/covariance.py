@@ -15,8 +15,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from photogram.camera import PARAMETERS
 from photogram.factors.datum import TURN, Datum, datum_of, reach_m, weights_of
 from photogram.factors.elimination.bundle import limited_threads
-from photogram.factors.elimination.elimination import Cameras, Points, point_covariances
 from photogram.factors.elimination.loss import NO_LOSS
+from photogram.factors.elimination.points import Cameras, Points, point_covariances
 from photogram.factors.elimination.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise
 from photogram.factors.elimination.state import State

@@ -14,8 +14,8 @@ import numpy as np
 
 from photogram.camera import PARAMETERS
 from photogram.factors.elimination.bundle import Bundle, SingularPointError
-from photogram.factors.elimination.elimination import first_observations, lay_out
 from photogram.factors.elimination.loss import steering
+from photogram.factors.elimination.points import first_observations, lay_out
 from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms, make_layout
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values

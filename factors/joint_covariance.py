@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from photogram.factors.covariance import Covariances, joint_points, point_columns
-from photogram.factors.elimination.elimination import first_observations
 from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.reprojection import Observations, linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem

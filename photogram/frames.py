@@ -27,7 +27,7 @@ from pyproj import CRS, Proj, Transformer, proj_version_str
 from pyproj.exceptions import CRSError, ProjError
 
 from photogram.errors import FrameError
-from photogram.heights import (
+from photogram.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,

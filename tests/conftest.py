@@ -22,7 +22,7 @@ from pyproj import Transformer
 from photogram.camera import Camera, Pose
 from photogram.cli.main import main
 from photogram.frames import LocalFrame
-from photogram.map_grid import MapGrid, cell_steps, verticals
+from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
@@ -30,9 +30,9 @@ from photogram.report.printing import browser_options, find_browser
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
-from photogram.simulation.simulation import SurveyPlan
-from photogram.surface.dense.dense_kernels import Crops, Ground
-from photogram.surface.dense.dense_levels import choose_views
+from photogram.simulation.simulated_survey import SurveyPlan
+from photogram.surface.dense.correlation import Crops, Ground
+from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import Views
 
 # The same examples on every run: a test must not fail by chance.

@@ -18,7 +18,7 @@ from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 from photogram.triangulation import MANY_PAIRS, consensus_intersections
 

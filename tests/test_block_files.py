@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.errors import WorkspaceError
-from photogram.map_grid import MapGrid, Window
-from photogram.pipeline.store.block_files import BlockFiles
+from photogram.grid import MapGrid, Window
+from photogram.pipeline.store.tiles import BlockFiles
 
 
 def grid_of(rows: int, columns: int) -> MapGrid:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.quality.gross_errors.blunder_names import Blunder
-from photogram.quality.gross_errors.blunders import contradictions, search, unmeasured, without
-from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.blunder_naming import Blunder
+from photogram.quality.gross_errors.data_snooping import contradictions, search, unmeasured, without
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 
 PLAN = SurveyPlan(

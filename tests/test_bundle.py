@@ -19,7 +19,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, cost, ground_graph, ground_values
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(
@@ -260,7 +260,7 @@ def test_photographs_without_observations_do_not_matter() -> None:
 
 def test_large_blocks_are_minimised_alike_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, start = small()
-    monkeypatch.setattr("photogram.factors.elimination.elimination.MANY_OBSERVATIONS", 100)
+    monkeypatch.setattr("photogram.factors.elimination.points.MANY_OBSERVATIONS", 100)
     monkeypatch.setattr("photogram.factors.elimination.bundle.MANY_OBSERVATIONS", 100)
     results = []
     for cores in (1, 3):

@@ -31,8 +31,8 @@ from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.graph import cost, ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION as CALIBRATION_KIND
 from photogram.factors.variables import POSE, TIE_POINT, key
-from photogram.sfm.structure import Structure, StructureSettings
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.sfm.reconstruction import Structure, StructureSettings
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 EYE = SurveyPlan(

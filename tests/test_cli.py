@@ -20,7 +20,7 @@ from PIL import Image
 import photogram as package
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.maps.rasters import write_geotiff
-from photogram.report.figures import study_pictures
+from photogram.report.figures import ransac_study as study_pictures
 from photogram.survey import PointCloud, Raster
 
 Run = Callable[..., Any]

@@ -17,7 +17,7 @@ from rio_cogeo import cog_validate
 from photogram.errors import FrameError, WorkspaceError
 from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_codes, write_cog_rgba
 from photogram.files.maps.rasters import read_raster, write_geotiff
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
 
 CRS, HEIGHTS = "EPSG:25832", "EPSG:25832+5799"
 GRID = MapGrid(602_300.5, 5_794_140.25, 0.25, 700, 530)

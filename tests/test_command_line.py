@@ -23,11 +23,11 @@ from photogram.cli import outcomes
 from photogram.cli.commands import adjust, init, plan
 from photogram.cli.interruption import interruptible, raise_if_interrupted
 from photogram.cli.screen.stage_lines import SENTENCES
-from photogram.cli.work import run_check
+from photogram.cli.work import check as run_check
 from photogram.errors import ProjectError
-from photogram.heights import HeightSystem
+from photogram.height_systems import HeightSystem
 from photogram.pipeline.pipeline import STAGES
-from photogram.simulation.planning import Gnss, Layout
+from photogram.simulation.flight_plan import Gnss, Layout
 from photogram.survey import Role
 
 Run = Callable[..., Any]

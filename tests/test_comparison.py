@@ -15,8 +15,15 @@ from scipy.interpolate import LinearNDInterpolator
 from threadpoolctl import threadpool_info
 
 from photogram.errors import PhotogramError
-from photogram.quality import comparison
-from photogram.quality.comparison import cloud_to_cloud, cloud_to_surface, compare, sor_filter, statistics, triangulate
+from photogram.quality import cloud_comparison as comparison
+from photogram.quality.cloud_comparison import (
+    cloud_to_cloud,
+    cloud_to_surface,
+    compare,
+    sor_filter,
+    statistics,
+    triangulate,
+)
 from photogram.survey import PointCloud, Raster
 
 FloatArray = NDArray[np.float64]

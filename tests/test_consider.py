@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.quality.remedies import block_deformation
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.quality.improvements import block_deformation
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 PLAN = SurveyPlan(

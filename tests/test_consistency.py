@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.quality.consistency import leave_one_out, predicted_against_achieved, shares
+from photogram.quality.prediction_test import leave_one_out, predicted_against_achieved, shares
 from photogram.report.numbers.statistics import consistency_numbers
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 PLAN = SurveyPlan(

@@ -8,7 +8,7 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.covariance import Covariances, covariances, joint_control_points
-from photogram.factors.elimination.elimination import first_observations
+from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import (
     IndeterminateError,
@@ -30,7 +30,7 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 SETTINGS = AdjustmentSettings(robust_loss="none")

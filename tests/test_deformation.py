@@ -11,13 +11,13 @@ import pytest
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.ground_points import ground_points
 from photogram.camera import PARAMETERS
-from photogram.courses import Course
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
 from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
+from photogram.flight_lines import Course
 from photogram.quality.deformation import (
     CENTRES,
     DOME,
@@ -32,9 +32,9 @@ from photogram.quality.deformation import (
     spread_points,
     stiffness,
 )
-from photogram.quality.held_parameters import with_held_freed
-from photogram.quality.remedies import deformation_and_remedies, strips, with_rtk, with_strip
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.quality.fixed_parameters import with_held_freed
+from photogram.quality.improvements import deformation_and_remedies, strips, with_rtk, with_strip
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Deformation, FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=4, check_points=2, flights=2)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from photogram.simulation.demonstration import judge, write_demonstration
-from photogram.simulation.simulation import SurveyPlan, demonstration_plan
+from photogram.simulation.simulated_survey import SurveyPlan, demonstration_plan
 
 Run = Callable[..., Any]
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from photogram.surface.dense.dense_kernels import (
+from photogram.surface.dense.correlation import (
     LEFT_OUT,
     LOOKED_UP,
     NEUTRAL,
@@ -28,7 +28,7 @@ from photogram.surface.dense.dense_kernels import (
     share_of,
     window_at,
 )
-from photogram.surface.dense.dense_levels import choose_views
+from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import places_in_view
 
 STEP_M = 0.3

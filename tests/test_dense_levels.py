@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from photogram.camera import Pose
 from photogram.errors import PhotogramError
-from photogram.map_grid import MapGrid, Window
-from photogram.simulation.simulation import SimulatedSurvey, SurveyPlan, simulate, truth_surface
-from photogram.surface.dense.dense_levels import (
+from photogram.grid import MapGrid, Window
+from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, simulate, truth_surface
+from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
     DOUBTFUL_BETWEEN,
     KnownGround,

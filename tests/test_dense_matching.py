@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from photogram.errors import PhotogramError
-from photogram.map_grid import LATTICE_CELLS, MapGrid, Window
-from photogram.surface.dense.dense_levels import Level, Prior
-from photogram.surface.dense.dense_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
+from photogram.grid import LATTICE_CELLS, MapGrid, Window
+from photogram.surface.dense.pyramid import Level, Prior
+from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 
 GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
 STEP_M = 0.25

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from photogram import decimation
 from photogram.decimation import bands, block_means, block_of, decimated
-from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
-from photogram.report.numbers.dense_numbers import dense_numbers, orthophoto_numbers, surface_check_numbers
+from photogram.report.numbers.dense import dense_numbers, orthophoto_numbers, surface_check_numbers
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from photogram.errors import FrameError, WorkspaceError
 from photogram.files.clouds.dense_points import DensePoints, points_of_cells, write_dense_laz
 from photogram.files.clouds.points import read_cloud
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
 
 CRS = "EPSG:25832+5799"
 LAZ = laspy.LazBackend.LazrsParallel

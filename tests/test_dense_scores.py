@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from photogram.camera import Camera, Pose, image_plane, project
-from photogram.map_grid import MapGrid
-from photogram.simulation.flight_plan import SurveyPlan, whole_survey_plan
-from photogram.simulation.simulation import simulate, simulate_block
+from photogram.grid import MapGrid
+from photogram.simulation.simulated_survey import simulate, simulate_block
+from photogram.simulation.survey_plan import SurveyPlan, whole_survey_plan
 from photogram.survey import Block, PointCloud, Raster, TiePoints
 
 CELL_M, GSD_M = 0.1, 0.05

@@ -20,11 +20,11 @@ import rasterio
 from photogram.pipeline.pipeline.stages import dense_stages, surface_stages
 
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.dense_stages import match_surface, round_cell_m
-from photogram.pipeline.stages.surface_stages import model_surface
+from photogram.pipeline.stages.dense import match_surface, round_cell_m
+from photogram.pipeline.stages.surface import model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.workspace import Workspace
-from photogram.surface.dense import dense_matching
+from photogram.surface.dense import tile_matching as dense_matching
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from photogram.map_grid import MapGrid, Window
-from photogram.surface.dense_surface import (
+from photogram.grid import MapGrid, Window
+from photogram.surface.dsm import (
     FILL_DIRECTIONS,
     KEPT_MARGIN_CELLS,
     STEEPEST,

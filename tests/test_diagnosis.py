@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.quality.diagnosis import diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
-from photogram.quality.remedies import block_deformation
-from photogram.report.numbers.diagnosis_numbers import diagnosis_numbers
-from photogram.simulation.simulation import SurveyPlan, rtk_plan, simulate_block
+from photogram.quality.improvements import block_deformation
+from photogram.report.numbers.diagnosis import diagnosis_numbers
+from photogram.simulation.simulated_survey import SurveyPlan, rtk_plan, simulate_block
 from photogram.survey import Adjustment, Block, Deformation
 
 NADIR = SurveyPlan(

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.sfm.direct_orientation import direct_structure, measured
+from photogram.sfm.direct import direct_structure, measured
+from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import fit_similarity, robust_similarity
-from photogram.sfm.structure import Structure, StructureSettings
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block, Photograph
 
 SETTINGS = StructureSettings()

@@ -16,9 +16,9 @@ from photogram.factors.functionals import functions_of_tie_points
 from photogram.quality.deformation import places_of
 from photogram.quality.ground_errors import ground_errors
 from photogram.report.distances import NODES, error_grid
-from photogram.report.numbers.diagnosis_numbers import ground_error_numbers
+from photogram.report.numbers.diagnosis import ground_error_numbers
 from photogram.report.view_record import GroundErrorsRecord, ViewRecord, view_record
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Deformation
 
 MINIMAL = {"photogram": "1", "crs": "EPSG:25832", "cameras": {}, "photographs": {}, "control_points": []}

@@ -10,7 +10,9 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.camera import PARAMETERS, all_parameters
-from photogram.factors.elimination.elimination import (
+from photogram.factors.elimination.kernels import BEHIND_PX
+from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
+from photogram.factors.elimination.points import (
     Cameras,
     Points,
     Rays,
@@ -22,11 +24,9 @@ from photogram.factors.elimination.elimination import (
     point_covariances,
     substitute,
 )
-from photogram.factors.elimination.kernels import BEHIND_PX
-from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
 from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, make_layout, scale_matrix
 from photogram.factors.elimination.reprojection import Observations, linearise, residuals
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=4, check_points=0)

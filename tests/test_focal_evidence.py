@@ -10,8 +10,8 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.adjustment.self_calibration import held_parameters
-from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
-from photogram.simulation.simulation import SurveyPlan, simulate_block, whole_survey_plan
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 
 SETTINGS = AdjustmentSettings()
 LENS = 0.06

@@ -19,8 +19,8 @@ from photogram.errors import ProjectError
 from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.report.numbers.gnss_numbers import gnss_numbers
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.report.numbers.gnss import gnss_numbers
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment
 
 Json = dict[str, Any]

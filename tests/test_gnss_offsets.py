@@ -11,8 +11,8 @@ from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.gnss_offsets import estimated_offset_test, implied_offset_test
-from photogram.report.numbers.gnss_numbers import gnss_numbers
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.report.numbers.gnss import gnss_numbers
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 
 SETTINGS = AdjustmentSettings(robust_loss="none")

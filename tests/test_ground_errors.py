@@ -10,7 +10,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.quality.deformation import places_of
 from photogram.quality.ground_errors import factor_of_differences, ground_errors
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 
 @pytest.fixture(scope="module", params=[6, 0], ids=["control", "GNSS only"])

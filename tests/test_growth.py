@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.sfm.growth import grow, seed_pairs, shared_points
+from photogram.sfm.incremental import grow, seed_pairs, shared_points
+from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import Similarity, fit_similarity
-from photogram.sfm.structure import Structure, StructureSettings
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import TiePoints
 
 SETTINGS = StructureSettings()

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from photogram.project.validation.height_datum import HeightEvidence, HeightShift, height_shift
-from photogram.project.validation.preflight_heights import _evidence_of_block
-from photogram.simulation.flight_plan import SurveyPlan, rtk_plan, whole_survey_plan
-from photogram.simulation.simulated_block import simulate_block
+from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
+from photogram.project.validation.heights import _evidence_of_block
+from photogram.simulation.observations import simulate_block
+from photogram.simulation.survey_plan import SurveyPlan, rtk_plan, whole_survey_plan
 
 PLANS: dict[str, SurveyPlan] = {
     "RTK, laboratory": SurveyPlan(control_points=6),

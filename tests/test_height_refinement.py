@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.surface.dense.dense_kernels import Window
-from photogram.surface.dense.height_refinement import refine_heights
+from photogram.surface.dense.correlation import Window
+from photogram.surface.dense.refinement import refine_heights
 
 GSD_M = 0.1
 WINDOW = Window(3, 1.5, 0.5)

@@ -18,7 +18,7 @@ from photogram.errors import FrameError
 from photogram.files.clouds.points import write_laz
 from photogram.files.maps.rasters import read_raster, write_geotiff
 from photogram.frames import LocalFrame, map_heights, product_crs, written_crs
-from photogram.heights import (
+from photogram.height_systems import (
     DeclaredHeights,
     Geoid,
     crs_name,

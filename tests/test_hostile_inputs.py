@@ -45,15 +45,15 @@ from photogram.files.poses import write_pose_table
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.files.tables.position_tables import read_positions
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.store.records import Run as Survey
+from photogram.pipeline.store.run import Run as Survey
 from photogram.pipeline.store.workspace import Workspace
 from photogram.printable import file_stem, printable, table_cell
-from photogram.project.plan_file import FlightFile, plan_settings
+from photogram.project.document import Document, read_entry, read_settings
+from photogram.project.flight_file import FlightFile, plan_settings
 from photogram.project.project import SECTIONS
-from photogram.project.project_file import Document, read_entry, read_settings
-from photogram.project.project_ranges import SETTINGS, Within
-from photogram.project.project_schema import ProjectFile
-from photogram.report.figures.pictures import new_figure
+from photogram.project.ranges import SETTINGS, Within
+from photogram.project.schema import ProjectFile
+from photogram.report.figures.style import new_figure
 from photogram.report.reading import making_of, read_report
 from photogram.survey import PointCloud
 

@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from photogram.project.validation.height_datum import HeightEvidence, height_shift
+from photogram.project.validation.height_shift import HeightEvidence, height_shift
+from photogram.project.validation.heights import _evidence_of_block
 from photogram.project.validation.image_scale import ScaleFit, fit_scales
-from photogram.project.validation.preflight_heights import _evidence_of_block
-from photogram.simulation.flight_plan import SurveyPlan, rtk_plan, whole_survey_plan
-from photogram.simulation.simulated_block import simulate_block
+from photogram.simulation.observations import simulate_block
+from photogram.simulation.survey_plan import SurveyPlan, rtk_plan, whole_survey_plan
 
 PLANS: dict[str, SurveyPlan] = {
     "laboratory": SurveyPlan(control_points=6),

@@ -18,7 +18,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, Step, ground_graph, linearise_all, retract, variable_size
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.variables import CONTROL_POINT, key
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import FloatArray
 
 PLAN = SurveyPlan(

@@ -18,9 +18,9 @@ from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.camera import rotation_from_gimbal
 from photogram.factors.camera_position import gnss_position, position_jacobian
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
-from photogram.report.numbers.gnss_numbers import gnss_numbers
+from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.numbers import gnss_residual_m
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray, Photograph
 
 ARM = np.array([0.02, 0.3, -0.05])  # camera axes: 2 cm right, 30 cm to the rear, 5 cm up

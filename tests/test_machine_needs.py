@@ -14,7 +14,7 @@ from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.pipeline import load_project
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.machine_needs import (
+from photogram.project.validation.resources import (
     COARSER_BYTES,
     LAYER_BYTES,
     MATCHED_BYTES,
@@ -26,10 +26,10 @@ from photogram.project.validation.machine_needs import (
     surface_disk_bytes,
     surface_size,
 )
-from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
-from photogram.surface.surface_model import SurfaceSettings
-from photogram.surface.terrain_model import TerrainSettings
+from photogram.surface.tin_dsm import SurfaceSettings
 
 Tags = list[PhotographTags | None]
 FLYING_M = 60.0

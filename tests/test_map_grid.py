@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.frames import LocalFrame
-from photogram.map_grid import LATTICE_CELLS, MapGrid, Window, verticals
+from photogram.grid import LATTICE_CELLS, MapGrid, Window, verticals
 from photogram.survey import Raster
 
 FRAME = LocalFrame("EPSG:25832", (602340.0, 5794120.0, 120.0))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from photogram.camera import Camera, Pose, distort, project, undistort
 from photogram.sfm.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Features
 
 SETTINGS = MatchingSettings()

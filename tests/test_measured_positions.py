@@ -15,12 +15,12 @@ from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.images import PhotographTags, read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
-from photogram.gnss_solutions import FLOOR_M, Sigma3, solution_of_rtk_flag
-from photogram.pipeline.store.records import measured_block
+from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
+from photogram.pipeline.store.run import measured_block
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.project import Project, read_project
 from photogram.project.validation.findings import Finding
-from photogram.project.validation.preflight_positions import gnss_findings, time_findings
+from photogram.project.validation.positions import gnss_findings, time_findings
 
 P4M = Path(__file__).parents[2] / "shared" / "data" / "p4m_rtk_xmp"
 CRS = "EPSG:32632"

@@ -23,7 +23,7 @@ from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
 from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.simulation.simulation import SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 LADYBUG = ROOT.parent / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"

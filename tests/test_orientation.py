@@ -15,7 +15,7 @@ from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
 from photogram.sfm.orientation import Orientation, OrientationSettings, orient, resections_of
 from photogram.sfm.resection import Resection
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
 AUTO, GROWTH = OrientationSettings(), OrientationSettings(method="growth")

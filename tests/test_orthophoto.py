@@ -19,13 +19,13 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.pipeline.stages.orthophoto_stage import left_out_reason
+from photogram.pipeline.stages.orthophoto import left_out_reason
 from photogram.simulation.rendering import intersect, render, visible
 from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster
 from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
-from photogram.surface.ortho.seams import find_seams
+from photogram.surface.ortho.seamlines import find_seams
 from photogram.surface.ortho.visibility import Terrain
 from photogram.surface.views import Views
 from photogram.survey import Raster

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.errors import ImageError, OrientationError
-from photogram.sfm.pair_selection import PairSettings, SelectedPairs, predicted_overlap, select_pairs
+from photogram.sfm.pairs import PairSettings, SelectedPairs, predicted_overlap, select_pairs
 from photogram.survey import Photograph
 
 SETTINGS = PairSettings()

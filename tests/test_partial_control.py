@@ -11,7 +11,7 @@ import pytest
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.partial_control import control_positions
 from photogram.errors import AdjustmentError
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, BoolArray
 
 PLAN = SurveyPlan(

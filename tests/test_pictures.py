@@ -16,9 +16,19 @@ from PIL import Image
 
 from photogram.camera import Camera
 from photogram.errors import WorkspaceError
-from photogram.quality.comparison import Comparison, statistics
-from photogram.report.figures import plan
-from photogram.report.figures.pictures import (
+from photogram.quality.cloud_comparison import Comparison, statistics
+from photogram.report.figures import plan_view as plan
+from photogram.report.figures.plan_view import (
+    FEW,
+    MAXIMUM_PHOTOGRAPH_NAMES,
+    PlanContents,
+    enlargement,
+    overlap_levels,
+    place_labels,
+    plan_picture,
+)
+from photogram.report.figures.ransac_study import inliers_by_iteration, inliers_by_sample_size
+from photogram.report.figures.style import (
     _grid_means,
     _round_up,
     _thinned,
@@ -31,16 +41,6 @@ from photogram.report.figures.pictures import (
     save_picture,
     shaded_surface,
 )
-from photogram.report.figures.plan import (
-    FEW,
-    MAXIMUM_PHOTOGRAPH_NAMES,
-    PlanContents,
-    enlargement,
-    overlap_levels,
-    place_labels,
-    plan_picture,
-)
-from photogram.report.figures.study_pictures import inliers_by_iteration, inliers_by_sample_size
 from photogram.sfm.ransac_study import RansacStudy, study
 from photogram.survey import Raster
 

@@ -16,9 +16,8 @@ from PIL import Image
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.errors import AdjustmentError, ProjectError
-from photogram.project.plan_file import flight_plan, plan_settings
-from photogram.simulation.flight_prediction import alternatives, changes, predict
-from photogram.simulation.planning import (
+from photogram.project.flight_file import flight_plan, plan_settings
+from photogram.simulation.flight_plan import (
     Calibration,
     FlightPlan,
     Layout,
@@ -26,6 +25,7 @@ from photogram.simulation.planning import (
     courses,
     survey_of,
 )
+from photogram.simulation.prediction import alternatives, changes, predict
 
 SMALL = FlightPlan(
     width_m=60, length_m=80, relief_m=8, width_px=1500, height_px=1125, focal_px=1200, flying_height_m=60,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from photogram.errors import ProjectError
 from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
 from photogram.files.tables.position_tables import COLUMNS, read_positions
-from photogram.gnss_solutions import Sigma3, Solution
+from photogram.gnss import Sigma3, Solution
 from photogram.project.position_matching import match_rows, sequence_number
 
 MRK = (

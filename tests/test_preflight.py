@@ -19,24 +19,24 @@ from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
+from photogram.files.photographs.headers import PhotographHeader, equal_files, read_headers
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
-from photogram.files.photographs.photograph_headers import PhotographHeader, equal_files, read_headers
 from photogram.frames import LocalFrame, geodetic_from_map
-from photogram.heights import DeclaredHeights
+from photogram.height_systems import DeclaredHeights
 from photogram.project.project import Project, ProjectControlPoint, ProjectPhotograph
+from photogram.project.validation.check import check_survey, header_findings, project_faults, survey_findings
 from photogram.project.validation.findings import Finding, some, things
-from photogram.project.validation.machine_needs import machine_needs
-from photogram.project.validation.preflight import check_survey, header_findings, project_faults, survey_findings
+from photogram.project.validation.resources import machine_needs
 from photogram.sfm.features import FeatureSettings
+from photogram.sfm.guided_matching import TransferSettings
 from photogram.sfm.matching import MatchingSettings
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.pair_selection import PairSettings
-from photogram.sfm.transfer import TransferSettings
+from photogram.sfm.pairs import PairSettings
 from photogram.surface.contours import ContourSettings
-from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
-from photogram.surface.surface_model import SurfaceSettings
-from photogram.surface.terrain_model import TerrainSettings
+from photogram.surface.tin_dsm import SurfaceSettings
 
 CRS = "EPSG:25832"
 CAMERA = Camera("p4", 4000, 3000, 3000.0, np.array([1999.5, 1499.5]))

@@ -18,8 +18,8 @@ from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, writ
 from photogram.files.maps.geo_keys import set_vertical_key
 from photogram.files.maps.rasters import read_raster
 from photogram.frames import height_system_of, product_crs
-from photogram.heights import DeclaredHeights, Geoid
-from photogram.map_grid import MapGrid
+from photogram.grid import MapGrid
+from photogram.height_systems import DeclaredHeights, Geoid
 
 LOCAL = ProjectedCRS(TransverseMercatorConversion(50.0, 9.0), "grid of the site", geodetic_crs="EPSG:4258").to_wkt()
 PLACES = {

@@ -11,8 +11,8 @@ import pytest
 
 from photogram.camera import Camera
 from photogram.errors import ProjectError
+from photogram.project.document import Document, read_settings
 from photogram.project.project import read_project
-from photogram.project.project_file import Document, read_settings
 
 
 def no_matlab(path: Path, *_: object) -> Camera:

@@ -15,12 +15,12 @@ import pytest
 import rasterio
 
 from photogram.errors import ProjectError
-from photogram.files.photographs.photograph_headers import read_headers
+from photogram.files.photographs.headers import read_headers
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.project.project import Project
 from photogram.project.validation.findings import Finding
-from photogram.project.validation.preflight_heights import height_system_findings
+from photogram.project.validation.heights import height_system_findings
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "dtu_phantom4" / "project.yaml"

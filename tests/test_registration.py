@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.adjustment.registration import registered_block, with_all_photographs
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.adjustment.oriented_subset import registered_block, with_all_photographs
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, IntArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=6, check_points=3)

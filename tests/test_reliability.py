@@ -15,7 +15,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.quality.accuracy import suspects
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray
 
 PLAN = SurveyPlan(

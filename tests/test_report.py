@@ -19,7 +19,7 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.adjustment.registration import registered_block, with_all_photographs
+from photogram.adjustment.oriented_subset import registered_block, with_all_photographs
 from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.pipeline.store.workspace import write_json
@@ -27,7 +27,7 @@ from photogram.report.identity import VOLATILE
 from photogram.report.numbers.numbers import NOT_ADJUSTED, gnss_residual_m, report_numbers
 from photogram.report.numbers.overlap import ground_overlap
 from photogram.sfm.orientation import Orientation
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block
 
 Json = dict[str, Any]

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from photogram.files.atomic import replacing
-from photogram.pipeline.stages.page_files import deliverables
+from photogram.pipeline.stages.report_files import deliverables
 from photogram.pipeline.store.results_record import recorded
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id

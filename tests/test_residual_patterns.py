@@ -13,10 +13,10 @@ from photogram.factors import functionals
 from photogram.factors.functionals import factored, responses_to_pixels
 from photogram.quality.deformation import height_modes, places_of
 from photogram.quality.diagnosis import diagnose
-from photogram.quality.remedies import block_deformation
+from photogram.quality.improvements import block_deformation
 from photogram.quality.residual_patterns import pattern_sigmas_m, residual_pattern, residual_patterns, squares_of
 from photogram.report.figures.page_figures import residual_caption
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, FloatArray, IntArray
 
 CAMERA = Camera("c", 4000, 3000, 2300.0, np.array([1999.5, 1499.5]))

@@ -12,7 +12,7 @@ from photogram.files.photographs.images import read_pixels
 from photogram.sfm import retrieval
 from photogram.sfm.features import FeatureSettings, find_features
 from photogram.sfm.retrieval import most_similar
-from photogram.simulation.simulation import SurveyPlan, render_photographs, simulate
+from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
 from photogram.survey import Features
 
 BRIGHTON = Path(__file__).parents[1] / "../shared/data/brighton_beach/images"

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.orthophoto_stage import HeldPhotographs, make_orthophoto
-from photogram.pipeline.store.records import Run
+from photogram.pipeline.stages.orthophoto import HeldPhotographs, make_orthophoto
+from photogram.pipeline.store.run import Run
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.ortho.resampling import add_cubic, catmull_rom
-from photogram.surface.ortho.seams import chosen_labels
+from photogram.surface.ortho.seamlines import chosen_labels
 
 
 def lists(rng: np.random.Generator, rows: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:

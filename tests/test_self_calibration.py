@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
 from photogram.camera import CLASSIC, PARAMETER_NAMES, Camera, rotation_from_gimbal
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Adjustment, Block, FloatArray
 
 SETTINGS = AdjustmentSettings()

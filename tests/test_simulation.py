@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from photogram.camera import all_parameters, project
 from photogram.simulation.rendering import visible
-from photogram.simulation.simulation import (
+from photogram.simulation.simulated_survey import (
     SimulatedBlock,
     SimulatedSurvey,
     SurveyPlan,

@@ -15,7 +15,9 @@ from rich.console import Console
 
 from photogram.cli.screen import terminal
 from photogram.cli.screen.stage_lines import SENTENCES, sentence
-from photogram.cli.work import run_compare, run_plan, run_view
+from photogram.cli.work import compare as run_compare
+from photogram.cli.work import plan as run_plan
+from photogram.cli.work import view as run_view
 from photogram.files.clouds.points import write_xyz
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.survey import PointCloud

@@ -16,11 +16,11 @@ import rasterio
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from photogram.surface.dense.dense_kernels import NEUTRAL, Crops, Ground, Window, fill_costs
-from photogram.surface.dense.dense_levels import median_of_known
-from photogram.surface.dense.dense_matching import DenseSettings
-from photogram.surface.dense.height_refinement import refine_heights
+from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, Window, fill_costs
+from photogram.surface.dense.pyramid import median_of_known
+from photogram.surface.dense.refinement import refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
+from photogram.surface.dense.tile_matching import DenseSettings
 
 DATA = Path(__file__).parent.parent / "../shared/data/stereo_cones"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the stereo pair is not at ../shared/data/stereo_cones")

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Pose, image_plane, project, rotation_from_gimbal
-from photogram.sfm.structure import Structure, StructureSettings, resected
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.sfm.reconstruction import Structure, StructureSettings, resected
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, forward_overlap=0.75, control_points=0, check_points=0,

@@ -26,8 +26,8 @@ from photogram.report.figures.surface_figures import (
     write_surface_pictures,
 )
 from photogram.report.figures.surface_maps import rays_scale, target_bounds_m, target_shares
-from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture
-from photogram.report.numbers.dense_numbers import dense_numbers
+from photogram.report.numbers.dense import dense_numbers
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.survey import Raster
 
 FloatArray = NDArray[np.float64]

@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.errors import PhotogramError
-from photogram.simulation.simulation import SurveyPlan, simulate_block
-from photogram.surface.surface_model import (
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.surface.tin_dsm import (
     PointPrecision,
     ShapePrecision,
     Surface,
@@ -63,7 +63,7 @@ def test_tiles_do_not_show(monkeypatch: pytest.MonkeyPatch, tile_cells: int) -> 
     x, y = scattered(2000, 30.0, 17.0)
     cloud = cloud_of(x, y, np.sin(x / 3) + np.cos(y / 2))
     expected = surface_from_points(cloud, SurfaceSettings(cell_m=0.3)).values
-    monkeypatch.setattr("photogram.surface.surface_model.TILE_CELLS", tile_cells)
+    monkeypatch.setattr("photogram.surface.tin_dsm.TILE_CELLS", tile_cells)
     np.testing.assert_array_equal(surface_from_points(cloud, SurfaceSettings(cell_m=0.3)).values, expected)
 
 

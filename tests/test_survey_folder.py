@@ -12,9 +12,9 @@ import pytest
 from photogram.files.photographs.images import read_pixels, read_tags
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.frames import map_from_geodetic
-from photogram.simulation.flight_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M
-from photogram.simulation.simulation import SimulatedSurvey, SurveyPlan, simulate
-from photogram.simulation.survey_folder import shuffled_names, write_survey_folder
+from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, simulate
+from photogram.simulation.survey_files import shuffled_names, write_survey_folder
+from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M
 
 PLAN = SurveyPlan(
     width_px=160, height_px=120, focal_px=140.0, flying_height_m=40.0, strips=2, photographs_per_strip=2, cell_m=0.1,

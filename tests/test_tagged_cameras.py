@@ -6,7 +6,7 @@ from math import hypot
 import pytest
 
 from photogram.files.photographs.tags import Dewarp, PhotographTags
-from photogram.project.draft.tagged_cameras import camera_key, camera_names, tagged_camera, whole_diagonal_px
+from photogram.project.draft.cameras import camera_key, camera_names, tagged_camera, whole_diagonal_px
 
 DJI = PhotographTags(make="DJI", model="FC300S", width_px=4000, height_px=3000, focal_mm=3.61, focal_35mm_mm=20.0)
 DEWARP = Dewarp(

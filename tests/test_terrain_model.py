@@ -11,7 +11,7 @@ import pytest
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.simulation.scene import Material, Scene, make_scene, surface_raster, terrain_height
-from photogram.surface.terrain_model import Terrain, TerrainSettings, terrain_from_surface
+from photogram.surface.dtm import Terrain, TerrainSettings, terrain_from_surface
 from photogram.survey import Raster
 
 SEED, RELIEF_M, NOISE_M = 5, 6.0, 0.03

@@ -10,7 +10,7 @@ from photogram.camera import Camera, Pose, undistort
 from photogram.sfm.features import SMALLEST_PX, FeatureSettings, coarseness, find_features, picture_scale
 from photogram.sfm.matching import MatchingSettings, match_pair
 from photogram.sfm.tracks import join_matches, key_point_sigmas_px, seen_in_all
-from photogram.simulation.simulation import SurveyPlan, render_photographs, simulate
+from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
 from photogram.survey import Features, FloatArray, Matches
 
 Key = tuple[int, int]

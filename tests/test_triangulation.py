@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photogram.camera import Camera, Pose, models_of, project
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import TiePoints
 from photogram.triangulation import (
     consensus_intersections,

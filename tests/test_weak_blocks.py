@@ -11,14 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
-from photogram.adjustment.determinacy import WEAK_CAMERA, UnheldError, check_in_front, control_marks
-from photogram.adjustment.registration import with_all_marks, without_marks
+from photogram.adjustment.oriented_subset import with_all_marks, without_marks
+from photogram.adjustment.solvability import WEAK_CAMERA, UnheldError, check_in_front, control_marks
 from photogram.camera import Pose, project
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.pipeline.store.records import adjustment_arrays
-from photogram.simulation.simulation import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.pipeline.store.run import adjustment_arrays
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Adjustment, Block, IntArray
 
 PLAN = SurveyPlan(

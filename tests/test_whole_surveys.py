@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.similarity import fit_similarity
-from photogram.simulation.simulation import (
+from photogram.simulation.simulated_survey import (
     SimulatedSurvey,
     SurveyPlan,
     render_photographs,
@@ -28,7 +28,7 @@ from photogram.simulation.simulation import (
     simulate_block,
     whole_survey_plan,
 )
-from photogram.simulation.survey_folder import shuffled_names, write_survey_folder
+from photogram.simulation.survey_files import shuffled_names, write_survey_folder
 
 Run = Callable[..., Any]
 Pictures = dict[str, np.ndarray]

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
-from photogram.quality.gross_errors.blunder_names import withdrawn_attitudes
-from photogram.quality.gross_errors.blunders import contradictions, scatter, simplified, unmeasured, without
-from photogram.quality.gross_errors.ground_check import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
+from photogram.quality.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
 from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.sfm.mark_scale import picture_factor
-from photogram.simulation.simulation import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, FloatArray
 
 SETTINGS = AdjustmentSettings()

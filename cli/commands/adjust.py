@@ -1,4 +1,4 @@
-"""photogram adjust: the whole survey. Arguments only; run_adjust.py does it."""
+"""photogram adjust: the whole survey. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ def adjust(
     pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
     dense, surface, relief, orthophoto, comparison and results.
     """
-    from photogram.cli.work.run_adjust import run
+    from photogram.cli.work.adjust import run
 
     run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)

@@ -1,4 +1,4 @@
-"""photogram check: validates a project before processing. Arguments only; run_check.py does it."""
+"""photogram check: validates a project before processing. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from photogram.cli.arguments import Photographs, ProjectFile
 @app.command()
 def check(project: ProjectFile, photographs: Photographs = None) -> None:
     """Validate a project before processing (takes seconds)."""
-    from photogram.cli.work.run_check import run
+    from photogram.cli.work.check import run
 
     run(project, photographs)

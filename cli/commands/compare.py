@@ -1,4 +1,4 @@
-"""photogram compare: point clouds against a reference. Arguments only; run_compare.py does it."""
+"""photogram compare: point clouds against a reference. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -24,6 +24,6 @@ def compare(
     ] = True,
 ) -> None:
     """Compare point clouds with a reference: height over its surface, and distance to its nearest point."""
-    from photogram.cli.work.run_compare import run
+    from photogram.cli.work.compare import run
 
     run(clouds, reference, output, sor)

@@ -1,4 +1,4 @@
-"""photogram demo: the built-in simulated survey, end to end. Arguments only; run_demo.py does it."""
+"""photogram demo: the built-in simulated survey, end to end. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -19,6 +19,6 @@ def demo(
     ] = False,
 ) -> None:
     """Render a small simulated survey, process it, and compare the result with the truth."""
-    from photogram.cli.work.run_demo import run
+    from photogram.cli.work.demo import run
 
     run(folder, seed, dense)

@@ -1,4 +1,4 @@
-"""photogram init: a project file from a folder of photographs. Arguments only; run_init.py does it."""
+"""photogram init: a project file from a folder of photographs. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def init(
     size = _picture_size(picture_size)
     if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
         raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
-    from photogram.cli.work.run_init import Request, run
+    from photogram.cli.work.init import Request, run
 
     roles: list[tuple[Path, RoleName]] = [(path, "control") for path in control or ()]
     roles += [(path, "check") for path in check or ()]

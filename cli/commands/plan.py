@@ -1,4 +1,4 @@
-"""photogram plan: the accuracy of a flight before it is flown. Arguments only; run_plan.py does it."""
+"""photogram plan: the accuracy of a flight before it is flown. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def plan(
 ) -> None:
     """Predict the accuracy of a planned flight, and the effect of single changes."""
     width, length = _area(area)
-    from photogram.cli.work.run_plan import run
+    from photogram.cli.work.plan import run
 
     given = {
         "width_m": width,

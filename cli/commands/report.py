@@ -1,4 +1,4 @@
-"""photogram report: the page of a finished survey, made again or printed. Arguments only; run_report.py does it."""
+"""photogram report: the page of a finished survey, made again or printed. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from photogram.cli.arguments import Pdf, Photographs, ProjectFile
 @app.command()
 def report(project: ProjectFile, photographs: Photographs = None, pdf: Pdf = False) -> None:
     """Regenerate report.html from report.json with the current names and targets of the project file."""
-    from photogram.cli.work.run_report import run
+    from photogram.cli.work.report import run
 
     run(project, photographs, pdf)

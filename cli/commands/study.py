@@ -1,4 +1,4 @@
-"""photogram study: teaching experiments on single processing steps. Arguments only; run_study.py does it."""
+"""photogram study: teaching experiments on single processing steps. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -60,6 +60,6 @@ def ransac(
     """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
     sizes, counts = _counts(sample_sizes, "--sample-sizes"), _counts(iterations, "--iterations")
     limits_px = _numbers(thresholds, "--thresholds")
-    from photogram.cli.work.run_study import run
+    from photogram.cli.work.study import run
 
     run(project, photographs, pair, counts, sizes, limits_px, residual, ratio, seed)

@@ -1,4 +1,4 @@
-"""photogram view: the results in 3-D, as one page for a browser. Arguments only; run_view.py does it."""
+"""photogram view: the results in 3-D, as one page for a browser. Arguments only; the work is in `photogram.cli.work`."""
 
 from __future__ import annotations
 
@@ -29,6 +29,6 @@ def view(
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write view.html: point cloud, photographs, control and check points in 3-D, one file that works offline."""
-    from photogram.cli.work.run_view import run
+    from photogram.cli.work.view import run
 
     run(results, points, cloud, photographs, show)

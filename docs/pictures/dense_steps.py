@@ -23,12 +23,12 @@ from matplotlib.colors import LightSource, Normalize
 from numpy.typing import NDArray
 
 from photogram.files.photographs.images import read_grey
-from photogram.map_grid import Window
+from photogram.grid import Window
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.dense_stages import CELL_GSD, MINIMUM_RAYS, round_cell_m
-from photogram.pipeline.stages.surface_stages import FILL_CELLS
-from photogram.pipeline.store.records import Run
-from photogram.surface.dense.dense_levels import (
+from photogram.pipeline.stages.dense import CELL_GSD, MINIMUM_RAYS, round_cell_m
+from photogram.pipeline.stages.surface import FILL_CELLS
+from photogram.pipeline.store.run import Run
+from photogram.surface.dense.pyramid import (
     Level,
     choose_views,
     correlation_histogram,
@@ -39,8 +39,8 @@ from photogram.surface.dense.dense_levels import (
     plan_levels,
     survey_grid,
 )  # fmt: skip
-from photogram.surface.dense.dense_matching import MARGIN_CELLS, Heights, Scene, match_block
-from photogram.surface.dense_surface import filled_heights, kept_heights
+from photogram.surface.dense.tile_matching import MARGIN_CELLS, Heights, Scene, match_block
+from photogram.surface.dsm import filled_heights, kept_heights
 from photogram.surface.views import Views, places_in_view
 
 HALF, REACH_M = 3, 2.5

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
-from photogram.factors.elimination.elimination import (
+from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
+from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
+from photogram.factors.elimination.points import (
     CHUNKS,
     MANY_OBSERVATIONS,
     Cameras,
@@ -31,8 +33,6 @@ from photogram.factors.elimination.elimination import (
     observation_cost,
     substitute,
 )
-from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
-from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
 from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
 from photogram.factors.elimination.reprojection import Observations, calibration_scale
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.adjustment.determinacy import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.lever_arms import left_arm
+from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.outliers import (
     agreeing_observations,
     first_agreement,
@@ -26,8 +26,8 @@ from photogram.adjustment.outliers import (
     without_narrow,
 )
 from photogram.adjustment.partial_control import control_positions
-from photogram.adjustment.registration import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.reliability import reliability
+from photogram.adjustment.solvability import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.adjustment.variance_components import variance_components
 from photogram.camera import PARAMETERS, Pose, models_of
 from photogram.errors import AdjustmentError

@@ -11,7 +11,7 @@ import numpy as np
 
 from photogram.camera import Camera, image_plane_or_nan, models_of
 from photogram.factors.covariance import Covariances
-from photogram.factors.elimination.elimination import first_observations
+from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem

@@ -1,8 +1,8 @@
 """Calibration in the field: which parameters of a camera the photographs can tell, and in which order they are freed.
 
 Focal length and radial distortion (k1, k2) are freed first, while the block is still being oriented and has photographs
-enough (photogram.sfm.structure); principal point and the other terms follow in the joint adjustment, which starts from
-what the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a
+enough (photogram.sfm.reconstruction); principal point and the other terms follow in the joint adjustment, which starts
+from what the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a
 parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in
 every predicted sigma. What becomes of a focal length whose source the photographs contradict is in
 photogram.quality.gross_errors.focal_length. Weak geometry:

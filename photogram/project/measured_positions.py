@@ -15,7 +15,7 @@ from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import map_from_geodetic, map_heights
-from photogram.gnss_solutions import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
+from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import FloatArray
 

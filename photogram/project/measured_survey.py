@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from photogram.camera import rotation_from_gimbal
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame, map_from_geodetic, map_heights
+from photogram.project.cross_checks import AreaOfUse
 from photogram.project.measured_positions import FROM_TAGS, sigmas_of, source_of
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.project_checks import AreaOfUse
 from photogram.project.validation.frozen_positions import frozen_positions
 from photogram.survey import ControlPoints
 

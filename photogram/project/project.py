@@ -20,15 +20,15 @@ from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame, WorldKind, product_crs
-from photogram.heights import UNDECLARED, DeclaredHeights, HeightSystem
-from photogram.project.project_checks import camera_of, check_project, photographs_of
-from photogram.project.project_file import Document, Key, read_entry, read_settings
-from photogram.project.project_folders import check_folders
-from photogram.project.project_heights import listed_in_map, read_heights
-from photogram.project.project_points import GroundPoint, read_point_files
-from photogram.project.project_positions import FilePosition, read_position_files
-from photogram.project.project_ranges import SETTINGS
-from photogram.project.project_schema import (
+from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
+from photogram.project.control_points import GroundPoint, read_point_files
+from photogram.project.cross_checks import camera_of, check_project, photographs_of
+from photogram.project.document import Document, Key, read_entry, read_settings
+from photogram.project.folders import check_folders
+from photogram.project.heights import listed_in_map, read_heights
+from photogram.project.positions import FilePosition, read_position_files
+from photogram.project.ranges import SETTINGS
+from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
     Calibration,
@@ -42,15 +42,15 @@ from photogram.project.project_schema import (
 from photogram.project.validation.findings import Finding
 from photogram.quality.asprs import ReportSettings
 from photogram.sfm.features import FeatureSettings
+from photogram.sfm.guided_matching import TransferSettings
 from photogram.sfm.matching import MatchingSettings
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.pair_selection import PairSettings
-from photogram.sfm.transfer import TransferSettings
+from photogram.sfm.pairs import PairSettings
 from photogram.surface.contours import ContourSettings
-from photogram.surface.dense.dense_matching import DenseSettings
+from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
-from photogram.surface.surface_model import SurfaceSettings
-from photogram.surface.terrain_model import TerrainSettings
+from photogram.surface.tin_dsm import SurfaceSettings
 from photogram.survey import ControlPoints, Role, Roles, check_shape
 
 FloatArray = NDArray[np.float64]

@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import t as student
 
-from photogram.adjustment.determinacy import POSITION_WEAK
 from photogram.adjustment.placing import Placing, datum_sentence, placing
+from photogram.adjustment.solvability import POSITION_WEAK
 from photogram.camera import PARAMETER_NAMES, Camera
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns

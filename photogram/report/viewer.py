@@ -19,7 +19,7 @@ from photogram.camera import Camera, image_plane_or_nan
 from photogram.errors import ReportError
 from photogram.files.clouds.described_points import DescribedCloud
 from photogram.report.distances import error_grid
-from photogram.report.figures.pictures import round_length
+from photogram.report.figures.style import round_length
 from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text

@@ -16,7 +16,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.photographs.images import write_photograph
 from photogram.pipeline.store.workspace import fingerprint, read_json, write_json
-from photogram.simulation.simulation import (
+from photogram.simulation.simulated_survey import (
     SimulatedSurvey,
     SurveyPlan,
     demonstration_plan,
@@ -24,7 +24,7 @@ from photogram.simulation.simulation import (
     simulate,
     truth_surface,
 )
-from photogram.simulation.survey_folder import photograph_tags, truth_record
+from photogram.simulation.survey_files import photograph_tags, truth_record
 
 TRUTH_CELL_M = 0.1
 

@@ -1,193 +1,373 @@
-"""What a simulated survey is asked to be: camera, flight, ground and noise; and the plans with a name."""
+"""A flight before it is flown: strips, photographs, control points and what they would observe.
+
+The plan is a surveyor's: a site, a ground sampling distance, overlaps. From it follow the courses, and with a seed the
+poses as flown, the terrain, tie points and marks: without errors for a prediction, with them for a survey that puts the
+prediction to the test.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from photogram.camera import CLASSIC, PARAMETERS, Model
+from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose
+from photogram.flight_lines import Course, flown
 from photogram.frames import LocalFrame
+from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
+from photogram.simulation.scene import terrain_height
+from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan
+from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints, check_range
 
-CalibrationSource = Literal["laboratory", "maker", "exif"]
+FloatArray = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Gnss = Literal["rtk", "consumer", "none"]
+Layout = Literal["corners", "edges", "grid", "centre"]
 
-CONSUMER_GNSS_SIGMA_M = (2.0, 2.0, 2.0)
-RTK_GNSS_SIGMA_M = (0.015, 0.015, 0.02)
-_FIXED_BELOW_M, _CORRECTED_BELOW_M = 0.05, 1.0
-_DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
+GNSS_SIGMA_M: dict[Gnss, Vector] = {"rtk": RTK_GNSS_SIGMA_M, "consumer": CONSUMER_GNSS_SIGMA_M}
+GNSS_OFFSET_SIGMA_M: dict[Gnss, Vector] = {"rtk": (0.02, 0.02, 0.03), "consumer": (1.0, 1.0, 2.0)}
+INSET = 0.04  # of the site's sides, by which control points keep off its edges
+MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction works with
+MOST_PHOTOGRAPHS = 2000
+ATTITUDE_NOISE_DEG, POSITION_NOISE_M = 1.5, 0.5  # how exactly a drone keeps to its plan
+RANGES: dict[str, tuple[float, float]] = {
+    "width_m": (1, 100_000), "length_m": (1, 100_000), "relief_m": (0, 9000),
+    "width_px": (100, 200_000), "height_px": (100, 200_000), "focal_px": (10, 1_000_000),
+    "gsd_m": (0.0001, 100), "flying_height_m": (1, 50_000),
+    "forward_overlap": (0, 0.97), "side_overlap": (0, 0.97),
+    "cross_strips": (0, 200), "cross_height": (0.3, 3), "oblique_strips": (0, 200), "oblique_angle_deg": (1, 45),
+    "control_points": (0, 500), "mark_sigma_px": (0.001, 1000),
+    "tie_points_per_photograph": (20, 10_000), "tie_point_sigma_px": (0.001, 100), "tie_point_detection": (0.05, 1),
+}  # fmt: skip
+"""What the figures of a FlightPlan may be, ends included."""
+
+FRAME = LocalFrame("EPSG:25832", (500_000.0, 5_800_000.0, 0.0), "grid")
 
 
 @dataclass(frozen=True)
-class SurveyPlan:
-    """All settings of a simulated survey.
+class Calibration:
+    """The prior sigmas of a camera's parameters; 0 holds one fixed, infinity leaves it free."""
 
-    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential`` p1
-    p2, ``affinity_px`` b1 b2, and the ``camera_model``. ``calibration_source`` is what the surveyor has of it: a
-    ``laboratory``'s figures, the ``maker``'s in the tags (DewarpData), or the ``exif`` focal length alone, in whole
-    millimetres on 35 mm film, with no distortion known. ``focal_tag_factor`` is what EXIF's focal length is wrong by,
-    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in
-    camera.CLASSIC, are the sigmas that the approximate camera states, and its errors but for ``exif`` (a zero: known;
-    infinity: free, and without error). Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose
-    height is 0 on the average; an oblique strip, of ``oblique_photographs`` where it is not as long as the others,
-    crosses them, its cameras tilted forward by ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m``
-    are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is
-    measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which the camera
-    moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
-    are shared out among the ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor
-    attitude nor time. Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of
-    ``buildings`` and ``trees``. Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every
-    photograph must see ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is
-    added to the surveyed height of the point called ``blunder_point``.
-    """
-
-    width_px: int = 1200
-    height_px: int = 900
-    focal_px: float = 1800.0
-    principal_point_offset_px: tuple[float, float] = (3.0, -2.0)
-    radial: tuple[float, ...] = (-0.08, 0.06, -0.01)
-    tangential: tuple[float, float] = (0.0004, -0.0003)
-    affinity_px: tuple[float, float] = (0.0, 0.0)
-    camera_model: Model = "brown"
-    calibration_source: CalibrationSource = "laboratory"
-    focal_tag_factor: float = 1.0
-    calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
-    flying_height_m: float = 80.0
-    forward_overlap: float = 0.7
-    side_overlap: float = 0.65
-    strips: int = 3
-    photographs_per_strip: int = 4
-    oblique_strip: bool = False
-    oblique_photographs: int | None = None
-    oblique_angle_deg: float = 25.0
-    speed_m_s: float = 5.0
-    readout_s: float = 0.0
-    attitude_noise_deg: float = 1.5
-    position_noise_m: float = 0.5
-    attitude_sigma_deg: float = 1.0
-    flights: int = 1
-    gnss_tags: bool = True
-    gnss_sigma_m: tuple[float, float, float] = (0.02, 0.02, 0.04)
-    gnss_offset_sigma_m: tuple[float, float, float] = (0.3, 0.3, 0.5)
-    relief_m: float = 8.0
-    cell_m: float = 0.1
-    buildings: int = 12
-    trees: int = 100
-    target_radius_m: float = 0.35
-    control_points: int = 18
-    check_points: int = 8
-    control_marks_per_photograph: int = 0
-    control_sigma_m: tuple[float, float, float] = (0.01, 0.01, 0.015)
-    mark_sigma_px: float = 0.3
-    whole_pixel_marks: bool = False
-    blunder_point: str | None = None
-    control_height_blunder_m: float = 0.0
-    crs: str = "EPSG:25832"
-    origin_map_m: tuple[float, float, float] = (602340.0, 5794120.0, 120.0)
-
-    def __post_init__(self) -> None:
-        if not (0 < self.forward_overlap < 1 and 0 < self.side_overlap < 1):
-            raise ValueError("overlaps lie between 0 and 1")
-        if min(self.strips, self.photographs_per_strip, self.flights) < 1 or self.flights > self.strips:
-            raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
-        if self.oblique_photographs is not None and self.oblique_photographs < 1:
-            raise ValueError("oblique_photographs: an oblique strip has at least one photograph")
-        if len(self.calibration_sigmas) not in (np.count_nonzero(CLASSIC), PARAMETERS):
-            raise ValueError(f"calibration_sigmas: eight or eleven values, not {len(self.calibration_sigmas)}")
-
-        beyond_tags = any(self.radial[3:]) or any(self.affinity_px) or self.camera_model != "brown"
-        if self.calibration_source == "maker" and beyond_tags:
-            raise ValueError("a maker's tags hold k1 k2 k3 p1 p2 of a Brown camera, neither k4, affinity nor a fisheye")
+    focal_px: float = 15.0
+    principal_point_px: float = 10.0
+    k1: float = 0.01
+    k2: float = 0.02
+    k3: float = 0.01
+    p1: float = 0.0005
+    p2: float = 0.0005
 
     @property
-    def gsd_m(self) -> float:
-        """Return the ground sampling distance: the size of a pixel on the ground, in metres."""
-        return self.flying_height_m / self.focal_px
+    def sigmas(self) -> FloatArray:
+        """Return the sigmas (11,) in the order of camera.PARAMETER_NAMES."""
+        all_sigmas = np.zeros(PARAMETERS)
+        c = self.principal_point_px
+        all_sigmas[CLASSIC] = (self.focal_px, c, c, self.k1, self.k2, self.k3, self.p1, self.p2)
+        return all_sigmas
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """A flight over a rectangle, with its middle at (0, 0), sides to east and north.
+
+    Camera of ``width_px`` × ``height_px``, width across the direction of flight. One of ``gsd_m`` and
+    ``flying_height_m`` (above the mean ground) follows from the other; where both are None the ground sampling distance
+    is 2 cm. Strips run along the longer side, from edge to edge; ``cross_strips`` run across them, ``cross_height``
+    times as high; ``oblique_strips`` run along the longer side with their cameras tilted forward. ``gnss_sigma_m`` and
+    ``gnss_offset_sigma_m`` are those of the kind ``gnss`` where they are None. ``control_points`` are laid out by
+    ``control_layout``, those at ``control_world_m`` (east, north from the middle of the site) come to them.
+    ``tie_points_per_photograph`` are measured in each photograph; of the photographs that show a tie point it is found
+    in the fraction ``tie_point_detection``.
+    """
+
+    width_m: float = 200.0
+    length_m: float = 300.0
+    relief_m: float = 10.0
+    width_px: int = 5472
+    height_px: int = 3648
+    focal_px: float = 3660.0
+    calibration: Calibration = Calibration()
+    gsd_m: float | None = None
+    flying_height_m: float | None = None
+    forward_overlap: float = 0.8
+    side_overlap: float = 0.7
+    cross_strips: int = 0
+    cross_height: float = 1.2
+    oblique_strips: int = 0
+    oblique_angle_deg: float = 25.0
+    gnss: Gnss = "rtk"
+    gnss_sigma_m: Vector | None = None
+    gnss_offset_sigma_m: Vector | None = None
+    control_points: int = 5
+    control_layout: Layout = "corners"
+    control_world_m: tuple[tuple[float, float], ...] = ()
+    control_sigma_m: Vector = (0.01, 0.01, 0.015)
+    mark_sigma_px: float = 0.5
+    tie_points_per_photograph: int = 300
+    tie_point_sigma_px: float = 0.5
+    tie_point_detection: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.gsd_m is not None and self.flying_height_m is not None:
+            raise ValueError("give gsd_m or flying_height_m, not both: one follows from the other")
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if value is not None:
+                check_range(name, value, low, high)
+        if self.control > RANGES["control_points"][1]:
+            check_range("the number of control points", self.control, *RANGES["control_points"])
+        if not self.height_m > 2 * self.relief_m:
+            raise ValueError(
+                f"a flying height of {self.height_m:.0f} m is too low for a relief of {self.relief_m:g} m: "
+                "give a larger gsd_m or flying_height_m"
+            )
+        # counted roughly first: a slip of the pen would make millions of strips
+        photographs = math.ceil(self.width_m / self.strip_distance_m) * math.ceil(self.length_m / self.base_m)
+        if photographs <= MOST_PHOTOGRAPHS:
+            photographs = self.photographs
+        if photographs > MOST_PHOTOGRAPHS:
+            raise ValueError(
+                f"{photographs} photographs are more than the {MOST_PHOTOGRAPHS} that a prediction works with: "
+                "predict a part of the site, or give a larger gsd_m"
+            )
+        if self.gnss == "none" and self.control < 3:
+            raise ValueError(
+                f"without GNSS nothing but control points places the survey: give 3 at least, not {self.control}"
+            )
+
+    @property
+    def height_m(self) -> float:
+        """Return the flying height above the mean ground."""
+        if self.flying_height_m is not None:
+            return self.flying_height_m
+        return (0.02 if self.gsd_m is None else self.gsd_m) * self.focal_px
+
+    @property
+    def ground_sampling_m(self) -> float:
+        """Return the size of a pixel on the ground."""
+        return self.height_m / self.focal_px
 
     @property
     def base_m(self) -> float:
-        """Return the distance between neighbouring projection centres of a strip, in metres."""
-        return (1 - self.forward_overlap) * self.height_px * self.gsd_m
+        """Return the distance between neighbouring photographs of a strip."""
+        return (1 - self.forward_overlap) * self.height_px * self.ground_sampling_m
 
     @property
-    def frame(self) -> LocalFrame:
-        """Return the world frame of the survey."""
-        return LocalFrame(self.crs, self.origin_map_m)
+    def strip_distance_m(self) -> float:
+        """Return the distance between neighbouring strips."""
+        return (1 - self.side_overlap) * self.width_px * self.ground_sampling_m
 
     @property
-    def stated_mark_sigma_px(self) -> float:
-        """Return the standard deviation of a mark, rounding included."""
-        return float(np.hypot(self.mark_sigma_px, 12**-0.5 if self.whole_pixel_marks else 0.0))
+    def control(self) -> int:
+        """Return the number of control points."""
+        return self.control_points + len(self.control_world_m)
 
     @property
-    def rtk_flag(self) -> int | None:
-        """Return what an RTK drone writes as its kind of solution (50 fixed, 34 float), None for any other drone."""
-        plan = max(self.gnss_sigma_m[:2])
-        return 50 if plan < _FIXED_BELOW_M else 34 if plan < _CORRECTED_BELOW_M else None
+    def photographs(self) -> int:
+        """Return the number of photographs."""
+        return sum(course.photographs for course in courses(self))
 
     @property
-    def exact_focal_35mm_mm(self) -> float:
-        """Return the focal length on 35 mm film with the same diagonal angle of view."""
-        return self.focal_px * _DIAGONAL_35MM_MM / float(np.hypot(self.width_px, self.height_px))
+    def gnss_sigmas_m(self) -> Vector | None:
+        """Return the sigmas of GNSS positions, None without GNSS."""
+        return self.gnss_sigma_m or GNSS_SIGMA_M.get(self.gnss)
 
     @property
-    def focal_35mm_mm(self) -> int:
-        """Return what EXIF says of it, in whole millimetres."""
-        return round(self.exact_focal_35mm_mm * self.focal_tag_factor)
+    def offset_sigmas_m(self) -> Vector:
+        """Return the sigmas of the offset between GNSS and ground control."""
+        return self.gnss_offset_sigma_m or GNSS_OFFSET_SIGMA_M.get(self.gnss, (0.0, 0.0, 0.0))
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera as it is known before the flight."""
+        middle = np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+        return Camera("planned", self.width_px, self.height_px, self.focal_px, middle, sigmas=self.calibration.sigmas)
 
 
-def demonstration_plan() -> SurveyPlan:
-    """Return the plan of the built-in demonstration: twelve photographs, their control marks read to whole pixels."""
-    return SurveyPlan(control_marks_per_photograph=4, mark_sigma_px=0.0, whole_pixel_marks=True)
+def courses(plan: FlightPlan) -> list[Course]:
+    """Return the courses of a flight: the strips to and fro, cross strips, oblique strips."""
+    north = plan.length_m >= plan.width_m
+    long_m, short_m = (plan.length_m, plan.width_m) if north else (plan.width_m, plan.length_m)
+    heading, height = 0.0 if north else 90.0, plan.height_m
+    strips = int(np.ceil(short_m / plan.strip_distance_m - 1e-9)) + 1
+    n, high = int(np.ceil(long_m / plan.base_m - 1e-9)) + 1, plan.cross_height
+    m = int(np.ceil(short_m / (high * plan.base_m) - 1e-9)) + 1
+    setback = float(np.tan(np.radians(plan.oblique_angle_deg))) * height
+
+    def place(across: float, along: float) -> tuple[float, float]:
+        return (across, along) if north else (along, across)
+
+    def evenly(count: int, extent: float) -> list[float]:
+        return [extent * ((i + 0.5) / count - 0.5) for i in range(count)]
+
+    made = [
+        Course(
+            place((s - (strips - 1) / 2) * plan.strip_distance_m, 0.0),
+            heading + 180.0 * (s % 2),
+            n,
+            plan.base_m,
+            height,
+        )
+        for s in range(strips)
+    ]
+    made += [
+        Course(place(0.0, along), heading + 90.0 + 180.0 * (s % 2), m, high * plan.base_m, high * height)
+        for s, along in enumerate(evenly(plan.cross_strips, long_m))
+    ]
+    made += [
+        Course(place(across, 0.0), heading + 180.0 * (s % 2), n, plan.base_m, height, plan.oblique_angle_deg, setback)
+        for s, across in enumerate(evenly(plan.oblique_strips, short_m))
+    ]
+    return made
 
 
-def whole_survey_plan(width_px: int = 1200) -> SurveyPlan:
-    """Return the plan of an ordinary survey: 24 photographs of a consumer drone, six control points somewhere.
+def control_places(plan: FlightPlan) -> FloatArray:
+    """Return the places (G, 2) of the control points: as laid out, then those given."""
+    half = np.array([plan.width_m, plan.length_m]) * (0.5 - INSET)
+    n = plan.control_points
+    if plan.control_layout == "corners":
+        unit = _corners_first(n)
+    elif plan.control_layout == "edges":
+        at = np.arange(n) / max(n, 1) * 4.0
+        side, rest = at.astype(np.int64), 2.0 * (at % 1.0) - 1.0
+        around = [
+            np.column_stack(c)
+            for c in ((rest, -1 + 0 * rest), (1 + 0 * rest, rest), (-rest, 1 + 0 * rest), (-1 + 0 * rest, -rest))
+        ]
+        unit = np.array([around[s][i] for i, s in enumerate(side)]).reshape(-1, 2)
+    elif plan.control_layout == "grid":
+        columns = max(1, round(float(np.sqrt(n * plan.width_m / plan.length_m))))
+        rows = int(np.ceil(n / columns))
+        column, row = np.arange(n) % columns, np.arange(n) // columns
+        in_row = np.where(row == rows - 1, n - columns * (rows - 1), columns)
+        unit = np.column_stack([2 * (column + 0.5) / np.maximum(in_row, 1) - 1, 2 * (row + 0.5) / max(rows, 1) - 1])
+    else:
+        angle = 2 * np.pi * np.arange(n) / max(n, 1)
+        unit = 0.15 * np.column_stack([np.cos(angle), np.sin(angle)]) * (n > 1)
+    given = np.array(plan.control_world_m, dtype=np.float64).reshape(-1, 2)
+    return np.concatenate([unit * half, given])
 
-    The camera is known by its EXIF focal length, positions are good to 2 m, and most photographs see no four control
-    points. ``width_px`` sets the size of the pictures, their angle of view stays.
+
+def _corners_first(count: int) -> FloatArray:
+    """Return corners, middle, middles of the edges, then what is farthest from all that stand (count, 2), −1 to 1."""
+    first = [(-1, -1), (1, 1), (1, -1), (-1, 1), (0, 0), (0, -1), (0, 1), (-1, 0), (1, 0)]
+    unit = np.array(first, dtype=np.float64)
+    x = np.linspace(-1, 1, 21)
+    lattice = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    while len(unit) < count:
+        far = np.linalg.norm(lattice[:, None] - unit[None], axis=2).min(axis=1)
+        unit = np.concatenate([unit, lattice[np.argmax(far)][None]])
+    return unit[:count]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedSurvey:
+    """A plan as it is flown over some terrain: the block as measured, and the truth. Ground points are control points
+    first, then those that ``extra`` asked for, as check points."""
+
+    plan: FlightPlan
+    flight: Flight
+    block: Block
+    truth: Truth
+    tie_point_world_m: FloatArray
+
+
+def survey_of(plan: FlightPlan, seed: int, *, errors: bool, extra: FloatArray | None = None) -> PlannedSurvey:
+    """Fly a plan over a terrain that follows from the seed, and measure it, with all its errors or without any.
+
+    ``extra`` (E, 2) are places of check points. Raises ValueError where the photographs do not overlap.
     """
-    focal_px = width_px / 1.2
-    return SurveyPlan(
-        width_px=width_px,
-        height_px=width_px * 3 // 4,
-        focal_px=focal_px,
-        calibration_source="exif",
-        calibration_sigmas=(0.03 * focal_px, 0.01 * width_px, 0.01 * width_px, 0.1, 0.1, 0.05, 0.002, 0.002),
-        flying_height_m=60.0,
-        forward_overlap=0.8,
-        side_overlap=0.7,
-        strips=4,
-        photographs_per_strip=6,
-        position_noise_m=1.0,
-        attitude_noise_deg=2.5,
-        gnss_sigma_m=CONSUMER_GNSS_SIGMA_M,
-        gnss_offset_sigma_m=(1.0, 1.0, 2.0),
-        target_radius_m=0.4,
-        control_points=6,
-        check_points=10,
+    rng = np.random.default_rng([seed, 11])
+    R, C = flown(courses(plan))
+    C = C + POSITION_NOISE_M * rng.standard_normal(C.shape)
+    R = turned(R, np.radians(ATTITUDE_NOISE_DEG) * rng.standard_normal(C.shape))
+    flight = _flight(plan, R, C, rng, errors)
+    xy = np.concatenate([control_places(plan), np.zeros((0, 2)) if extra is None else extra])
+    ground = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
+    control = _control(plan, flight, ground, rng, errors)
+    # of their own, so that plans that differ elsewhere can be compared
+    ties, position = _ties(plan, flight, seed, np.random.default_rng([seed, 12]), errors)
+    camera = flight.approximate if errors else flight.camera
+    block = Block(FRAME, (camera,), flight.photographs, flight.poses, ties, control, np.array(plan.offset_sigmas_m))
+    return PlannedSurvey(plan, flight, block, flight.truth(ground), position)
+
+
+def _flight(plan: FlightPlan, R: FloatArray, C: FloatArray, rng: np.random.Generator, errors: bool) -> Flight:
+    """Return the flight with what is measured of it."""
+    camera, sigma = plan.camera, plan.gnss_sigmas_m
+    wrong = np.where(np.isfinite(camera.sigmas), camera.sigmas, 0.0) * rng.standard_normal(PARAMETERS)
+    approximate = camera.with_parameters(camera.parameters + wrong)
+    offset = errors * np.array(plan.offset_sigmas_m) * rng.standard_normal(3)
+    noise = errors * rng.standard_normal(C.shape)
+    photographs = tuple(Photograph(f"planned_{i + 1:04d}", 0) for i in range(len(C)))
+    if sigma is not None:
+        gnss = C - offset + np.array(sigma) * noise
+        photographs = tuple(
+            replace(p, gnss_world_m=gnss[i], gnss_sigma_m=np.array(sigma)) for i, p in enumerate(photographs)
+        )
+    drawn = SurveyPlan(
+        width_px=plan.width_px, height_px=plan.height_px, focal_px=plan.focal_px, flying_height_m=plan.height_m,
+        relief_m=plan.relief_m, oblique_angle_deg=plan.oblique_angle_deg,
+    )  # fmt: skip
+    poses = tuple(Pose(r, c) for r, c in zip(R, C, strict=True))
+    return Flight(drawn, camera, approximate, poses, photographs, {"1": offset}, np.zeros((len(poses), 3)))
+
+
+def _control(
+    plan: FlightPlan, flight: Flight, ground: FloatArray, rng: np.random.Generator, errors: bool
+) -> ControlPoints:
+    seen = observe(flight, ground, 5 * plan.mark_sigma_px)
+    sigma = np.tile(plan.control_sigma_m, (len(ground), 1))
+    count, checks = plan.control, len(ground) - plan.control
+    role: list[Role] = ["control"] * count
+    role += ["check"] * checks
+    return ControlPoints(
+        (*(f"G{i + 1}" for i in range(count)), *(f"C{i + 1}" for i in range(checks))),
+        tuple(role),
+        ground + errors * sigma * rng.standard_normal(ground.shape),
+        sigma,
+        seen.photograph,
+        seen.point,
+        seen.pixel + errors * plan.mark_sigma_px * rng.standard_normal(seen.pixel.shape),
+        np.full(len(seen.point), float(plan.mark_sigma_px)),
     )
 
 
-def rtk_plan(*, oblique: bool = False) -> SurveyPlan:
-    """Return the plan of a survey without control: 28 nadir photographs of an RTK drone, all from one height.
+def _found(
+    flight: Flight, seed: int, xy: FloatArray, rng: np.random.Generator, plan: FlightPlan
+) -> tuple[FloatArray, Sightings]:
+    points = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
+    seen = observe(flight, points, 5 * plan.tie_point_sigma_px)
+    return points, seen.select(rng.random(len(seen.point)) < plan.tie_point_detection)
 
-    The focal length is known to 1 % only. ``oblique`` adds a strip of five photographs, 15 % of all, tilted by 15°.
-    """
-    return SurveyPlan(
-        focal_px=1000.0,
-        calibration_source="maker",
-        calibration_sigmas=(10.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
-        flying_height_m=60.0,
-        forward_overlap=0.8,
-        side_overlap=0.7,
-        strips=4,
-        photographs_per_strip=7,
-        oblique_strip=oblique,
-        oblique_photographs=5,
-        oblique_angle_deg=15.0,
-        gnss_sigma_m=RTK_GNSS_SIGMA_M,
-        gnss_offset_sigma_m=(0.0, 0.0, 0.0),
-        control_points=0,
-        check_points=9,
-    )
+
+def _ties(
+    plan: FlightPlan, flight: Flight, seed: int, rng: np.random.Generator, errors: bool
+) -> tuple[TiePoints, FloatArray]:
+    """Return tie points of unknown position, so many that photographs see the wanted number on the average, and their
+    true positions."""
+    corners = footprints(flight, 0.0).reshape(-1, 2)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    wanted = min(plan.tie_points_per_photograph * len(flight.poses), MOST_OBSERVATIONS)
+    _, pilot = _found(flight, seed, rng.uniform(low, high, (500, 2)), rng, plan)
+    rays = np.bincount(pilot.point, minlength=500)
+    usable = int(rays[rays >= 2].sum())
+    if not usable:
+        raise ValueError("the photographs do not overlap: raise forward_overlap and side_overlap")
+    count = int(np.ceil(500 * wanted / usable))
+    points, seen = _found(flight, seed, rng.uniform(low, high, (count, 2)), rng, plan)
+    enough = np.bincount(seen.point, minlength=count) >= 2
+    number = np.cumsum(enough) - 1
+    seen = seen.select(enough[seen.point])
+    point, kept = number[seen.point].astype(np.int64), points[enough]
+    n = len(point)
+    pixel = seen.pixel + errors * plan.tie_point_sigma_px * rng.standard_normal((n, 2))
+    unknown = np.full(kept.shape, np.nan) if errors else kept
+    sigma = np.full(n, float(plan.tie_point_sigma_px))
+    ties = TiePoints(
+        seen.photograph, point, np.arange(n, dtype=np.int64), pixel, sigma, unknown,
+        np.full((len(kept), 3), 128, np.uint8),
+    )  # fmt: skip
+    return ties, kept

@@ -16,7 +16,7 @@ from photogram.files.maps.rasters import write_geotiff
 from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.simulation import SurveyPlan
+from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import PointCloud, Raster
 
 CRS = "EPSG:25832"

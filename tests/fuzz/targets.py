@@ -21,14 +21,14 @@ from photogram.files.arrays import read_npz
 from photogram.files.clouds.described_points import read_described
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
+from photogram.files.photographs.headers import read_headers
 from photogram.files.photographs.images import check_photograph, inspect_photograph, read_grey
-from photogram.files.photographs.photograph_headers import read_headers
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.files.tables.position_tables import read_positions
 from photogram.pipeline.input_validation import validate_project_file
-from photogram.project.draft.project_draft import LeftOut, TaggedPhotograph, Wishes, draft_project
-from photogram.project.draft.project_text import project_text
-from photogram.project.plan_file import flight_plan, plan_settings
+from photogram.project.draft.draft import LeftOut, TaggedPhotograph, Wishes, draft_project
+from photogram.project.draft.text import project_text
+from photogram.project.flight_file import flight_plan, plan_settings
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page

@@ -20,7 +20,7 @@ from photogram.files.clouds.points import (
     add_extra_bytes,
     las_header,
 )
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
 from photogram.survey import ByteArray, FloatArray, check_shape
 
 CHUNK_CELLS = 512

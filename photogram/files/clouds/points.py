@@ -21,7 +21,7 @@ from photogram.files.atomic import replacing
 from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
 from photogram.files.reading import check_size
 from photogram.frames import written_crs
-from photogram.heights import first_wkt
+from photogram.height_systems import first_wkt
 from photogram.printable import is_number
 from photogram.survey import ByteArray, FloatArray, PointCloud
 

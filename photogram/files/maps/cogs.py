@@ -25,8 +25,8 @@ from rasterio.transform import Affine
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
 from photogram.frames import written_crs
-from photogram.heights import geotiff_crs
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
+from photogram.height_systems import geotiff_crs
 
 NODATA = -9999.0
 """Stands for NaN in the files; other programs expect a number."""

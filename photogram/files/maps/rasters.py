@@ -19,7 +19,7 @@ from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
 from photogram.frames import projected_crs
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 
 __all__ = ["NODATA", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]

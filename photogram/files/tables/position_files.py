@@ -15,7 +15,7 @@ from typing import Literal
 
 from photogram.errors import ProjectError
 from photogram.files.text_lines import SIGMA_M, Faults, lines_of
-from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
+from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 
 Format = Literal["mrk", "pos", "csv"]
 Triple = tuple[float, float, float]

@@ -26,7 +26,7 @@ from photogram.files.tables.position_files import (
     read_mrk,
 )
 from photogram.files.text_lines import Faults, lines_of
-from photogram.gnss_solutions import Sigma3, Solution, solution_of_rtk_flag
+from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 from photogram.printable import shortened
 
 Row = Mapping[str, str]

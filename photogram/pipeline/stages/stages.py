@@ -15,16 +15,16 @@ from typing import Any, Protocol
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from photogram.adjustment.registration import part_of_block
+from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster, write_geotiff
+from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import check_photograph, read_tags
-from photogram.files.photographs.photograph_copies import find_copies
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame, map_heights, plan_of
-from photogram.pipeline.store.records import Run, adjustment_arrays, orientation_to, write_comparison
+from photogram.pipeline.store.run import Run, adjustment_arrays, orientation_to, write_comparison
 from photogram.pipeline.store.workspace import (
     read_arrays,
     read_record,
@@ -35,20 +35,20 @@ from photogram.pipeline.store.workspace import (
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.frozen_positions import frozen_positions
-from photogram.project.validation.preflight_positions import time_findings
-from photogram.quality.comparison import compare, triangulate
-from photogram.quality.gross_errors.blunder_names import withdrawn_attitudes
-from photogram.quality.gross_errors.ground_check import adjust_and_judge
-from photogram.quality.remedies import block_deformation
+from photogram.project.validation.positions import time_findings
+from photogram.quality.cloud_comparison import compare, triangulate
+from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
+from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.improvements import block_deformation
 from photogram.sfm.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
+from photogram.sfm.guided_matching import Found, cut_patches, transfer_to, with_found
 from photogram.sfm.matching import match_pair
 from photogram.sfm.orientation import Orientation, believed_attitudes, orient
-from photogram.sfm.pair_selection import SelectedPairs, select_pairs
+from photogram.sfm.pairs import SelectedPairs, select_pairs
+from photogram.sfm.reconstruction import Structure
 from photogram.sfm.retrieval import most_similar
-from photogram.sfm.structure import Structure
 from photogram.sfm.tracks import join_matches, key_point_sigmas_px
-from photogram.sfm.transfer import Found, cut_patches, transfer_to, with_found
-from photogram.surface.surface_model import surface_with_sigma
+from photogram.surface.tin_dsm import surface_with_sigma
 from photogram.survey import (
     ByteArray,
     Features,

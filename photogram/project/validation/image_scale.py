@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.camera import unproject
-from photogram.project.validation.height_datum import HeightEvidence, Rays, ray_squares, rays_of, robust_cost
+from photogram.project.validation.height_shift import HeightEvidence, Rays, ray_squares, rays_of, robust_cost
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["focal length", "picture size"]

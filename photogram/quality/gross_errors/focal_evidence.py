@@ -12,7 +12,7 @@ import numpy as np
 
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.blunders import Adjuster, Search, without
+from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without
 from photogram.quality.gross_errors.focal_length import (
     WRONG_BY,
     FocalLength,

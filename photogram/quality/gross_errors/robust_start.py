@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.marked_points import intersected_marks
+from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
-from photogram.adjustment.registration import registered_block
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.quality.gross_errors.blunders import Accusation, unmeasured
+from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured
 from photogram.survey import Block, FloatArray
 
 LIMIT = 4.0

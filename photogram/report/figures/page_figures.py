@@ -20,9 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import binned_statistic_2d, norm
 
-from photogram.quality.comparison import Comparison
+from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
-from photogram.report.figures.pictures import (
+from photogram.report.figures.plan_view import plan_contents, plan_figure
+from photogram.report.figures.style import (
     BLUE,
     GREEN,
     GREY,
@@ -36,7 +37,6 @@ from photogram.report.figures.pictures import (
     round_length,
     surface_figure,
 )
-from photogram.report.figures.plan import plan_contents, plan_figure
 from photogram.report.numbers.overlap import Overlap
 from photogram.survey import Adjustment, FloatArray, PointCloud, Raster
 

@@ -13,10 +13,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 
 from photogram.decimation import bands, decimated
-from photogram.report.figures.pictures import BLUE, GREEN, GREY, SKY, VERMILION, new_figure
-from photogram.report.figures.plan import BLACK, HALO
+from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
-from photogram.report.numbers.dense import BoolArray, DenseSurface
+from photogram.report.figures.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure
+from photogram.report.numbers.dense_surface import BoolArray, DenseSurface
 from photogram.survey import FloatArray
 
 PLAN_CELLS = 500

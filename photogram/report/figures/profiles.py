@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, uniform_filter, uniform_filter1d
 
 from photogram.decimation import decimated
-from photogram.report.numbers.dense import DenseSurface, GroundMarks, Sampled, sampled
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, Sampled, sampled
 from photogram.survey import FloatArray, Raster
 
 COARSE_CELLS = 500

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from photogram.report.figures.page_figures import PLAN_IN, WIDTH_IN, PageFigure, embedded
-from photogram.report.figures.pictures import save_picture
 from photogram.report.figures.profile_figure import profile_figure, sigma_histogram_figure
 from photogram.report.figures.profiles import Profile, surface_profiles
+from photogram.report.figures.style import save_picture
 from photogram.report.figures.surface_maps import (
     orthophoto_figure,
     rays_figure,
@@ -24,8 +24,8 @@ from photogram.report.figures.surface_maps import (
     sigma_figure,
     target_shares,
 )
-from photogram.report.numbers.dense import DenseSurface, GroundMarks, OrthophotoPicture
-from photogram.report.numbers.dense_numbers import Json
+from photogram.report.numbers.dense import Json
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
 
 GROUND_RGB = (0xD4, 0xD4, 0xD4)
 JPEG_QUALITY = 88

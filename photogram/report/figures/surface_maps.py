@@ -12,9 +12,9 @@ from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize,
 from matplotlib.figure import Figure
 
 from photogram.decimation import bands, block_means, block_of, decimated
-from photogram.report.figures.pictures import GREEN, VERMILION, map_axes, new_figure, surface_figure
-from photogram.report.figures.plan import ENOUGH, FEW, HALO, overlap_levels, place_labels
-from photogram.report.numbers.dense import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
+from photogram.report.figures.plan_view import ENOUGH, FEW, HALO, overlap_levels, place_labels
+from photogram.report.figures.style import GREEN, VERMILION, map_axes, new_figure, surface_figure
+from photogram.report.numbers.dense_surface import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.survey import FloatArray, Raster
 
 MAP_CELLS = 1200

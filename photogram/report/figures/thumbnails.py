@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.figures.pictures import shaded_relief
-from photogram.report.numbers.dense import OrthophotoPicture
+from photogram.report.figures.style import shaded_relief
+from photogram.report.numbers.dense_surface import OrthophotoPicture
 from photogram.survey import ByteArray, Raster
 
 LONGER_SIDE_PX = 560

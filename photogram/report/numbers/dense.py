@@ -1,142 +1,190 @@
-"""What the report shows of a dense surface: data types, and heights between the centres of cells."""
+"""The numbers of report.json that tell of the dense surface, and its test at the check points."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.report.numbers.completion import axis_roles
-from photogram.survey import ByteArray, FloatArray, Raster, check_shape
+from photogram.decimation import bands
+from photogram.quality.asprs import MINIMUM_POINTS, accuracy
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
+from photogram.survey import FloatArray
 
-BoolArray = NDArray[np.bool_]
+Json = dict[str, Any]
 
-
-@dataclass(frozen=True, eq=False)
-class DenseSurface:
-    """A dense surface and what is known of each of its cells; every array is (rows, columns) of the same grid.
-
-    ``heights`` in m, NaN in holes; ``sigma`` their predicted standard deviations, m; ``filled`` the cells whose height
-    was made up from their neighbours (``heights`` may hold it or not); ``rays`` how many photographs a height was
-    matched in; ``confidence`` 0 to 1. ``footprint`` are the cells that could have been measured, where the photographs
-    see enough; None stands for all. ``photographs`` are the names of those that took part, ``settings`` what the
-    matching was asked for.
-    """
-
-    heights: Raster
-    sigma: Raster
-    filled: BoolArray
-    rays: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
-    footprint: BoolArray | None = None
-    photographs: tuple[str, ...] = ()
-    settings: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        shape = self.heights.values.shape
-        for name in ("filled", "rays", "confidence", "footprint"):
-            values = getattr(self, name)
-            if values is not None:
-                check_shape(name, values, shape)
-        check_shape("sigma", self.sigma.values, shape)
-        if any(
-            getattr(self.sigma, name) != getattr(self.heights, name) for name in ("west_map_m", "north_map_m", "cell_m")
-        ):
-            raise ValueError("heights and sigma of a dense surface must lie on one grid")
-
-    @property
-    def cell_m(self) -> float:
-        """Return the side of a cell in m."""
-        return self.heights.cell_m
-
-    def measured(self, rows: slice = slice(None)) -> BoolArray:
-        """Return which cells of some rows hold a height that was measured, not filled in."""
-        return np.asarray(np.isfinite(self.heights.values[rows]) & ~self.filled[rows])
+FEWEST_CHECKS = 3
+"""With fewer check points on the surface no RMSE is given."""
+REFUTED_RMS_Z = 2.0
+"""Differences that are so many times their predicted standard deviations refute these."""
 
 
-@dataclass(frozen=True, eq=False)
-class OrthophotoPicture:
-    """An orthophoto small enough for a page: ``rgba`` (rows, columns, 4), alpha 0 where there is no photograph; outer
-    corner and cell in the map, m. ``source_cell_m`` and ``source_shape`` are those of orthophoto.tif itself."""
-
-    rgba: ByteArray
-    west_map_m: float
-    north_map_m: float
-    cell_m: float
-    source_cell_m: float
-    source_shape: tuple[int, int]
-
-    def __post_init__(self) -> None:
-        check_shape("rgba", self.rgba, (None, None, 4))
-
-
-@dataclass(frozen=True, eq=False)
-class GroundMarks:
-    """Surveyed ground points: ``name``, whether each is a check in height, ``place_map_m`` (G, 3) as surveyed and
-    ``sigma_m`` (G, 3) of the survey."""
-
-    name: tuple[str, ...]
-    checks_height: BoolArray
-    place_map_m: FloatArray
-    sigma_m: FloatArray
-
-    def select(self, keep: NDArray[Any]) -> GroundMarks:
-        """Keep the points of a mask or of indices."""
-        names = tuple(np.asarray(self.name, dtype=object)[keep].tolist())
-        return GroundMarks(names, self.checks_height[keep], self.place_map_m[keep], self.sigma_m[keep])
-
-
-def ground_marks(control_points: Sequence[Mapping[str, Any]]) -> GroundMarks:
-    """Return the ground points of report.json's list `control_points`."""
-    return GroundMarks(
-        tuple(str(p["name"]) for p in control_points),
-        np.array([axis_roles(p)[2] == "check" for p in control_points], dtype=bool),
-        np.array([p["surveyed_map_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
-        np.array([p["surveyed_sigma_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """Heights of a dense surface at places (N,): ``height_m``, ``slope`` (N, 2) ∂h/∂E and ∂h/∂N, ``sigma_m``, all NaN
-    where one of the four cells around is a hole or filled; ``inside`` the grid, and ``filled``: one of the four is."""
-
-    height_m: FloatArray
-    slope: FloatArray
-    sigma_m: FloatArray
-    inside: BoolArray
-    filled: BoolArray
-
-
-def sampled(dense: DenseSurface, places_map_m: FloatArray) -> Sampled:
-    """Interpolate a dense surface bilinearly between the centres of cells at places (N, 2 or more).
-
-    Nothing is interpolated across a hole: all four cells around a place must have been measured. The standard
-    deviation is the weighted mean of those of the four cells, as if their errors were one: neighbouring cells share
-    most of the pixels that they were matched by, so nothing averages out.
-    """
+def dense_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
+    """Return the key `dense` of report.json: size and completeness, standard deviations, and check points."""
     rows, columns = dense.heights.values.shape
-    column = (places_map_m[:, 0] - dense.heights.west_map_m) / dense.cell_m - 0.5
-    row = (dense.heights.north_map_m - places_map_m[:, 1]) / dense.cell_m - 0.5
-    inside = (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
-    left = np.clip(np.floor(column), 0, max(columns - 2, 0)).astype(np.int64)
-    top = np.clip(np.floor(row), 0, max(rows - 2, 0)).astype(np.int64)
-    x, y = column - left, row - top
-    corner = [(np.minimum(top + i, rows - 1), np.minimum(left + j, columns - 1)) for i in (0, 1) for j in (0, 1)]
-    weight = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
-    height = np.stack([dense.heights.values[c] for c in corner]).astype(np.float64)
-    sigma = np.stack([dense.sigma.values[c] for c in corner]).astype(np.float64)
-    filled = np.stack([dense.filled[c] for c in corner]).any(axis=0)
-    known = inside & ~filled & np.isfinite(height).all(axis=0)
-    east = ((height[1] - height[0]) * (1 - y) + (height[3] - height[2]) * y) / dense.cell_m
-    north = ((height[0] - height[2]) * (1 - x) + (height[1] - height[3]) * x) / dense.cell_m
-    return Sampled(
-        np.where(known, np.sum(weight * height, axis=0), np.nan),
-        np.where(known[:, None], np.column_stack([east, north]), np.nan),
-        np.where(known, np.sum(weight * sigma, axis=0), np.nan),
-        inside,
-        inside & filled,
-    )
+    check_points = surface_check_numbers(dense, ground)
+    return {
+        "cell_m": dense.cell_m,
+        "rows": rows,
+        "columns": columns,
+        **_cell_numbers(dense),
+        "sigma_m": sigma_numbers(dense),
+        "confidence": _spread(_measured(dense, dense.confidence), 5),
+        "photographs": {"used": len(dense.photographs), "names": list(dense.photographs)},
+        "settings": dict(dense.settings),
+        "check_points": check_points,
+        "warnings": _warnings(check_points),
+    }
+
+
+def sigma_numbers(dense: DenseSurface) -> Json | None:
+    """Return the spread of the standard deviations of the measured cells, None where there are none."""
+    return _spread(_measured(dense, dense.sigma.values), 95)
+
+
+def _cell_numbers(dense: DenseSurface) -> Json:
+    """Count cells: of the footprint the measured, filled and empty ones, which add up, and those measured by so many
+    photographs."""
+    shape = dense.heights.values.shape
+    footprint = measured = filled = beyond = 0
+    by_rays = np.zeros(256, dtype=np.int64)
+    for band in bands(shape):
+        known = dense.measured(band)
+        within = np.ones_like(known) if dense.footprint is None else dense.footprint[band]
+        footprint += int(within.sum())
+        measured += int((known & within).sum())
+        filled += int((dense.filled[band] & within).sum())
+        beyond += int((known & ~within).sum())
+        by_rays += np.bincount(dense.rays[band][known], minlength=256)
+    several = int(by_rays[3:].sum())
+    return {
+        "cells": {
+            "grid": shape[0] * shape[1],
+            "footprint": footprint,
+            "measured": measured,
+            "filled": filled,
+            "holes": footprint - measured - filled,
+            "measured_beyond": beyond,
+        },
+        "completeness": measured / footprint if footprint else None,
+        "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
+        "share_3_or_more": several / int(by_rays.sum()) if by_rays.any() else None,
+    }
+
+
+def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:
+    """Return the finite values of the measured cells; no more than these is copied."""
+    known = np.empty(sum(int(_finite(dense, values, band).sum()) for band in bands(values.shape)), dtype=np.float32)
+    start = 0
+    for band in bands(values.shape):
+        part = values[band][_finite(dense, values, band)]
+        known[start : start + len(part)] = part
+        start += len(part)
+    return known
+
+
+def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    return np.asarray(dense.measured(band) & np.isfinite(values[band]))
+
+
+def _spread(values: np.ndarray[Any, Any], percentile: int) -> Json | None:
+    """Return median, mean, extremes and a percentile, None of nothing."""
+    if not len(values):
+        return None
+    mean, least, most = float(values.mean(dtype=np.float64)), float(values.min()), float(values.max())
+    middle, far = np.percentile(values, [50, percentile], overwrite_input=True)
+    extreme = {"maximum": most} if percentile > 50 else {"minimum": least}
+    return {"median": float(middle), "mean": mean, f"percentile_{percentile}": float(far), **extreme}
+
+
+def orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
+    """Return the key `orthophoto` of report.json: size, and which part of it shows anything."""
+    rows, columns = orthophoto.source_shape
+    covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
+    return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered}
+
+
+# ---- the surface at the check points -------------------------------------------------------------------------------
+
+
+def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
+    """Return the heights of the surface, interpolated bilinearly, minus those of the points that are checks in height.
+
+    Control points never enter: the adjustment was fitted to them. The standard deviation of a difference is
+    √(σ_surface² + σ_survey² + (∂h/∂E σ_E)² + (∂h/∂N σ_N)²), since the surveyor's error in plan is one in height on a
+    slope. A point over a hole or a filled cell does not test the surface, and is named with the reason.
+    """
+    checks = ground.select(ground.checks_height)
+    at = sampled(dense, checks.place_map_m[:, :2])
+    known = np.isfinite(at.height_m)
+    difference_m = at.height_m - checks.place_map_m[:, 2]
+    survey_m = np.hypot(checks.sigma_m[:, 2], np.hypot(*(at.slope * checks.sigma_m[:, :2]).T))
+    sigma_m = np.hypot(at.sigma_m, survey_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = difference_m / sigma_m
+    reason = np.where(at.filled, "its cells are filled, not measured", "it lies in a hole")
+    reason = np.where(at.inside, reason, "it lies outside the surface")
+    numbers = _summary(difference_m[known], survey_m[known], z[known])
+    numbers["points"] = [
+        {
+            "name": checks.name[i],
+            "surveyed_m": float(checks.place_map_m[i, 2]),
+            "surface_m": float(at.height_m[i]),
+            "difference_m": float(difference_m[i]),
+            "sigma_m": float(at.sigma_m[i]),
+            "survey_sigma_m": float(survey_m[i]),
+            "z": float(z[i]) if np.isfinite(z[i]) else None,
+        }
+        for i in np.flatnonzero(known).tolist()
+    ]
+    numbers["not_tested"] = [
+        {"name": checks.name[i], "reason": str(reason[i])} for i in np.flatnonzero(~known).tolist()
+    ]
+    return {**numbers, "sentence": _sentence(numbers)}
+
+
+def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> Json:
+    """Return n and, from FEWEST_CHECKS on, mean, RMSE and normalised RMS of differences (n,), null before."""
+    n = len(difference_m)
+    if n < FEWEST_CHECKS:
+        nothing = ("mean_m", "sd_m", "rmse_m", "survey_rmse_m", "rmse_v_m", "rms_z")
+        return {"n": n, **dict.fromkeys(nothing)}
+    plan = np.full((n, 2), np.nan)
+    found = accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
+    height, tested = found.axes[2], z[np.isfinite(z)]
+    return {
+        "n": n,
+        "mean_m": height.mean_m,
+        "sd_m": height.sd_m,
+        "rmse_m": height.rmse_m,
+        "survey_rmse_m": found.survey_v_m,
+        "rmse_v_m": found.rmse_v_m,
+        "rms_z": float(np.sqrt(np.mean(tested**2))) if len(tested) else None,
+    }
+
+
+def _sentence(numbers: Json) -> str:
+    n, points = numbers["n"], numbers["points"]
+    if not n:
+        why = f" ({len(numbers['not_tested'])} lie beside it or in holes)" if numbers["not_tested"] else ""
+        return (
+            f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
+        )
+    if n < FEWEST_CHECKS:
+        found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
+        return f"the dense surface is tested by {found} only: too few check points for an RMSE"
+    few = f"; the standard asks for {MINIMUM_POINTS} check points or more" if n < MINIMUM_POINTS else ""
+    mean = f"{numbers['mean_m']:+.3f}".replace("-", "−")
+    times = "" if numbers["rms_z"] is None else f", {numbers['rms_z']:.2g} times the predicted sigmas"
+    return f"the dense surface at {n} check points: RMSE {numbers['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
+
+
+def _warnings(check_points: Json) -> list[str]:
+    rms_z = check_points["rms_z"]
+    if rms_z is None or not math.isfinite(rms_z) or rms_z <= REFUTED_RMS_Z:
+        return []
+    return [
+        f"the heights of the dense surface at {check_points['n']} check points are off by {rms_z:.2g} times their "
+        "predicted standard deviations: do not trust dsm_sigma.tif here, look at the profiles and at single points"
+    ]

@@ -13,8 +13,8 @@ from photogram.adjustment.reliability import CRITICAL, minimal_detectable_blunde
 from photogram.camera import PARAMETER_NAMES, Pose, omega_phi_kappa_deg
 from photogram.frames import LocalFrame
 from photogram.quality.accuracy import check_accuracy, suspects
-from photogram.quality.comparison import Comparison
-from photogram.report.numbers.diagnosis_numbers import diagnosis_numbers
+from photogram.quality.cloud_comparison import Comparison
+from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence

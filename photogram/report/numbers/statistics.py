@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from photogram.adjustment.variance_components import Scatter, scatters
-from photogram.quality.consistency import (
+from photogram.quality.prediction_test import (
     LeaveOneOut,
     PredictedAgainstAchieved,
     leave_one_out,
     predicted_against_achieved,
 )
-from photogram.surface.surface_model import NMAD_FACTOR
+from photogram.surface.tin_dsm import NMAD_FACTOR
 from photogram.survey import Adjustment, FloatArray, Raster
 
 Json = dict[str, Any]

@@ -19,10 +19,18 @@ from numpy.typing import NDArray
 from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
-from photogram.map_grid import MapGrid, Window, verticals
-from photogram.surface.ortho.exposure import Balance, PixelsOf, balance_exposure, camera_of, sample_overlaps
+from photogram.grid import MapGrid, Window, verticals
+from photogram.surface.ortho.colour_balance import Balance, PixelsOf, balance_exposure, camera_of, sample_overlaps
 from photogram.surface.ortho.resampling import add_photograph
-from photogram.surface.ortho.seams import SMALLEST_BLOCK, Seams, ViewArrays, bundled, bundled_lines, find_seams, sees
+from photogram.surface.ortho.seamlines import (
+    SMALLEST_BLOCK,
+    Seams,
+    ViewArrays,
+    bundled,
+    bundled_lines,
+    find_seams,
+    sees,
+)
 from photogram.surface.ortho.visibility import NARROW, STRICT, Relief, Terrain, at_edge, height_at
 from photogram.surface.views import Views
 from photogram.survey import Raster

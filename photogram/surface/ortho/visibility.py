@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
-from photogram.map_grid import MapGrid, Window
+from photogram.grid import MapGrid, Window
 from photogram.surface.views import Views
 from photogram.survey import Raster
 

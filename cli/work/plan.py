@@ -1,0 +1,147 @@
+"""What `photogram plan` does."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from photogram.cli.screen.terminal import console, errors, steps
+from photogram.project.flight_file import flight_plan, plan_settings
+from photogram.report.figures.prediction import prediction_picture
+from photogram.report.numbers.prediction import prediction_numbers
+from photogram.simulation.flight_plan import RANGES, FlightPlan
+from photogram.simulation.prediction import Alternative, Prediction, alternatives, predict
+
+
+def _centimetres(value: float) -> str:
+    return "–" if not math.isfinite(value) else f"{100 * value:.1f} cm"
+
+
+def _both(found: Prediction, values: Any) -> str:  # noqa: ANN401 - an array of sigmas
+    median, worst = found.typical_m(values)
+    return f"{_centimetres(median)}, {_centimetres(worst)} at the worst place"
+
+
+def _facts(found: Prediction) -> Table:
+    plan = found.plan
+    table = Table("figure", "value", title="Flight", show_header=False)
+    table.add_row("site", f"{plan.width_m:g} × {plan.length_m:g} m, relief {plan.relief_m:g} m")
+    table.add_row(
+        "ground sampling distance, flying height", f"{_centimetres(plan.ground_sampling_m)}, {plan.height_m:.0f} m"
+    )
+    table.add_row("photographs, strips", f"{len(found.position_m)}, {found.strips}")
+    table.add_row("base, distance of strips", f"{plan.base_m:.1f} m, {plan.strip_distance_m:.1f} m")
+    table.add_row(
+        "ground covered", f"{found.ground_covered_m2 / 1e4:.1f} ha, {found.covered:.0%} of the site twice or more"
+    )
+    table.add_row("tie points, observations assumed", f"{found.tie_points}, {found.observations}")
+    sigma = plan.gnss_sigmas_m
+    table.add_row("GNSS", "none" if sigma is None else f"{plan.gnss}, {', '.join(f'{s:g}' for s in sigma)} m")
+    table.add_row("control points", f"{plan.control}")
+    return table
+
+
+def _accuracy(found: Prediction) -> Table:
+    table = Table("figure", "value", title="Predicted accuracy (standard deviations)", show_header=False)
+    table.add_row("ground points in plan", _both(found, found.plan_sigma_m))
+    table.add_row("ground points in height", _both(found, found.sigma_m[:, 2]))
+    survey = math.hypot(*found.plan.control_sigma_m[:2]), found.plan.control_sigma_m[2]
+    plan, height = (
+        math.hypot(found.typical_m(v)[0], s)
+        for v, s in ((found.plan_sigma_m, survey[0]), (found.sigma_m[:, 2], survey[1]))
+    )
+    table.add_row("RMSE to be expected at check points", f"plan {_centimetres(plan)}, height {_centimetres(height)}")
+    focal, prior = found.parameter_sigma["focal_px"], found.prior_sigma["focal_px"]
+    before = f"{prior:g} px" if math.isfinite(prior) else "free"
+    table.add_row("focal length", f"{focal:.2f} px, {before} before" if prior > 0 else "held")
+    table.add_row("all heights together", _centimetres(found.mean_height_sigma_m))
+    table.add_row(f"dome over {found.radius_m:.0f} m", _centimetres(found.dome_sigma_m))
+    if len(found.control_mdb_m):
+        worst = found.control_mdb_m.max(axis=0)
+        table.add_row(
+            "blunder of a control point that shows",
+            f"plan {_centimetres(max(worst[:2]))}, height {_centimetres(worst[2])}"
+            if all(map(math.isfinite, worst))
+            else "none",
+        )
+    return table
+
+
+def _changes(found: Prediction, changes: Sequence[Alternative]) -> Table:
+    table = Table(
+        "change", "photographs", "plan", "height", "worst height", "dome", title="What a single change would bring"
+    )
+    rows = [("as planned", found), *((c.what, c.prediction) for c in changes)]
+    for what, p in rows:
+        height, worst = p.typical_m(p.sigma_m[:, 2])
+        figures = (p.typical_m(p.plan_sigma_m)[0], height, worst, p.dome_sigma_m)
+        table.add_row(what, str(len(p.position_m)), *map(_centimetres, figures))
+    return table
+
+
+def _settings(file: Path | None, given: dict[str, Any]) -> FlightPlan:
+    """Return the plan of a file with what the options change."""
+    settings = {} if file is None else plan_settings(file)
+    for one, other in (("gsd_m", "flying_height_m"), ("flying_height_m", "gsd_m")):
+        if given[one] is not None and given[other] is None:
+            settings.pop(other, None)
+    if given["gnss"] is not None:
+        settings.pop("gnss_sigma_m", None)
+        settings.pop("gnss_offset_sigma_m", None)
+    if given["control_points"] is not None:
+        settings.pop("control_world_m", None)
+    settings |= {name: value for name, value in given.items() if value is not None}
+    return flight_plan(settings, str(file) if file is not None else "photogram plan")
+
+
+_OPTIONS = {
+    "width_m": "--area",
+    "length_m": "--area",
+    "gsd_m": "--gsd",
+    "flying_height_m": "--height",
+    "forward_overlap": "--forward",
+    "side_overlap": "--side",
+    "cross_strips": "--cross",
+    "oblique_strips": "--oblique",
+    "relief_m": "--relief",
+    "control_points": "--control",
+}
+
+
+def _check_ranges(given: dict[str, Any]) -> None:
+    """Refuse figures that cannot be. Raises typer.BadParameter."""
+    for name, option in _OPTIONS.items():
+        low, high = RANGES[name]
+        value = given[name]
+        if value is not None and not low <= value <= high:
+            raise typer.BadParameter(f"{value:g} must be from {low:g} to {high:g}", param_hint=option)
+
+
+def run(file: Path | None, given: dict[str, Any], *, changes: bool, picture: Path | None, as_json: bool) -> None:
+    """Predict the accuracy of a plan, of a file and of what the options change in it, and show it."""
+    _check_ranges(given)
+    settled = _settings(file, given)
+    with steps("Prediction", to=errors if as_json else console) as progress:
+        progress(0, 0, "the flight as planned")
+        found = predict(settled)
+        tried = alternatives(settled, progress) if changes else []
+    if picture is not None:
+        prediction_picture(picture, found, tried)
+    if as_json:
+        typer.echo(json.dumps(prediction_numbers(found, tried), indent=1, ensure_ascii=False))
+        return
+    console.print(_facts(found))
+    console.print(_accuracy(found))
+    for warning in found.warnings:
+        console.print(f"[bold]Weak:[/bold] {escape(warning)}")
+    if tried:
+        console.print(_changes(found, tried))
+    if picture is not None:
+        console.print(f"Written: {escape(str(picture))}", soft_wrap=True)

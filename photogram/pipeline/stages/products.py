@@ -1,0 +1,203 @@
+"""Surface, orthophoto and dense cloud as they are handed over, and what the report shows of them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogram.camera import Pose
+from photogram.files.atomic import replacing
+from photogram.files.clouds.dense_points import (
+    CHUNK_CELLS,
+    GROUND,
+    NEVER_CLASSIFIED,
+    NOT_GROUND,
+    DensePoints,
+    points_of_cells,
+    write_dense_laz,
+)
+from photogram.files.clouds.points import NO_DATE
+from photogram.files.maps.rasters import picture_on_grid, read_codes
+from photogram.grid import MapGrid
+from photogram.pipeline.stages.orthophoto import LEFT_OUT
+from photogram.pipeline.stages.stages import RELATIVE_SIGMA_FILE
+from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.tiles import BlockFiles
+from photogram.pipeline.store.workspace import read_json
+from photogram.report.figures.page_figures import PageFigure
+from photogram.report.figures.surface_figures import (
+    DrawnFigure,
+    drawn_orthophoto,
+    drawn_surface,
+    surface_figures,
+    write_surface_pictures,
+)
+from photogram.report.figures.thumbnails import thumbnails
+from photogram.report.numbers.dense import dense_numbers, orthophoto_numbers, sigma_numbers
+from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
+from photogram.surface.dsm import FILLED, MEASURED
+
+PRODUCTS = {
+    "surface": (
+        "dsm.tif",
+        "dsm_sigma.tif",
+        RELATIVE_SIGMA_FILE,
+        "dsm_filled.tif",
+        "dsm_source.tif",
+        "dsm_source.tif.aux.xml",
+    ),
+    "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
+    "orthophoto": ("orthophoto.tif",),
+}
+"""Files of results by the stage that makes them; those that a project does not ask for are not there."""
+
+CLOUD = "dense.laz"
+MAXIMUM_PICTURE_PX = 1800
+"""Longer side of the orthophoto on the page, at most."""
+
+DROWNS = 3.0
+"""A datum known so many times worse in height than the shape hides it: figures then show the relative sigma."""
+
+SEEN_BY = 3
+"""A cell that so many photographs show counts for the completeness."""
+
+
+def copy_products(run: Run, results: Path) -> list[str]:
+    """Copy what the stages of surfaces have made into the folder of results; returns the names."""
+    names = []
+    for stage, files in PRODUCTS.items():
+        for name in files:
+            if run.workspace.has(stage, name):
+                made = run.workspace.file(stage, name)
+                with replacing(results / name) as partial:
+                    shutil.copyfile(made, partial)
+                names.append(name)
+    return names
+
+
+def flight_date(notes: Sequence[Mapping[str, Any]], poses: Sequence[Pose | None]) -> date:
+    """Return the day of the last exposure with a pose whose time the tags give, in their notes, NO_DATE where none
+    does: the date of the clouds."""
+    times = [note["time"] for note, pose in zip(notes, poses, strict=True) if pose is not None]
+    return max((datetime.fromisoformat(time).date() for time in times if time is not None), default=NO_DATE)
+
+
+def write_dense_cloud(run: Run, results: Path) -> list[str]:
+    """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
+    one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
+    written."""
+    if not matched(run):
+        return []
+    layers, created = surface_layers(run), flight_date(run.notes(), run.adjustment().block.poses)
+    coloured = run.workspace.has("orthophoto", "orthophoto.tif")
+    picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
+    chunks = _chunks(run, layers, picture)
+    write_dense_laz(results / CLOUD, layers.grid, run.project.product_crs, chunks, created, coloured=coloured)
+    return [CLOUD]
+
+
+def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
+    classified = run.workspace.has("relief", "dtm_source.tif")
+    terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
+    for window in layers.grid.tiles(CHUNK_CELLS):
+        height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
+        colour = np.zeros((*window.shape, 3), np.uint8)
+        if picture is not None:
+            rgba = picture_on_grid(picture, layers.grid, window)
+            # over the finished surface no photograph sees it: its height and its visibility contradict each other
+            colour, height = rgba[..., :3], np.where(rgba[..., 3] > 0, height, np.float32(np.nan))
+        classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
+        if terrain is not None:
+            classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
+        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
+
+
+def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
+    """Return the orthophoto small enough for a page, None where there is none."""
+    if not run.workspace.has("orthophoto", "orthophoto.tif"):
+        return None
+    path = run.workspace.file("orthophoto", "orthophoto.tif")
+    whole = MapGrid(**read_json(run.workspace.file("orthophoto", "grid.json")))
+    block = -(-max(whole.rows, whole.columns) // MAXIMUM_PICTURE_PX)
+    rows, columns = -(-whole.rows // block), -(-whole.columns // block)
+    grid = MapGrid(whole.west_map_m, whole.north_map_m, whole.cell_m * block, rows, columns)
+    rgba = picture_on_grid(path, grid, grid.whole)
+    return OrthophotoPicture(
+        rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, whole.cell_m, (whole.rows, whole.columns)
+    )
+
+
+def dense_surface(run: Run) -> DenseSurface | None:
+    """Return the dense surface as the report takes it, None where nothing was matched."""
+    if not matched(run):
+        return None
+    layers = surface_layers(run)
+    source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
+    names = tuple(
+        p.name
+        for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True)
+        if pose is not None
+    )
+    return DenseSurface(
+        run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,
+        {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+    )  # fmt: skip
+
+
+_SAMPLED_CELLS = 4_000_000  # that a median is taken of, about
+
+
+def matching_sigma_m(run: Run) -> float | None:
+    """Return the median standard deviation of the matched heights by themselves, without what photographs and
+    calibration do to all of them; None where nothing was measured."""
+    layers, heights = surface_layers(run), MatchedHeights.of(run)
+    step = max(layers.grid.rows * layers.grid.columns // _SAMPLED_CELLS, 1)
+    found = []
+    for window in layers.windows:
+        measured = layers.read(window, "source")[0] == MEASURED
+        found.append(heights.blocks.read(window, "sigma_m")[0][measured][::step])
+    sigma = np.concatenate(found)
+    sigma = sigma[np.isfinite(sigma)]
+    return float(np.median(sigma)) if len(sigma) else None
+
+
+def _shown(run: Run, dense: DenseSurface, numbers: dict[str, Any]) -> tuple[DenseSurface, dict[str, Any], float | None]:
+    """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
+    them: where it would hide everything else."""
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    if shape is None or relative is None or numbers["sigma_m"] is None:
+        return dense, numbers, None
+    without = replace(dense, sigma=relative)
+    spread, datum_sigma_m = sigma_numbers(without), float(np.sqrt(shape.datum_covariance_m2[2, 2]))
+    if spread is None or not datum_sigma_m > DROWNS * spread["median"]:
+        return dense, numbers, None
+    return without, {**numbers, "sigma_m": spread}, datum_sigma_m
+
+
+def report_surface(
+    run: Run, numbers: dict[str, Any], results: Path
+) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
+    """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
+    names of their pictures, which are written; nothing of what the project asks for none of."""
+    value = dict[str, Any]()
+    drawn, ground = list[DrawnFigure](), ground_marks(numbers["control_points"])
+    orthophoto, dense = orthophoto_picture(run), dense_surface(run)
+    if orthophoto is not None:
+        value["orthophoto"] = orthophoto_numbers(orthophoto)
+        drawn.append(drawn_orthophoto(orthophoto, ground))
+    if run.workspace.has("orthophoto", LEFT_OUT):
+        value["orthophoto"] = dict(read_json(run.workspace.file("orthophoto", LEFT_OUT)))
+    if dense is not None:
+        value["dense"] = {**dense_numbers(dense, ground), "matching_sigma_m": matching_sigma_m(run)}
+        target_m = run.project.report.target_rmse_v_m
+        shown, numbers_shown, datum_sigma_m = _shown(run, dense, value["dense"])
+        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
+    names = write_surface_pictures(results / "pictures", drawn)
+    return value, surface_figures(drawn) + thumbnails(orthophoto, run.surface()), [f"pictures/{name}" for name in names]

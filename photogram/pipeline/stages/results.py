@@ -1,0 +1,205 @@
+"""The last stage: everything a surveyor takes away, written beside the project file.
+
+Numbers in report.json and as a page in report.html, exterior orientation as CSV and GeoJSON, point clouds as text and
+LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written whole or not at all; the stage is complete
+only when all of them are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from heapq import nlargest
+from pathlib import Path
+
+import numpy as np
+
+from photogram import __version__
+from photogram.files.atomic import make_folder_within, remove_leftovers
+from photogram.files.clouds.points import write_laz, write_xyz
+from photogram.files.matlab import write_tie_points
+from photogram.files.poses import write_pose_geojson, write_pose_table
+from photogram.frames import crs_in_words
+from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
+from photogram.pipeline.stages.report_files import disbelieved, discard_prints, run_facts, write_report
+from photogram.pipeline.stages.stages import Progress
+from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.workspace import write_record
+from photogram.printable import file_stem
+from photogram.report.figures.page_figures import page_figures
+from photogram.report.figures.plan_view import plan_contents, plan_picture
+from photogram.report.figures.style import (
+    candidate_and_verified_matches,
+    comparison_picture,
+    residual_picture,
+    shaded_surface,
+)
+from photogram.report.numbers.gnss import gnss_numbers
+from photogram.report.numbers.heights import height_numbers
+from photogram.report.numbers.numbers import report_numbers
+from photogram.report.numbers.overlap import Overlap, ground_overlap
+from photogram.report.numbers.statistics import dsm_numbers
+from photogram.sfm.tracks import seen_in_all
+from photogram.survey import Adjustment
+
+CLOUDS = ("linear_2view", "linear_3view", "adjusted")
+CLOUD_FILES = {
+    "linear_2view": "points_linear_2view",
+    "linear_3view": "points_linear_3view",
+    "adjusted": "points_adjusted",
+}
+MATCH_PICTURES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """What is published: the run, what it found, the folder of results, and that of the stage itself."""
+
+    run: Run
+    result: Adjustment
+    overlap: Overlap | None
+    results: Path
+    folder: Path
+
+
+def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
+    folder of results, and remove what an earlier run has written there and this one does not."""
+    results = run.project.results
+    make_folder_within(results / "pictures")
+    for place in (results, results / "pictures"):
+        remove_leftovers(place)
+    discard_prints(results)
+    with recorded(results):
+        products = _written(run, folder, progress)
+    remove_outdated(results, products)
+    return {"products": [*products, CHECKSUMS]}
+
+
+def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
+    """Write all products and return their names."""
+    results, products = run.project.results, list[str]()
+    result = run.adjustment()
+    outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
+    steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures)
+    for number, step in enumerate(steps):
+        progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
+        products += step(outcome)
+    progress(len(steps), len(steps) + 1, "numbers")
+    products += _numbers(outcome, products)
+    progress(len(steps) + 1, len(steps) + 1, "")
+    return products
+
+
+def _clouds(outcome: _Outcome) -> list[str]:
+    products = []
+    created = flight_date(outcome.run.notes(), outcome.result.block.poses)
+    for name in CLOUDS:
+        cloud = outcome.run.cloud(name)
+        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs, created)
+        products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
+    return products
+
+
+def _tables(outcome: _Outcome) -> list[str]:
+    run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
+    write_record(results / "tie_points.npz", tie_points)
+    write_tie_points(results / "tie_points.mat", run.names, tie_points)
+    products = ["tie_points.npz", "tie_points.mat"]
+    common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
+    if len(common):
+        write_record(results / "tie_points_in_all.npz", common)
+        products.append("tie_points_in_all.npz")
+    return products
+
+
+def _surfaces(outcome: _Outcome) -> list[str]:
+    return copy_products(outcome.run, outcome.results) + write_dense_cloud(outcome.run, outcome.results)
+
+
+def _photographs(outcome: _Outcome) -> list[str]:
+    words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
+    write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
+    write_pose_geojson(outcome.results / "photographs.geojson", outcome.results / "footprints.geojson", outcome.result)
+    return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
+
+
+def _pictures(outcome: _Outcome) -> list[str]:
+    run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
+    block = result.block
+    products = ["pictures/surface.png", "pictures/plan.png"]
+    shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
+    contents = plan_contents(result, outcome.overlap)
+    plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
+    for c, camera in enumerate(block.cameras):
+        seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
+        if seen.any():
+            name = f"residuals_{file_stem(c + 1, camera.name)}.png"
+            title = f"Residuals of tie points in {camera.name}"
+            residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
+            products.append(f"pictures/{name}")
+    comparisons = run.comparisons()
+    if comparisons:
+        comparison_picture(pictures / "comparison.png", comparisons)
+        products.append("pictures/comparison.png")
+    return products
+
+
+def _match_pictures(outcome: _Outcome) -> list[str]:
+    """Picture the pairs with the most verified matches."""
+    run, products = outcome.run, []
+    best = nlargest(MATCH_PICTURES, run.matches(), key=lambda m: (int(m[1].sum()), -m[0].first, -m[0].second))
+    for candidates, verified in best:
+        first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
+        stems = (file_stem(i + 1, p.name) for i, p in ((candidates.first, first), (candidates.second, second)))
+        name = f"pictures/matches_{'_'.join(stems)}.png"
+        candidate_and_verified_matches(
+            outcome.results / name,
+            run.pixels(candidates.first),
+            run.pixels(candidates.second),
+            run.features(candidates.first).pixel[candidates.index[:, 0]],
+            run.features(candidates.second).pixel[candidates.index[:, 1]],
+            verified,
+            f"{first.name} and {second.name}",
+        )
+        products.append(name)
+    return products
+
+
+def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
+    """Write the report over everything; ``products`` are the files that were written before it."""
+    run = outcome.run
+    clouds = {name: run.cloud(name) for name in CLOUDS}
+    value = report_numbers(
+        outcome.result,
+        run.orientation(),
+        clouds,
+        run.comparisons(),
+        outcome.overlap,
+        version=__version__,
+        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in STAGE_NAMES[:-1]},
+        held=run.held(),
+        verdict=run.verdict(),
+        measured=run.block().control_points,
+        sources=run.project.camera_source,
+    )
+    value["heights"] = height_numbers(
+        run.project.heights,
+        outcome.result.block.frame,
+        run.gnss_systems(),
+        [point.heights for point in run.project.control_points],
+    )
+    value["gnss"] = gnss_numbers(outcome.result, run.notes())
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    datum = None if shape is None else shape.datum_covariance_m2
+    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
+    value = {**value, **run_facts(run, STAGE_NAMES[:-1])}
+    value["adjustment"].update(disbelieved(run))
+    surface, drawn, pictures = report_surface(run, value, outcome.results)
+    value |= surface
+    sparse = None if "dense" in surface else run.surface()
+    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons()) + drawn
+    return write_report(run.project, value, figures, outcome.folder, products + pictures) + pictures

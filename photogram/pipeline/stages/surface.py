@@ -1,0 +1,207 @@
+"""The stages that make surfaces: the DSM from matched heights or tie points, terrain and contour lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
+from photogram.files.maps.contour_files import write_contours
+from photogram.frames import plan_of
+from photogram.grid import MapGrid, Window
+from photogram.pipeline.stages.stages import (
+    HEIGHT,
+    RELATIVE_SIGMA,
+    RELATIVE_SIGMA_FILE,
+    SIGMA,
+    Progress,
+    interpolate_surface,
+)
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.tiles import BlockFiles
+from photogram.pipeline.store.workspace import read_json, write_arrays, write_json
+from photogram.surface.contours import contour_lines
+from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
+from photogram.surface.dsm import (
+    FILLED,
+    HOLE,
+    KEPT_MARGIN_CELLS,
+    MEASURED,
+    SharedError,
+    filled_heights,
+    kept_heights,
+    shared_error,
+    surface_sigma_m,
+)
+from photogram.surface.dtm import terrain_from_surface
+from photogram.surface.tin_dsm import NEAREST_PLACES
+from photogram.survey import Raster
+
+TILE_CELLS = 1024
+FILL_CELLS, MOST_FILL_CELLS = 25, 100
+SOURCES = (
+    Category(HOLE, "hole", (255, 255, 255)),
+    Category(MEASURED, "measured", (70, 130, 180)),
+    Category(FILLED, "filled", (230, 120, 20)),
+)
+TERRAIN_SOURCES = (
+    *SOURCES[:1],
+    Category(MEASURED, "ground", (140, 110, 70)),
+    Category(FILLED, "interpolated", (230, 120, 20)),
+)
+"""What the codes of `dsm_source.tif` and `dtm_source.tif` mean, and their colours."""
+
+_SHARED_SPACING_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class MatchedHeights:
+    """The heights of the stage `dense` on disk: their blocks, what they count from, and the flying height over them."""
+
+    blocks: BlockFiles
+    base_map_m: float
+    flying_height_m: float
+
+    @staticmethod
+    def of(run: Run) -> MatchedHeights:
+        """Return what the stage `dense` has written."""
+        note = read_json(run.workspace.file("dense", "grid.json"))
+        grid = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
+        folder = run.workspace.stage("dense") / "heights"
+        blocks = BlockFiles(folder, grid, note["side"], run.workspace.checked)
+        return MatchedHeights(blocks, note["base_map_m"], note["flying_height_m"])
+
+    @property
+    def grid(self) -> MapGrid:
+        """Return the grid of the heights."""
+        return self.blocks.grid
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """What a tile of the surface holds, (rows, columns) each: heights of the map, the same with holes closed, standard
+    deviations, with the datum's part and without, what each cell is, how it was matched, and in how many photographs it
+    could be."""
+
+    height: NDArray[np.float32]
+    filled: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    relative: NDArray[np.float32]
+    source: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+    rays: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
+
+
+def matched(run: Run) -> bool:
+    """Return whether heights were matched, or the surface comes from tie points alone."""
+    return run.workspace.has("dense", "grid.json")
+
+
+def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
+    alone where nothing was matched."""
+    if not matched(run):
+        return interpolate_surface(run, folder, progress)
+    heights = MatchedHeights.of(run)
+    grid = heights.grid
+    histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
+    least = least_correlation_of(np.asarray(histogram))
+    cloud = run.cloud("adjusted").position_map_m
+    spacing_m, shape = _SHARED_SPACING_SHARE * heights.flying_height_m, run.shape()
+    shared = [shared_error(cloud, run.precision().cameras_m2, grid, spacing_m)]
+    if shape is not None:
+        shared.append(shared_error(shape.place_map_m, shape.covariance_m2, grid, spacing_m, NEAREST_PLACES))
+    gap_m = run.project.surface.maximum_gap_m
+    reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
+
+    def tile(window: Window) -> tuple[Window, _Tile]:
+        return window, _tile(heights, shared, window, least, reach)
+
+    counts = np.zeros(3, np.int64)
+    layers = folder / "tiles"
+    store = BlockFiles(layers, grid, TILE_CELLS)
+    windows = store.windows
+    for done, (window, made) in enumerate(run.executor.map(tile, windows), 1):
+        store.write(window, vars(made))
+        counts += np.bincount(made.source.ravel(), minlength=3)
+        progress(done, len(windows), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
+    crs, plan = run.project.product_crs, plan_of(run.project.crs)
+    for name, layer, of, description in (
+        ("dsm.tif", "height", crs, HEIGHT),
+        ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
+        ("dsm_sigma.tif", "sigma", plan, SIGMA),
+        *([] if shape is None else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
+    ):
+        write_cog(folder / name, grid, of, _layer(store, layer), description=description)
+    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES)
+    write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
+    write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
+    return {
+        "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
+        "measured_of_grid": int(counts[MEASURED]), "filled_of_grid": int(counts[FILLED]),
+        "least_correlation": round(least, 3),
+    }  # fmt: skip
+
+
+def surface_layers(run: Run) -> BlockFiles:
+    """Return the layers of the matched surface by their names in _Tile. Needs the stage `surface`, with `dense` on."""
+    folder = run.workspace.stage("surface") / "tiles"
+    return BlockFiles(folder, MatchedHeights.of(run).grid, TILE_CELLS, run.workspace.checked)
+
+
+def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]]:
+    return ((window, store.read(window, name)[0]) for window in store.windows)
+
+
+def _tile(heights: MatchedHeights, shared: Sequence[SharedError], window: Window, least: float, reach: int) -> _Tile:
+    """Return one tile of the surface; what it needs from beyond its edge it reads itself. ``shared`` are the errors
+    that neighbours share, with the datum's part and, where they are known, without."""
+    grid = heights.grid
+    outer = grid.around_window(window, reach + 1 + KEPT_MARGIN_CELLS)
+    height, sigma, correlation, rays, seen = heights.blocks.read(
+        outer, "height_m", "sigma_m", "correlation", "rays", "seen"
+    )
+    kept = kept_heights(height, sigma, correlation, rays, seen, grid.cell_m, least)
+    filled = filled_heights(kept, grid.cell_m, reach)
+    known = np.isfinite(kept)
+    none, own = np.float32(np.nan), np.where(known, sigma, np.float32(0.0))
+    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, kept, own), none) for s in shared)
+    source = np.where(known, MEASURED, np.where(np.isfinite(filled), FILLED, HOLE)).astype(np.uint8)
+    base = np.float32(heights.base_map_m)
+    rows, columns = window.shape
+    at = (slice(window.row - outer.row, window.row - outer.row + rows),
+          slice(window.column - outer.column, window.column - outer.column + columns))  # fmt: skip
+    without = relative[0] if relative else np.full_like(whole, none)
+    return _Tile(
+        (kept + base)[at], (filled + base)[at], whole[at], without[at], source[at],
+        np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at], seen[at],
+    )  # fmt: skip
+
+
+def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the terrain model and the contour lines that the project asks for."""
+    terrain, contours = run.project.terrain, run.project.contours
+    summary: dict[str, object] = {}
+    surface: Raster | None = None
+    if terrain.enabled:
+        progress(0, 0, "terrain model")
+        found = terrain_from_surface(run.filled_surface(), terrain)
+        surface, grid = found.heights, MapGrid.of(found.heights)
+        values = [(grid.whole, surface.values)]
+        write_cog(folder / "dtm.tif", grid, run.project.product_crs, values, description="height of the terrain")
+        codes = np.where(found.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
+        tiles = [(grid.whole, codes.astype(np.uint8))]
+        write_cog_codes(folder / "dtm_source.tif", grid, plan_of(run.project.crs), tiles, categories=TERRAIN_SOURCES)
+        summary["interpolated"] = int(np.count_nonzero(found.interpolated))
+    if contours.enabled:
+        progress(0, 0, "contour lines")
+        lines = contour_lines(surface or run.filled_surface(), contours)
+        write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
+        summary |= {"contours": len(lines), "interval_m": lines.interval_m, "of": "terrain" if surface else "surface"}
+    return summary

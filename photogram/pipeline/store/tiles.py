@@ -1,0 +1,68 @@
+"""Arrays over a map grid kept on disk in blocks: one file per block, written whole, any window read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.files.atomic import make_folder
+from photogram.grid import MapGrid, Window
+from photogram.pipeline.store.workspace import read_arrays, write_arrays
+
+
+def _as_it_is(path: Path) -> Path:
+    return path
+
+
+@dataclass(frozen=True)
+class BlockFiles:
+    """The blocks of ``side`` × ``side`` cells of a grid, in a folder; ``checked`` looks at the file of a block before
+    it is read, and returns its path."""
+
+    folder: Path
+    grid: MapGrid
+    side: int
+    checked: Callable[[Path], Path] = _as_it_is
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Return the windows of all blocks, row by row."""
+        return tuple(self.grid.tiles(self.side))
+
+    def _path(self, block: Window) -> Path:
+        return self.folder / f"{block.row:07d}-{block.column:07d}.npz"
+
+    def has(self, block: Window) -> bool:
+        """Return whether a block has been written."""
+        return self._path(block).is_file()
+
+    def write(self, block: Window, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+        """Write the arrays (rows, columns) of a block."""
+        make_folder(self.folder)
+        write_arrays(self._path(block), arrays)
+
+    def read(self, window: Window, *names: str) -> tuple[NDArray[Any], ...]:
+        """Return arrays over a window. Raises WorkspaceError when one of its blocks is missing or damaged."""
+        rows, columns = window.shape
+        whole: dict[str, NDArray[Any]] = {}
+        first_row, first_column = window.row // self.side * self.side, window.column // self.side * self.side
+        for row in range(first_row, window.row_end, self.side):
+            for column in range(first_column, window.column_end, self.side):
+                block = Window(
+                    row, column, min(row + self.side, self.grid.rows), min(column + self.side, self.grid.columns)
+                )
+                arrays = read_arrays(self.checked(self._path(block)))
+                r0, r1 = max(row, window.row), min(block.row_end, window.row_end)
+                c0, c1 = max(column, window.column), min(block.column_end, window.column_end)
+                for name in names:
+                    part = arrays[name]
+                    target = whole.setdefault(name, np.empty((rows, columns), part.dtype))
+                    target[r0 - window.row : r1 - window.row, c0 - window.column : c1 - window.column] = part[
+                        r0 - row : r1 - row, c0 - column : c1 - column
+                    ]
+        return tuple(whole[name] for name in names)

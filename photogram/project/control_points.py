@@ -1,0 +1,431 @@
+"""Ground points that a project file takes from other files: positions brought to the project's CRS, sigmas and roles
+filled in, marks brought to the photographs' own pixels.
+
+Faults are noted in the document under the entry that names the file, and carry that file's own line.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import ControlPointError, FrameError
+from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
+from photogram.frames import map_from_crs, plan_of, projected_crs
+from photogram.height_systems import DeclaredHeights, HeightSystem
+from photogram.project.cross_checks import Located, camera_of
+from photogram.project.document import Document, Key, suggestion
+from photogram.project.heights import in_map
+from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
+from photogram.survey import FloatArray, Roles
+
+ReadT = TypeVar("ReadT")
+
+SHAPE_TOLERANCE = 0.005
+"""How much width and height may differ in scale between the picture of the marks and the photograph."""
+
+_MOST_NAMES = 5
+_SMALLEST_ENLARGEMENT, _LARGEST_ENLARGEMENT = 1.2, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPoint:
+    """A point of a file, complete: ``role`` in plan and in height, ``position_map_m`` (3,), ``sigma_m`` (3,), and its
+    marks in photogram's pixels.
+
+    ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,). ``heights`` is the system that its
+    height was given in, None where nobody says.
+    """
+
+    name: str
+    role: Roles
+    position_map_m: FloatArray
+    sigma_m: FloatArray
+    mark_photograph: tuple[str, ...]
+    mark_pixel: FloatArray
+    mark_sigma_px: FloatArray
+    heights: HeightSystem | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown,
+    ``heights`` the system that its heights were given in, ``columns`` what the first two figures of a point are."""
+
+    key: Key
+    entry: ControlFileEntry
+    points: PointFile
+    marks: tuple[FileMark, ...]
+    position_map_m: FloatArray | None
+    turned_map_m: FloatArray | None
+    heights: HeightSystem | None
+    columns: tuple[str, str]
+
+    @property
+    def marks_path(self) -> str:
+        return self.entry.marks or str(self.entry.path)
+
+
+def read_point_files(
+    document: Document,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    base: Path,
+    heights: DeclaredHeights,
+) -> tuple[tuple[GroundPoint, ...], list[list[Located]]]:
+    """Return the points of all files, and for each file where they lie, for the checks of positions.
+
+    Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
+    the map. What is wrong is noted in the document; the points are complete only where nothing is.
+    """
+    entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
+    found = [_source(document, file, key, entry, base, heights) for key, entry in entries if entry.path is not None]
+    sources = [source for source in found if source is not None]
+    # Points of a file that cannot be read are not known; that file's fault is enough.
+    whole = len(sources) == len(entries)
+    _check_names(document, file, sources)
+    points: list[GroundPoint] = []
+    marks = [_own_marks(document, source, sources, whole) for source in sources]
+    if photographs is not None:
+        listed = any(point.marks for point in file.control_points.list)
+        marks = _marks_in_photographs(document, sources, marks, photographs, listed)
+    for source, own in zip(sources, marks, strict=True):
+        sigma_m, sigma_px = _sigmas_m(document, file, source), _mark_sigmas_px(document, file, source)
+        pixel = None if photographs is None else _pixels(document, file, source, own, photographs)
+        if source.position_map_m is not None and sigma_m is not None and sigma_px is not None and pixel is not None:
+            points += _complete(source, source.position_map_m, sigma_m, own, pixel, sigma_px)
+    return tuple(points), [_located(source) for source in sources]
+
+
+def _note(document: Document, key: Key, path: str, line: int, text: str) -> None:
+    document.fault(key, f"{path}:{line}: {text}")
+
+
+def _read(document: Document, key: Key, written: str, base: Path, reader: Callable[[Path], ReadT]) -> ReadT | None:
+    """Return what ``reader`` reads, None where it cannot; its faults name the file as the project does."""
+    path = base / written
+    try:
+        return reader(path)
+    except ControlPointError as fault:
+        for line in str(fault).splitlines():
+            document.fault(key, line.replace(f"{path}:", f"{written}:", 1))
+        return None
+
+
+def _source(
+    document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, base: Path, heights: DeclaredHeights
+) -> _Source | None:
+    points = _read(document, key, str(entry.path), base, read_points)
+    if points is None:
+        return None
+    marks: tuple[FileMark, ...] | None = points.marks
+    if entry.marks is not None:
+        marks = _read(document, key, entry.marks, base, read_marks)
+        if points.holds_marks:
+            document.fault((*key, "marks"), f"{entry.path} holds its marks itself: remove this key")
+            marks = None
+    crs = _crs(document, file, key, entry, points)
+    position, turned, given = None, None, None
+    if crs is not None:
+        position, turned, given = _positions(document, file, key, entry, points, crs, heights)
+    columns = ("easting", "northing") if crs is None or _is_grid(crs) else ("longitude", "latitude")
+    return _Source(key, entry, points, marks or (), position, turned, given, columns)
+
+
+def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
+    if points.crs is not None and entry.crs is not None and points.crs != entry.crs:
+        document.fault((*key, "crs"), f"{entry.path} says {points.crs} in its first line: keep one of the two")
+        return None
+    if points.holds_marks and points.crs is None and entry.crs is None:
+        text = "the first line must name the CRS, EPSG:32617 for example: add it, or give crs in the project file"
+        _note(document, key, str(entry.path), points.points[0].line if points.points else 1, text)
+        return None
+    return points.crs or entry.crs or file.crs
+
+
+def _positions(
+    document: Document,
+    file: ProjectFile,
+    key: Key,
+    entry: ControlFileEntry,
+    points: PointFile,
+    crs: str,
+    heights: DeclaredHeights,
+) -> tuple[FloatArray | None, FloatArray | None, HeightSystem | None]:
+    """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
+    heights were given in."""
+    target = file.crs
+    try:
+        projected_crs(target or "")
+    except FrameError:
+        return None, None, None  # noted where the project names its CRS
+    given = np.array([p.position for p in points.points]).reshape(-1, 3)
+    swapped = given[:, [1, 0, 2]]
+    if points.geographic and _is_grid(crs):
+        text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or its like"
+        document.fault(key, text)
+        return None, None, None
+    if target is None:
+        return given, swapped, entry.heights or heights.control_points
+    try:
+        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, given)
+    except FrameError as fault:
+        text = str(fault).removeprefix("crs: ")
+        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
+        return None, None, None
+    try:
+        turned = swapped if crs == target else map_from_crs(crs, plan_of(target), swapped)
+    except FrameError:
+        turned = np.full_like(position, np.nan)
+    return position, turned, system
+
+
+def _is_grid(crs: str) -> bool:
+    try:
+        projected_crs(crs)
+    except FrameError:
+        return False
+    return True
+
+
+def _located(source: _Source) -> list[Located]:
+    if source.position_map_m is None or source.turned_map_m is None:
+        return []
+    return [
+        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned, source.columns)
+        for point, position, turned in zip(
+            source.points.points, source.position_map_m, source.turned_map_m, strict=True
+        )
+    ]
+
+
+def _check_names(document: Document, file: ProjectFile, sources: Sequence[_Source]) -> None:
+    """Note every name that two places of the project use."""
+    block: Key = ("control_points", "list")
+    first = {
+        point.name: f"in line {document.line((*block, i, 'name'))} of {document.path.name}"
+        for i, point in enumerate(file.control_points.list)
+        if point.name is not None
+    }
+    for source in sources:
+        for point in source.points.points:
+            place = f"in {source.entry.path}:{point.line}"
+            if point.name in first:
+                text = f"{point.name!r} is used twice, first {first[point.name]}: give each point its own name"
+                _note(document, source.key, str(source.entry.path), point.line, text)
+            first.setdefault(point.name, place)
+
+
+def _sigmas_m(document: Document, file: ProjectFile, source: _Source) -> FloatArray | None:
+    """Return the sigmas (N, 3): of the file's columns, else of its entry, else of all points."""
+    default = source.entry.sigma_m or file.control_points.sigma_m or (None, None, None)
+    rows = [
+        [own if own is not None else other for own, other in zip(point.sigma_m, default, strict=True)]
+        for point in source.points.points
+    ]
+    bare = [point for point, row in zip(source.points.points, rows, strict=True) if None in row]
+    if not bare:
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    if not any(document.at((*key, "sigma_m")) is not None for key in (source.key, ("control_points",))):
+        column = "" if source.points.holds_marks else ", or a column sigma in the file"
+        text = f"{_some([p.name for p in bare])} without a standard deviation: give sigma_m here or for all points"
+        document.fault(source.key, text + column)
+    return None
+
+
+def _mark_sigmas_px(document: Document, file: ProjectFile, source: _Source) -> dict[int, float] | None:
+    """Return the sigma of each mark by its line: of the file's column, else of its entry, else of all points."""
+    default = source.entry.mark_sigma_px or file.control_points.mark_sigma_px
+    sigmas = {mark.line: mark.sigma_px or default for mark in source.marks}
+    known = {line: sigma for line, sigma in sigmas.items() if sigma is not None}
+    if len(known) == len(sigmas):
+        return known
+    if not any(document.at((*key, "mark_sigma_px")) is not None for key in (source.key, ("control_points",))):
+        column = "" if source.points.holds_marks else ", or a column sigma_px in the file"
+        bare = len(sigmas) - len(known)
+        text = f"marks without a standard deviation ({bare}): give mark_sigma_px here or for all points"
+        document.fault(source.key, text + column)
+    return None
+
+
+def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], whole: bool) -> list[FileMark]:
+    """Return the marks of the source's own points; those of other files' points are left to entries that share them.
+
+    Marks of no point are noted where the points are known as a ``whole``.
+    """
+    names = {point.name for point in source.points.points}
+    shared = {
+        point.name
+        for other in sources
+        if other is not source and other.entry.marks is not None and other.entry.marks == source.entry.marks
+        for point in other.points.points
+    }
+    strange = [mark for mark in source.marks if whole and mark.point not in names | shared]
+    for name in list(dict.fromkeys(mark.point for mark in strange))[:_MOST_NAMES]:
+        line = next(mark.line for mark in strange if mark.point == name)
+        text = f"there is no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
+        _note(document, source.key, source.marks_path, line, text)
+    return [mark for mark in source.marks if mark.point in names]
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"{len(names)} {'point' if len(names) == 1 else 'points'} ({', '.join(names[:_MOST_NAMES])}{more})"
+
+
+# ---- marks ---------------------------------------------------------------------------------------------------------
+
+
+def _pixels(
+    document: Document,
+    file: ProjectFile,
+    source: _Source,
+    marks: Sequence[FileMark],
+    photographs: Sequence[PhotographEntry],
+) -> FloatArray | None:
+    """Return the pixels (M, 2) of marks in photogram's frame and the photographs' own size, None where one is wrong."""
+    before = document.faults
+    by_name = {p.name: p for p in photographs if p.name is not None}
+    pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
+    pixel -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
+    size_px = np.full(pixel.shape, np.nan)
+    cameras = [camera_of(file, by_name[mark.photograph]) for mark in marks]
+    for name in dict.fromkeys(cameras):
+        camera = file.cameras.get(name or "")
+        if camera is None or camera.width_px is None or camera.height_px is None:
+            continue
+        own = np.flatnonzero([c == name for c in cameras])
+        size = (camera.width_px, camera.height_px)
+        if source.entry.picture_size_px is not None:
+            scale = _scale(document, source, str(name), source.entry.picture_size_px, size)
+            if scale is None:
+                continue
+            # the corner of the top-left pixel, at -0.5, is the same place in both pictures
+            pixel[own] = (pixel[own] + 0.5) * scale - 0.5
+        size_px[own] = size
+    outside = np.any((pixel < -0.5) | (pixel > size_px - 0.5), axis=1)
+    if outside.any():
+        _refuse(document, source, marks, outside, pixel, size_px)
+    return pixel if document.faults == before else None
+
+
+def _marks_in_photographs(
+    document: Document,
+    sources: Sequence[_Source],
+    marks: Sequence[list[FileMark]],
+    photographs: Sequence[PhotographEntry],
+    marks_listed: bool,
+) -> list[list[FileMark]]:
+    """Return the marks of each source in photographs that take part in the project.
+
+    The others are noted as a warning, with the photographs' names; as a fault where no mark of any source is left and
+    the project file lists none itself (``marks_listed``).
+    """
+    names = [p.name for p in photographs if p.name is not None]
+    taking_part = set(names)
+    kept = [[mark for mark in own if mark.photograph in taking_part] for own in marks]
+    nothing_left = not any(kept) and not marks_listed
+    for source, own in zip(sources, marks, strict=True):
+        missing = [mark for mark in own if mark.photograph not in taking_part]
+        if not missing:
+            continue
+        counts = Counter(mark.photograph for mark in missing)
+        listed = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:_MOST_NAMES])
+        more = f" and {len(counts) - _MOST_NAMES} more" if len(counts) > _MOST_NAMES else ""
+        near = suggestion(missing[0].photograph, names)
+        hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
+        text = f"{len(missing)} of {len(own)} marks are in photographs that take no part in the project"
+        where = f"{source.marks_path}:{missing[0].line}: "
+        if nothing_left:
+            document.fault(source.key, f"{where}{text}: {listed}{more}: {hint}")
+        else:
+            document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
+    return kept
+
+
+def _scale(
+    document: Document, source: _Source, camera: str, picture_px: tuple[int, int], size_px: tuple[int, int]
+) -> float | None:
+    across, down = size_px[0] / picture_px[0], size_px[1] / picture_px[1]
+    if abs(down / across - 1.0) <= SHAPE_TOLERANCE:
+        return across
+    document.fault(
+        (*source.key, "picture_size_px"),
+        f"a picture of {picture_px[0]} × {picture_px[1]} px has another shape than the photographs of camera {camera}, "
+        f"{size_px[0]} × {size_px[1]} px: give the size of the picture in which the points were marked",
+    )
+    return None
+
+
+def _refuse(
+    document: Document,
+    source: _Source,
+    marks: Sequence[FileMark],
+    outside: NDArray[np.bool_],
+    pixel: FloatArray,
+    size_px: FloatArray,
+) -> None:
+    """Note marks outside their photographs; where most are, they will be those of another picture size."""
+    picture = source.entry.picture_size_px
+    wrong = np.flatnonzero(outside)
+    enlargement = np.nanmax((pixel + 0.5) / size_px)
+    if (
+        picture is None
+        and len(wrong) * 2 >= len(marks)
+        and _SMALLEST_ENLARGEMENT < enlargement <= _LARGEST_ENLARGEMENT
+        and pixel.min() >= -0.5
+    ):
+        width, height = (int(n) for n in size_px[wrong[0]])
+        w, h = (int(np.ceil(enlargement)) * n for n in (width, height))
+        _note(
+            document,
+            source.key,
+            source.marks_path,
+            marks[wrong[0]].line,
+            f"{len(wrong)} of {len(marks)} marks are outside their photographs, which are {width} × {height} px: "
+            f"they would fit a picture of {w} × {h} px: give picture_size_px: [{w}, {h}]",
+        )
+        return
+    for number, i in enumerate(wrong[: _MOST_NAMES + 1]):
+        mark, (u, v), (width, height) = marks[i], marks[i].pixel, size_px[i].astype(int)
+        of = f"the photograph, which is {width} × {height} px"
+        if picture is not None:
+            of = f"a picture of {picture[0]} × {picture[1]} px"
+        text = f"the mark of {mark.point} in {mark.photograph} at pixel ({u:.10g}, {v:.10g}) is outside {of}"
+        if number == _MOST_NAMES and len(wrong) > _MOST_NAMES + 1:
+            text = f"{len(wrong) - number} more marks from here on are outside"
+        _note(document, source.key, source.marks_path, mark.line, f"{text}: check the order (u right, v down)")
+
+
+def _complete(
+    source: _Source,
+    position_map_m: FloatArray,
+    sigma_m: FloatArray,
+    marks: Sequence[FileMark],
+    pixel: FloatArray,
+    sigma_px: Mapping[int, float],
+) -> list[GroundPoint]:
+    indices: dict[str, list[int]] = {}
+    for i, mark in enumerate(marks):
+        indices.setdefault(mark.point, []).append(i)
+
+    def point(number: int, row: FilePoint) -> GroundPoint:
+        own = indices.get(row.name, [])
+        return GroundPoint(
+            row.name,
+            row.role or source.entry.role,
+            position_map_m[number],
+            sigma_m[number],
+            tuple(marks[i].photograph for i in own),
+            pixel[own],
+            np.array([sigma_px[marks[i].line] for i in own], dtype=np.float64),
+            source.heights,
+        )
+
+    return [point(number, row) for number, row in enumerate(source.points.points)]

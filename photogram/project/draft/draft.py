@@ -1,0 +1,465 @@
+"""The draft of a project, made from the tags of its photographs; nothing here reads or writes a file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import FrameError, ProjectError
+from photogram.files.photographs.tags import PhotographTags, damage_by_kind
+from photogram.files.tables.position_files import PositionRow
+from photogram.frames import height_system_of, map_from_geodetic, projected_crs, vertical_of
+from photogram.gnss import Sigma3
+from photogram.height_systems import HeightSystem, is_gnss_ellipsoid
+from photogram.project.draft.cameras import (
+    CameraKey,
+    TaggedCamera,
+    camera_key,
+    camera_names,
+    tagged_camera,
+)
+from photogram.project.draft.positions import Gnss, GnssKind, gnss_of, gnss_with, height_reference, offset_prior
+from photogram.project.draft.sites import (
+    Exposure,
+    gap_between_sites_m,
+    group_sites,
+    local_metres,
+    middle_of,
+    separate_flights,
+    utm_crs,
+)
+from photogram.project.validation.findings import some
+from photogram.project.validation.frozen_positions import frozen_positions
+from photogram.survey import Role
+
+FloatArray = NDArray[np.float64]
+NEAR_M = 20_000.0
+_OUTSIDE_AREA_DEG = 4.0
+_RARE_SHARE, _RARE = 0.1, 3
+
+
+@dataclass(frozen=True)
+class TaggedPhotograph:
+    """A photograph that can be used, by its name in the project, and its tags."""
+
+    name: str
+    tags: PhotographTags
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A photograph that is not to be used, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class OtherSite:
+    """Photographs of another place: ``distance_m`` from the middle of the ones that are kept."""
+
+    longitude_deg: float
+    latitude_deg: float
+    distance_m: float
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class DraftPhotograph:
+    """A photograph of the project; ``gnss`` is None where neither its tags nor a file give a position. ``listed`` says
+    that a file gives it, with its standard deviations."""
+
+    name: str
+    camera: str
+    flight: str
+    gnss: Gnss | None
+    has_attitude: bool
+    listed: bool = False
+
+
+@dataclass(frozen=True)
+class DraftPositions:
+    """A file of positions beside the photographs, as the project names it: its rows by the names of the photographs, or
+    the ``fault`` for which it is not used."""
+
+    path: str
+    rows: Mapping[str, PositionRow] = field(default_factory=dict)
+    fault: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ControlFile:
+    """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
+
+    ``sigma_m`` and ``mark_sigma_px`` hold where the file gives none.
+    """
+
+    path: str
+    role: Role
+    position: FloatArray
+    crs: str | None = None
+    geographic: bool | None = None
+    has_marks: bool = True
+    has_sigmas: bool = False
+    marks: str | None = None
+    picture_size_px: tuple[int, int] | None = None
+    sigma_m: Sigma3 | None = None
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user asks for beside the photographs, and what lies beside them; ``heights`` is the system of the ground
+    points."""
+
+    crs: str | None = None
+    focal_px: float | None = None
+    control: tuple[ControlFile, ...] = ()
+    heights: HeightSystem | None = None
+    geoid: str | None = None
+    positions: tuple[DraftPositions, ...] = ()
+
+
+@dataclass(frozen=True)
+class DraftHeights:
+    """What heights are counted from: those of all results, of GNSS and of the ground points, None where nobody says;
+    ``known`` where nothing is left to be said."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: str | None = None
+    known: bool = False
+
+
+@dataclass(frozen=True)
+class ProjectDraft:
+    """A project to be written; ``heights`` says in words from what the heights of the positions are counted,
+    ``warnings`` what is doubtful about the photographs that are used."""
+
+    crs: str
+    crs_name: str
+    crs_reason: str
+    cameras: tuple[TaggedCamera, ...]
+    photographs: tuple[DraftPhotograph, ...]
+    offset_sigma_m: Sigma3
+    offset_reason: str
+    heights: str
+    height_systems: DraftHeights
+    control: tuple[ControlFile, ...] = ()
+    other_sites: tuple[OtherSite, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    gnss_kinds: Mapping[GnssKind, int] = field(default_factory=dict)
+    positions: tuple[DraftPositions, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def flights(self) -> int:
+        """The number of flights."""
+        return len({p.flight for p in self.photographs})
+
+
+# ---- map grid ------------------------------------------------------------------------------------------------------
+
+
+def _named(crs: str) -> tuple[str, str]:
+    """Return a CRS as the project names it, by its EPSG code where it has one, and in words."""
+    found = projected_crs(crs)
+    code = None if crs.upper().startswith("EPSG:") else found.to_epsg()
+    if code is None:
+        return crs, str(found.name)
+    return f"EPSG:{code}", str(projected_crs(f"EPSG:{code}").name)
+
+
+def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
+    area = projected_crs(crs).area_of_use
+    if area is None or middle is None or area.west > area.east:
+        return
+    longitude, latitude = middle
+    margin = _OUTSIDE_AREA_DEG
+    if (
+        not area.west - margin <= longitude <= area.east + margin
+        or not area.south - margin <= latitude <= area.north + margin
+    ):
+        raise ProjectError(
+            f"crs: {crs} ({projected_crs(crs).name}) is made for longitude {area.west:g} to {area.east:g}, latitude "
+            f"{area.south:g} to {area.north:g}; the photographs lie at {longitude:.4f}, {latitude:.4f}: "
+            f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
+        )
+
+
+def _check_control(file: ControlFile, crs: str, middle: tuple[float, float]) -> None:
+    """Raise ProjectError where points of no stated CRS do not lie near the photographs in the proposed one."""
+    if file.crs is not None or file.geographic or not len(file.position):
+        return
+    here = map_from_geodetic(crs, np.array([[*middle, 0.0]]))[0, :2]
+    distance = float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
+    if distance > NEAR_M:
+        raise ProjectError(
+            f"{file.path}: the file does not say its map grid, and {crs}, which the photographs suggest, would put its "
+            f"points {distance / 1000:.0f} km from them: give the file's map grid with --crs EPSG:…"
+        )
+
+
+def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str, str, str]:
+    """Return the CRS, its name, and why it."""
+    if wishes.crs is not None:
+        crs, name = _named(wishes.crs)
+        _check_place(crs, middle)
+        return crs, name, "as asked for"
+    for file in wishes.control:
+        if file.crs is None:
+            continue
+        try:
+            crs, name = _named(file.crs)
+        except FrameError:
+            continue  # geographic, or in feet: its points are transformed to the map grid chosen below
+        _check_place(crs, middle)
+        return crs, name, f"the one of {file.path}"
+    if middle is None:
+        raise ProjectError(
+            "the tags of the photographs give no position, so no map grid can be proposed: give one with --crs EPSG:…"
+        )
+    crs, name = _named(utm_crs(*middle))
+    for file in wishes.control:
+        _check_control(file, crs, middle)
+    return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+
+
+def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) -> DraftHeights:
+    """Return what tags, files and wishes say of the heights."""
+    said = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
+    gnss: HeightSystem | None = "ellipsoidal" if said == {True} else None
+    if vertical_of(crs) is not None:
+        return DraftHeights("orthometric", None, wishes.heights, wishes.geoid, known=True)
+    named = {
+        wishes.heights if file.crs is None else height_system_of(file.crs)[0] or wishes.heights
+        for file in wishes.control
+    }
+    control = named.pop() if len(named) == 1 else None
+    output = wishes.heights or control or (gnss if not wishes.control else None)
+    own = output != "ellipsoidal" or is_gnss_ellipsoid(projected_crs(crs))
+    known = output is not None and own and (output == "ellipsoidal" or wishes.geoid is not None)
+    return DraftHeights(output if known else None, gnss, wishes.heights, wishes.geoid, known)
+
+
+# ---- photographs ---------------------------------------------------------------------------------------------------
+
+_KINDS = {"thermal": "a thermal picture", "panorama": "a panorama", "fisheye": "taken with a fisheye lens"}
+
+
+def _usable(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    left_out = [
+        LeftOut(p.name, f"{_KINDS[p.tags.kind]}, photogram needs ordinary photographs")
+        for p in photographs
+        if p.tags.kind != "frame"
+    ]
+    return [p for p in photographs if p.tags.kind == "frame"], left_out
+
+
+def _degrees(photographs: Sequence[TaggedPhotograph]) -> FloatArray:
+    """Return longitude and latitude (N, 2) of the photographs, NaN where there are none."""
+    known = [(p.tags.longitude_deg, p.tags.latitude_deg) for p in photographs]
+    return np.array([[np.nan if x is None else x for x in pair] for pair in known]).reshape(-1, 2)
+
+
+def _located(place_deg: FloatArray) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(place_deg).all(axis=1))
+
+
+def _main_site(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[OtherSite], float]:
+    """Return the photographs of the largest site and those without a position, the other sites, and the gap between
+    sites."""
+    place = _degrees(photographs)
+    known = np.flatnonzero(_located(place))
+    if not len(known):
+        return list(photographs), [], gap_between_sites_m(np.zeros((0, 2)))
+    position_m = local_metres(*place[known].T)
+    gap_m = gap_between_sites_m(position_m)
+    labels = np.zeros(len(photographs), dtype=np.int64)
+    labels[known] = group_sites(position_m, gap_m)
+    here = np.median(position_m[labels[known] == 0], axis=0)
+    others = []
+    for site in range(1, int(labels.max()) + 1):
+        members = [int(i) for i in np.flatnonzero(labels == site)]
+        there = np.median(position_m[labels[known] == site], axis=0)
+        names = tuple(photographs[i].name for i in members)
+        others.append(OtherSite(*middle_of(*place[members].T), float(np.hypot(*(there - here))), names))
+    return [p for p, site in zip(photographs, labels, strict=True) if site == 0], others, gap_m
+
+
+def _cameras(
+    photographs: Sequence[TaggedPhotograph], given_focal_px: float | None
+) -> tuple[dict[CameraKey, TaggedCamera], list[LeftOut]]:
+    """Return the cameras by their keys, and the photographs of cameras that took next to none."""
+    members: dict[CameraKey, list[TaggedPhotograph]] = {}
+    for photograph in photographs:
+        members.setdefault(camera_key(photograph.tags), []).append(photograph)
+    most = max(len(group) for group in members.values())
+    rare = {key for key, group in members.items() if len(group) < _RARE and len(group) <= _RARE_SHARE * most}
+    left_out = [
+        LeftOut(
+            p.name,
+            f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px by {p.tags.model or 'a camera'}, "
+            "too few to find out the camera's calibration",
+        )
+        for key, group in members.items()
+        if key in rare
+        for p in group
+    ]
+    keys = sorted(members.keys() - rare, key=lambda key: (-len(members[key]), members[key][0].name))
+    for key in keys[1:]:
+        # damaged tags make a camera of their own, which must not end the draft of all others
+        if len(members[key]) < _RARE and tagged_camera("", [p.tags for p in members[key]], given_focal_px) is None:
+            rare.add(key)
+            reason = "its tags do not give a focal length, and too few photographs are of its camera to find it out"
+            left_out += [LeftOut(p.name, reason) for p in members[key]]
+    keys = [key for key in keys if key not in rare]
+    names = camera_names(keys, [members[key][0].tags for key in keys])
+    tags = [[p.tags for p in members[key]] for key in keys]
+    cameras = [tagged_camera(name, group, None) for name, group in zip(names, tags, strict=True)]
+    if given_focal_px is not None and (len(cameras) == 1 or None in cameras):
+        wanted = [len(cameras) == 1 or camera is None for camera in cameras]
+        cameras = [
+            tagged_camera(name, group, given_focal_px) if want else camera
+            for name, group, camera, want in zip(names, tags, cameras, wanted, strict=True)
+        ]
+    elif given_focal_px is not None:
+        raise ProjectError(
+            f"--focal-px: the tags give the focal lengths of all {len(cameras)} cameras ({', '.join(names)}): leave "
+            "the option out and change the focal length of one in the project file"
+        )
+    unknown = [
+        f"{name} ({members[key][0].name})" for key, name, c in zip(keys, names, cameras, strict=True) if c is None
+    ]
+    if unknown:
+        raise ProjectError(
+            f"the tags do not give the focal length of {', '.join(unknown)}: give it in pixels with --focal-px, the "
+            "focal length in mm times the width of the picture in pixels over the width of the sensor in mm"
+        )
+    return {key: camera for key, camera in zip(keys, cameras, strict=True) if camera is not None}, left_out
+
+
+def _frozen(photographs: Sequence[TaggedPhotograph]) -> set[str]:
+    """Return the names of the photographs whose tags repeat a position, because the receiver had stopped."""
+    place = _degrees(photographs)
+    known = _located(place)
+    position_m = np.full((len(photographs), 3), np.nan)
+    if known.any():
+        position_m[known, :2] = local_metres(*place[known].T)
+        position_m[known, 2] = [p.tags.height_m or 0.0 for p, there in zip(photographs, known, strict=True) if there]
+    frozen = frozen_positions(position_m, [p.tags.time for p in photographs])
+    return {p.name for p, stopped in zip(photographs, frozen, strict=True) if stopped}
+
+
+def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) -> tuple[str, ...]:
+    """Return in words what is doubtful about photographs that are used."""
+    damaged = damage_by_kind([(p.name, p.tags.damage) for p in photographs])
+    words = [f"{some(names)}: {text}" for text, names in damaged]
+    if frozen:
+        words.append(
+            f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, which is "
+            "not used: the receiver had stopped"
+        )
+    return tuple(words)
+
+
+def _flights(photographs: Sequence[TaggedPhotograph], gap_m: float) -> list[str]:
+    place = _degrees(photographs)
+    known = _located(place)
+    position_m = np.full(place.shape, np.nan)
+    if known.any():
+        position_m[known] = local_metres(*place[known].T)
+    exposures = [
+        Exposure(
+            p.name,
+            "\0".join(str(part) for part in (p.tags.make, p.tags.model, p.tags.serial)),
+            p.tags.time,
+            (float(x[0]), float(x[1])) if there else None,
+        )
+        for p, x, there in zip(photographs, position_m, known, strict=True)
+    ]
+    return separate_flights(exposures, gap_m)
+
+
+def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositions, ...]:
+    """Return the files with the rows of the photographs ``names``; without rows, and a fault, those not to be used."""
+    claims = Counter(name for file in files for name in file.rows if name in names)
+    used = []
+    for file in files:
+        rows = {name: row for name, row in file.rows.items() if name in names}
+        twice = sorted(name for name in rows if claims[name] > 1)
+        fault = file.fault
+        if twice:
+            fault = f"{twice[0]} and others would have a position in another such file too: put each flight in a folder"
+        elif not rows and not fault:
+            fault = "none of its photographs is used"
+        used.append(DraftPositions(file.path, {} if fault else rows, fault))
+    return tuple(used)
+
+
+def draft_project(
+    photographs: Sequence[TaggedPhotograph], unreadable: Sequence[LeftOut], wishes: Wishes
+) -> ProjectDraft:
+    """Return the draft of a project of these photographs, in their order.
+
+    Raises ProjectError where no photograph is left, a focal length or the map grid is not known, or the map grid is
+    not one of the site; FrameError where there is no such map grid.
+    """
+    usable, left_out = _usable(photographs)
+    left_out = [*unreadable, *left_out]
+    if not usable:
+        reasons = "; ".join(f"{p.name}: {p.reason}" for p in left_out[:3])
+        raise ProjectError(
+            f"none of the {len(left_out)} photographs can be used: {reasons}" + ("; …" if len(left_out) > 3 else "")
+        )
+    here, others, gap_m = _main_site(usable)
+    cameras, rare = _cameras(here, wishes.focal_px)
+    kept = [p for p in here if camera_key(p.tags) in cameras]
+    positions = _used(wishes.positions, {p.name for p in kept})
+    rows = {name: row for file in positions for name, row in file.rows.items()}
+    frozen = _frozen([p for p in kept if p.name not in rows])
+    gnss = [
+        gnss_with(rows[p.name].solution, rows[p.name].sigma_m)
+        if p.name in rows
+        else None
+        if p.name in frozen
+        else gnss_of(p.tags)
+        for p in kept
+    ]
+    place = _degrees(kept)
+    known = _located(place)
+    crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
+    offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
+    angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
+    listed = [
+        DraftPhotograph(
+            p.name,
+            cameras[camera_key(p.tags)].name,
+            flight,
+            g,
+            None not in attitude,
+            p.name in rows and rows[p.name].sigma_m is not None,
+        )
+        for p, flight, g, attitude in zip(kept, _flights(kept, gap_m), gnss, angles, strict=True)
+    ]
+    return ProjectDraft(
+        crs,
+        crs_name,
+        crs_reason,
+        tuple(cameras.values()),
+        tuple(listed),
+        offset,
+        offset_reason,
+        height_reference([p.tags for p in kept]),
+        _height_systems(wishes, crs, [p.tags for p in kept]),
+        wishes.control,
+        tuple(others),
+        (*left_out, *rare),
+        dict(Counter(g.kind for g in gnss if g is not None).most_common()),
+        positions,
+        _warnings(kept, [p.name for p in kept if p.name in frozen]),
+    )

@@ -1,0 +1,109 @@
+"""Positions from the tags of photographs: how good they are along each axis, and what they may be off by together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from photogram.files.photographs.tags import PhotographTags
+from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
+
+GnssKind = Literal["RTK fix", "RTK float", "single receiver", "with stated accuracy", "without stated accuracy"]
+
+RTK_SIGMA_M = 0.1
+"""Positions whose stated plan accuracy is this good come from RTK or PPK, whatever their tags call it."""
+
+_AUTONOMOUS: Sigma3 = (2.0, 2.0, 3.0)
+_ASSUMED: Mapping[Solution, tuple[GnssKind, Sigma3]] = {
+    "fix": ("RTK fix", (0.02, 0.02, 0.03)),
+    "float": ("RTK float", (0.5, 0.5, 1.0)),
+    "single": ("single receiver", _AUTONOMOUS),
+}
+
+
+@dataclass(frozen=True)
+class Gnss:
+    """How good a photograph's position is: ``sigma_m`` along easting, northing and height."""
+
+    kind: GnssKind
+    sigma_m: Sigma3
+
+
+def gnss_with(solution: Solution, sigma_m: Sigma3 | None) -> Gnss | None:
+    """Return how good a position of a stated solution is, None where the solution is not known.
+
+    Its sigmas are the stated ones along each axis, but not below those that such a solution can have at best.
+    """
+    if solution == "unknown":
+        return None
+    kind, assumed_m = _ASSUMED[solution]
+    return Gnss(kind, _rounded(at_least(sigma_m or assumed_m, FLOOR_M[solution])))
+
+
+def _rounded(sigma_m: Sigma3) -> Sigma3:
+    east, north, up = (round(s, 3) for s in sigma_m)
+    return east, north, up
+
+
+def gnss_of(tags: PhotographTags) -> Gnss | None:
+    """Return how good the position in the tags is, None where there is none.
+
+    The sigmas of RTK are those of the tags, along each axis, but not below FLOOR_M of their solution.
+    """
+    if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
+        return None
+    sigma, flag, error = tags.gnss_sigma_m, tags.rtk_flag, tags.gnss_horizontal_error_m
+    if flag is not None and flag > 0:
+        return gnss_with(solution_of_rtk_flag(flag), sigma)
+    if flag is None and sigma is not None:
+        return Gnss("with stated accuracy", _rounded(at_least(sigma, FLOOR_M["fix"])))
+    if error is not None:
+        return Gnss("with stated accuracy", _rounded(at_least((error, error, 2.0 * error), FLOOR_M["fix"])))
+    return Gnss("without stated accuracy", _AUTONOMOUS)
+
+
+def _is_precise(gnss: Gnss | None) -> bool:
+    return gnss is not None and (
+        gnss.kind == "RTK fix" or (gnss.kind == "with stated accuracy" and max(gnss.sigma_m[:2]) <= RTK_SIGMA_M)
+    )
+
+
+def offset_prior(gnss: Sequence[Gnss | None], has_control: bool) -> tuple[Sigma3, str]:
+    """Return the prior sigmas of the offset of each flight's positions, along easting, northing and height, and why."""
+    known = [g for g in gnss if g is not None]
+    precise = bool(known) and sum(_is_precise(g) for g in known) * 2 > len(known)
+    if has_control and precise:
+        return (0.1, 0.1, 0.15), (
+            "RTK positions against the control points: the base's coordinates, the lever arm between antenna and lens. "
+            "Heights above a geoid differ from those of RTK by tens of metres: that is no offset, declare the systems "
+            "under heights."
+        )
+    if has_control:
+        return (3.0, 3.0, 30.0), (
+            "Without RTK a whole flight is off by metres in plan, and its heights, from a barometer, by tens of "
+            "metres. The control points find these offsets, one for each flight."
+        )
+    if precise:
+        reason = "RTK and no control points: the positions are taken as they are, without a common offset."
+        return (0.0, 0.0, 0.0), reason
+    return (2.0, 2.0, 10.0), (
+        "Without RTK and without control points a whole flight may be off by this much; nothing can find it, so the "
+        "report's absolute accuracies contain it."
+    )
+
+
+def height_reference(tags: Sequence[PhotographTags]) -> str:
+    """Return in words from what the heights in the tags are counted; empty where there are none."""
+    kinds = Counter(t.height_is_ellipsoidal for t in tags if t.height_m is not None)
+    if not kinds:
+        return ""
+    texts: dict[bool | None, str] = {
+        True: "above the ellipsoid",
+        False: "near sea level, as the tags say",
+        None: "near sea level or of a barometer, the tags do not say",
+    }
+    return "Their heights are " + "; ".join(
+        texts[kind] + (f" ({count} photographs)" if len(kinds) > 1 else "") for kind, count in kinds.most_common()
+    )

@@ -1,0 +1,259 @@
+"""A drafted project as the text of project.yaml, with a comment for every choice that was made."""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from math import isfinite
+
+from photogram.gnss import Sigma3
+from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
+from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+
+_WIDTH = 116
+_PLAIN = re.compile(r"[\w./][\w./()+-]*(?:[: ][\w./()+-]+)*", re.ASCII)
+_WORDS = re.compile(r"true|false|null|yes|no|on|off|[yn]|\.?nan|\.?inf|0[xob].*|[^A-Za-z]*", re.IGNORECASE)
+
+DEFAULT_CONTROL_SIGMA_M = (0.03, 0.03, 0.05)
+DEFAULT_MARK_SIGMA_PX = 1.0
+
+
+def _scalar(text: str) -> str:
+    """Return a text as YAML reads it back, in quotes where some reader might take it for anything else."""
+    try:
+        is_number = isfinite(float(text))
+    except ValueError:
+        is_number = False
+    if _PLAIN.fullmatch(text) and not _WORDS.fullmatch(text) and not is_number:
+        return text
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _numbers(values: Sequence[float], form: str) -> str:
+    return "[" + ", ".join(format(value, form) for value in values) + "]"
+
+
+def _sigma3(sigma_m: Sigma3) -> str:
+    return "[" + ", ".join(f"{round(s, 3):g}" for s in sigma_m) + "]"
+
+
+def _comment(text: str, indent: int = 0) -> list[str]:
+    margin = " " * indent + "# "
+    return textwrap.wrap(text, _WIDTH, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
+
+
+def _flow(key: str, entries: Sequence[str]) -> list[str]:
+    """Return a mapping in YAML's flow style after its indented ``key``, on as many lines as it needs."""
+    together = (entry.replace(" ", "\0") for entry in entries)  # an entry is not broken over lines
+    lines = textwrap.wrap(
+        ", ".join(together), _WIDTH, initial_indent=f"{key}: {{", subsequent_indent=" " * (len(key) + 3)
+    )
+    return [line.replace("\0", " ") for line in (*lines[:-1], f"{lines[-1]}}}")]
+
+
+def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
+    stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
+    figures = [f"{name}: {sigma:.3g}" for name, sigma in stated]
+    readings = [f"    focal_readings_px: {_numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
+    return [
+        *_comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
+        f"  {camera.name}:",
+        f"    width_px: {camera.width_px}",
+        f"    height_px: {camera.height_px}",
+        f"    focal_px: {camera.focal_px:.3f}",
+        *readings,
+        f"    principal_point_px: {_numbers(camera.principal_point_px, '.3f')}",
+        f"    radial: {_numbers(camera.radial, '.9g')} # k1, k2, k3",
+        f"    tangential: {_numbers(camera.tangential, '.9g')} # p1, p2",
+        f"    source: {_scalar(camera.source)}",
+        "    calibration: auto # what the geometry of the photographs can tell is estimated, the rest is held",
+        *_flow("    sigmas", figures),
+    ]
+
+
+def _item(photograph: DraftPhotograph, common: Sigma3 | None, several_cameras: bool, several_flights: bool) -> str:
+    parts = [f"name: {_scalar(photograph.name)}"]
+    if several_cameras:
+        parts.append(f"camera: {photograph.camera}")
+    if several_flights:
+        parts.append(f'flight: "{photograph.flight}"')
+    if photograph.gnss is not None and not photograph.listed and photograph.gnss.sigma_m != common:
+        parts.append(f"gnss_sigma_m: {_sigma3(photograph.gnss.sigma_m)}")
+    return f"    - {{{', '.join(parts)}}}"
+
+
+def _left_out(left_out: Sequence[LeftOut]) -> list[str]:
+    return [
+        line
+        for p in left_out
+        for line in (*_comment(f"Left out: {p.reason}", 4), f"    # - {{name: {_scalar(p.name)}}}")
+    ]
+
+
+def _other_site(site: OtherSite) -> list[str]:
+    where = f"longitude {site.longitude_deg:.5f}, latitude {site.latitude_deg:.5f}"
+    text = f"Left out: another site, {site.distance_m / 1000:.1f} km away at {where}, {count(len(site.names))}"
+    return [*_comment(text, 4), *(f"    # - {{name: {_scalar(name)}}}" for name in site.names)]
+
+
+def count(number: int, what: str = "photograph") -> str:
+    """Return a number and what is counted, in the plural where it is due."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def _gnss_comment(draft: ProjectDraft) -> list[str]:
+    without = sum(p.gnss is None for p in draft.photographs)
+    if without == len(draft.photographs):
+        return _comment("The tags give no position that can be used: the photographs are joined by what they show.", 2)
+    kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
+    where = "the photographs' own tags"
+    if any(file.rows for file in draft.positions):
+        where += " and in the file beside them"
+    text = f"Positions stand in {where}: {kinds}"
+    text += f", {without} without a position" if without else ""
+    assumed = ", 2 m in plan and 3 m in height being assumed" if draft.gnss_kinds.get("without stated accuracy") else ""
+    heights = f"{draft.heights}. " if draft.heights else ""
+    return _comment(
+        f"{text}{assumed}. {heights}gnss_sigma_m are the standard deviations of easting, northing and height"
+        + (", beside each photograph where it has its own." if len(draft.photographs) > 1 else "."),
+        2,
+    )
+
+
+def _positions(draft: ProjectDraft) -> list[str]:
+    used = [file for file in draft.positions if not file.fault]
+    if not used:
+        return []
+    return [
+        *_comment(
+            "Files of positions come before the tags. DJI's MRK gives the camera's position, the lever arm from the "
+            "antenna counted; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
+            "lever_arms.",
+            2,
+        ),
+        "  positions:",
+        *(f"    - {{path: {_scalar(file.path)}}} # {count(len(file.rows))}" for file in used),
+    ]
+
+
+def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
+    sigmas = Counter(p.gnss.sigma_m for p in draft.photographs if p.gnss is not None and not p.listed)
+    most = sigmas.most_common(1)
+    common = most[0][0] if most and (most[0][1] > 1 or len(draft.photographs) == 1) else None
+    one_camera = len(draft.cameras) == 1
+    with_attitude = sum(p.has_attitude for p in draft.photographs)
+    lines = ["photographs:", f"  folder: {_scalar(folder)} # relative to this file"]
+    if one_camera:
+        lines.append(f"  camera: {draft.cameras[0].name}")
+    lines += _gnss_comment(draft)
+    lines += _positions(draft)
+    if common is not None:
+        lines.append(f"  gnss_sigma_m: {_sigma3(common)}")
+    if with_attitude:
+        all_of_them = count(len(draft.photographs))
+        text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."
+        lines += [*_comment(text, 2), "  attitude_sigma_deg: 2.0"]
+    else:
+        lines += _comment("The tags give no attitude.", 2)
+    if draft.flights > 1:
+        text = f"{draft.flights} flights, told by pauses of more than ten minutes; each has its own GNSS offset."
+        lines += _comment(text, 2)
+    for warning in draft.warnings:
+        lines += _comment(f"Warning: {warning}.", 2)
+    lines.append("  list:")
+    lines += [_item(p, common, not one_camera, draft.flights > 1) for p in draft.photographs]
+    for site in draft.other_sites:
+        lines += _other_site(site)
+    return [*lines, *_left_out(draft.left_out)]
+
+
+def _control_file(file: ControlFile, crs: str) -> list[str]:
+    lines = [f"    - path: {_scalar(file.path)}", f"      role: {file.role}"]
+    if file.crs is None and file.geographic:
+        lines.append("      crs: EPSG:4326 # longitude and latitude; WGS 84 is assumed")
+    elif file.crs is None:
+        lines.append(f"      crs: {_scalar(crs)} # the file itself does not say")
+    if file.marks is not None:
+        lines.append(f"      marks: {_scalar(file.marks)}")
+    if not file.has_marks and file.marks is None:
+        lines += _comment("The file has no marks in photographs: give a table of them with marks: FILE.csv", 6)
+    if file.picture_size_px is not None:
+        width, height = file.picture_size_px
+        lines.append(f"      picture_size_px: [{width}, {height}] # of the pictures in which the marks were measured")
+    if file.sigma_m is not None:
+        lines.append(f"      sigma_m: {_sigma3(file.sigma_m)} # easting, northing, height, where the file gives none")
+    elif not file.has_sigmas:
+        lines += _comment("The file gives no accuracy; this is assumed, write down what your survey has:", 6)
+        lines.append(f"      sigma_m: {_sigma3(DEFAULT_CONTROL_SIGMA_M)}")
+    lines.append(f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the file gives none")
+    return lines
+
+
+def _control(draft: ProjectDraft) -> list[str]:
+    if not draft.control:
+        return [
+            "# Ground points are named so:",
+            "#",
+            "# control_points:",
+            "#   files:",
+            "#     - {path: gcp_list.txt, role: control, sigma_m: [0.03, 0.03, 0.05], mark_sigma_px: 1.0}",
+        ]
+    return ["control_points:", "  files:", *(line for file in draft.control for line in _control_file(file, draft.crs))]
+
+
+def _heights(draft: ProjectDraft) -> list[str]:
+    """Return the block of height systems; as a comment where somebody must fill it in."""
+    said = draft.height_systems
+    if said.known and said.output is not None:
+        lines = ["heights:", f"  output: {said.output} # of all results"]
+        lines += [f"  gnss: {said.gnss} # as the tags say"] if said.gnss is not None else []
+        lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
+        lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
+        return [*lines, ""] if len(lines) > 2 else []
+    if not draft.control and all(p.gnss is None for p in draft.photographs):
+        return []
+    whose = "of the ground points" if draft.control else "in the tags"
+    text = (
+        f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a geoid. Say "
+        "it here and remove the # signs; photogram check asks for it."
+    )
+    return [
+        *_comment(text),
+        "# heights:",
+        "#   output: ellipsoidal # or orthometric: of all results",
+        f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if said.gnss else ''}",
+        *(["#   control_points: orthometric # or ellipsoidal"] if draft.control else []),
+        "#   geoid: EGM96 # needed with orthometric: or EPSG:5799, or the path of a grid (.gtx, .tif)",
+        "",
+    ]
+
+
+def project_text(draft: ProjectDraft, folder: str) -> str:
+    """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
+    members = Counter(p.camera for p in draft.photographs)
+    left = sum(len(site.names) for site in draft.other_sites) + len(draft.left_out)
+    head = f"Made by photogram init from {count(len(draft.photographs))}" + (f", {left} left out" if left else "")
+    lines = [
+        *_comment(f"{head}. Everything may be changed."),
+        "photogram: 1",
+        "",
+        *_comment(f"{draft.crs_name}: {draft.crs_reason}."),
+        f"crs: {_scalar(draft.crs)}",
+        "",
+        *_heights(draft),
+        "cameras:",
+    ]
+    for camera in draft.cameras:
+        lines += _camera(camera, members[camera.name])
+    lines += ["", *_photographs(draft, folder), ""]
+    if any(p.gnss is not None for p in draft.photographs):
+        lines += [
+            "gnss:",
+            *_comment(draft.offset_reason, 2),
+            f"  offset_sigma_m: {_sigma3(draft.offset_sigma_m)} # easting, northing, height",
+            "",
+        ]
+    return "\n".join([*lines, *_control(draft), ""])

@@ -1,0 +1,151 @@
+"""flight.yaml: a flight that is to be predicted, as a surveyor writes it down.
+
+Read and checked as project.yaml is: every fault at once, with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from photogram.errors import ProjectError
+from photogram.project.document import Document, Entry, read_entry
+from photogram.project.ranges import Within
+from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
+from photogram.simulation.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout
+
+
+def _of(name: str) -> Within:
+    """Return the range of a field of FlightPlan."""
+    return Within(*RANGES[name])
+
+
+Side = Annotated[float, _of("width_m")]
+Size = Annotated[int, _of("width_px")]
+Share = Annotated[float, _of("forward_overlap")]
+Strips = Annotated[int, _of("cross_strips")]
+
+
+class SiteEntry(Entry):
+    """The rectangle that is to be surveyed."""
+
+    width_m: Side | None = None
+    length_m: Side | None = None
+    relief_m: Annotated[float, _of("relief_m")] | None = None
+
+
+class CalibrationEntry(Entry):
+    """How well the camera is known before; 0 holds a parameter, free leaves it open."""
+
+    focal_px: Freedom | None = None
+    principal_point_px: Freedom | None = None
+    k1: Freedom | None = None
+    k2: Freedom | None = None
+    k3: Freedom | None = None
+    p1: Freedom | None = None
+    p2: Freedom | None = None
+
+
+class CameraEntry(Entry):
+    """The camera; width across the direction of flight."""
+
+    width_px: Size | None = None
+    height_px: Size | None = None
+    focal_px: Annotated[float, _of("focal_px")] | None = None
+    sigmas: CalibrationEntry = CalibrationEntry()
+
+
+class FlightEntry(Entry):
+    """Height, overlaps and strips."""
+
+    gsd_m: Annotated[float, _of("gsd_m")] | None = None
+    flying_height_m: Annotated[float, _of("flying_height_m")] | None = None
+    forward_overlap: Share | None = None
+    side_overlap: Share | None = None
+    cross_strips: Strips | None = None
+    cross_height: Annotated[float, _of("cross_height")] | None = None
+    oblique_strips: Strips | None = None
+    oblique_angle_deg: Annotated[float, _of("oblique_angle_deg")] | None = None
+
+
+class GnssEntry(Entry):
+    """The receiver of the drone, and the offset between it and the control points."""
+
+    kind: Gnss | None = None
+    sigma_m: Sigma3 | None = None
+    offset_sigma_m: OffsetSigma | None = None
+
+
+class ControlEntry(Entry):
+    """The control points."""
+
+    points: Annotated[int, _of("control_points")] | None = None
+    layout: Layout | None = None
+    positions_m: Sequence[Place] | None = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: MarkSigma | None = None
+
+
+class TiePointsEntry(Entry):
+    """What matching will find."""
+
+    per_photograph: Annotated[int, _of("tie_points_per_photograph")] | None = None
+    sigma_px: Annotated[float, _of("tie_point_sigma_px")] | None = None
+    detection: Annotated[float, _of("tie_point_detection")] | None = None
+
+
+class FlightFile(Entry):
+    """The whole file."""
+
+    site: SiteEntry = SiteEntry()
+    camera: CameraEntry = CameraEntry()
+    flight: FlightEntry = FlightEntry()
+    gnss: GnssEntry = GnssEntry()
+    control: ControlEntry = ControlEntry()
+    tie_points: TiePointsEntry = TiePointsEntry()
+
+
+_NAMES = {
+    "control": {
+        "points": "control_points", "layout": "control_layout", "positions_m": "control_world_m",
+        "sigma_m": "control_sigma_m",
+    },
+    "gnss": {"kind": "gnss", "sigma_m": "gnss_sigma_m", "offset_sigma_m": "gnss_offset_sigma_m"},
+    "tie_points": {
+        "per_photograph": "tie_points_per_photograph", "sigma_px": "tie_point_sigma_px",
+        "detection": "tie_point_detection",
+    },
+}  # fmt: skip
+"""Keys of the file whose names in FlightPlan are others."""
+
+
+def _given(entry: Entry, names: dict[str, str]) -> dict[str, Any]:
+    values = {name: getattr(entry, name) for name in type(entry).model_fields}
+    return {names.get(k, k): v for k, v in values.items() if v is not None and not isinstance(v, Entry)}
+
+
+def plan_settings(path: Path) -> dict[str, Any]:
+    """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every fault of it."""
+    document = Document(path)
+    file = read_entry(document, FlightFile)
+    document.raise_faults()
+    settings: dict[str, Any] = {}
+    for section in FlightFile.model_fields:
+        settings |= _given(getattr(file, section), _NAMES.get(section, {}))
+    if "control_world_m" in settings:
+        settings["control_world_m"] = tuple(tuple(place) for place in settings["control_world_m"])
+        settings.setdefault("control_points", 0)
+    calibration = _given(file.camera.sigmas, {})
+    if calibration:
+        settings["calibration"] = Calibration(**calibration)
+    return settings
+
+
+def flight_plan(settings: dict[str, Any], where: str) -> FlightPlan:
+    """Return the plan of settings as ``plan_settings`` gives them. Raises ProjectError, beginning with ``where``, when
+    they contradict each other."""
+    try:
+        return FlightPlan(**settings)
+    except ValueError as fault:
+        raise ProjectError(f"{where}: {fault}") from fault

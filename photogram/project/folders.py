@@ -1,0 +1,119 @@
+"""Where a project keeps its photographs, inputs, intermediate results and results.
+
+Arrangements in which photogram would write over, or remove, what is not its own are faults of the project file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from os.path import islink
+from pathlib import Path
+
+from photogram.files.stage_folders import stage_folder_around
+from photogram.project.document import Document, Key
+from photogram.project.schema import PhotographEntry, ProjectFile
+
+WRITTEN_IN_RESULTS = ("", "pictures", "study")
+"""Folders within that of the results which photogram writes to, itself included."""
+
+_GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
+_PROJECT_FILES = (".yaml", ".yml")
+
+
+def input_files(path: Path, file: ProjectFile, base: Path) -> Iterator[tuple[Key, Path]]:
+    """Yield every file but the photographs that a project reads, and the key that names it; the project file ``path``
+    itself under the key of the work folder."""
+    yield ("work",), path.absolute()
+    named: list[tuple[Key, str | None]] = [
+        (("comparison", "reference"), file.comparison.reference),
+        *((("cameras", name, "matlab"), camera.matlab) for name, camera in file.cameras.items()),
+    ]
+    for i, positions in enumerate(file.photographs.positions):
+        key: Key = ("photographs", "positions", i)
+        named += [((*key, "path"), positions.path), ((*key, "lever_arms"), positions.lever_arms)]
+    for i, points in enumerate(file.control_points.files):
+        key = ("control_points", "files", i)
+        named += [((*key, "path"), points.path), ((*key, "marks"), points.marks)]
+    if file.heights is not None:
+        geoid = file.heights.geoid
+        named.append((("heights", "grid"), file.heights.grid))
+        named.append((("heights", "geoid"), geoid if geoid and Path(geoid).suffix.lower() in _GRIDS else None))
+    yield from ((key, base / name) for key, name in named if name is not None)
+
+
+def check_folders(
+    document: Document,
+    path: Path,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    folder: Path | None,
+    base: Path,
+) -> None:
+    """Note every arrangement of folders in which something of the user's would be touched.
+
+    ``folder`` holds the photographs, other relative paths are taken from ``base``. Links count as what they lead to.
+    """
+    work, results = base / file.work, base / file.results
+    try:
+        _check_same(document, work, results, folder)
+        _check_results(document, results, [*input_files(path, file, base), *_photographs(photographs, folder)])
+        places: list[tuple[Key, str, Path | None]] = [
+            (("work",), "the folder of the photographs", folder),
+            (("results",), "the folder of results", results),
+        ]
+        places += [(key, "the file", place) for key, place in input_files(path, file, base)]
+        places += [(key, "the photograph", place) for key, place in _photographs(photographs, folder)]
+        _check_stages(document, work, places)
+    except (OSError, RuntimeError) as fault:  # a loop of links; which of the two depends on the version of Python
+        document.fault(("work",), f"the folders of the project cannot be told apart ({fault}): name others")
+
+
+def _photographs(photographs: Sequence[PhotographEntry] | None, folder: Path | None) -> Iterator[tuple[Key, Path]]:
+    """Yield a photograph of every folder that has any, and every one that is a link."""
+    seen: set[Path] = set()
+    for photograph in photographs or ():
+        if folder is not None and photograph.name is not None:
+            place = folder / photograph.name
+            if place.parent not in seen or islink(place):
+                seen.add(place.parent)
+                yield ("photographs",), place
+
+
+def _check_same(document: Document, work: Path, results: Path, folder: Path | None) -> None:
+    remedy = "give the {} their own"
+    if folder is not None and folder.resolve() == work.resolve():
+        document.fault(("work",), f"is the folder of the photographs too: {remedy.format('intermediate results')}")
+    if results.resolve() == work.resolve():
+        document.fault(("work",), f"is the folder of the results too: {remedy.format('intermediate results')}")
+    if folder is not None and folder.resolve() == results.resolve():
+        document.fault(("results",), f"is the folder of the photographs too: {remedy.format('results')}")
+
+
+def _check_results(document: Document, results: Path, places: Sequence[tuple[Key, Path]]) -> None:
+    """Note inputs that lie where photogram writes its results: one of the same name would be written over."""
+    written = {(results / name).resolve() for name in WRITTEN_IN_RESULTS}
+    for _, place in places:
+        if place.suffix.lower() in _PROJECT_FILES:
+            continue  # no result is called so
+        for own in dict.fromkeys((place.parent.resolve(), place.resolve().parent)):
+            if own in written:
+                document.fault(
+                    ("results",),
+                    f"photogram writes its results to {own}, where {place.name} lies, which it reads: "
+                    "give the results a folder of their own",
+                )
+                break
+
+
+def _check_stages(document: Document, work: Path, places: Sequence[tuple[Key, str, Path | None]]) -> None:
+    for key, what, place in places:
+        if place is None:
+            continue
+        # a link counts for where it is as well as for what it leads to
+        around = stage_folder_around(work, place) or stage_folder_around(work, place.parent)
+        if around is not None:
+            document.fault(
+                key,
+                f"{what} {place} lies in {around}, a folder that photogram makes and removes as it works: "
+                "move it, or name another folder under work",
+            )

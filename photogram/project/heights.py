@@ -1,0 +1,168 @@
+"""The height systems that a project file declares, and the positions in it brought to that of the map.
+
+Faults are noted in the document where the file declares the systems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import FrameError
+from photogram.frames import (
+    FloatArray,
+    LocalFrame,
+    height_system_of,
+    map_from_crs,
+    map_heights,
+    plan_of,
+    product_crs,
+    projected_crs,
+    vertical_of,
+)
+from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
+from photogram.project.cross_checks import Located
+from photogram.project.document import Document, Key
+from photogram.project.schema import HeightsEntry, ProjectFile
+
+_KEY: Key = ("heights",)
+_GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
+
+
+def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredHeights | None:
+    """Return what the project declares of its heights, None where that cannot be; its faults are noted.
+
+    A ``crs`` with a vertical part declares the system of results, of the positions in the file and of ground points
+    that say nothing else. The path of a grid is taken from ``base``.
+    """
+    entry, before = file.heights or HeightsEntry(), document.faults
+    try:
+        vertical = None if file.crs is None else vertical_of(file.crs)
+        plan = None if file.crs is None else projected_crs(file.crs)
+    except FrameError as fault:
+        if file.crs is not None and _has_plan(file.crs):
+            document.fault(("crs",), f"its vertical part {fault}")
+        return None  # a plan that cannot be is noted with the positions
+    if vertical is not None and entry.output == "ellipsoidal":
+        text = f"must be orthometric, as the crs {file.crs} says: leave the key out, or the vertical part of the crs"
+        document.fault((*_KEY, "output"), text)
+    output: HeightSystem | None = "orthometric" if vertical is not None else entry.output
+    if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
+        text = "is missing: write output: ellipsoidal or orthometric, the system of all results"
+        document.fault((*_KEY, "output"), text)
+    geoid = _geoid(document, entry, vertical, base)
+    needing = [name for name in ("output", "gnss", "control_points") if getattr(entry, name) == "orthometric"]
+    of_files = [i for i, f in enumerate(file.control_points.files) if f.heights == "orthometric"]
+    places: list[Key] = [
+        *((*_KEY, name) for name in needing),
+        *(("control_points", "files", i, "heights") for i in of_files),
+        *([("comparison", "heights")] if file.comparison.heights == "orthometric" else []),
+    ]
+    if geoid is None and document.faults == before and places:
+        text = f"orthometric needs a geoid: give heights.geoid: {', '.join(GEOID_MODELS)}, EPSG:… or the path of a grid"
+        document.fault(places[0], text)
+    if output == "ellipsoidal" and plan is not None and not is_gnss_ellipsoid(plan):
+        text = (
+            f"{file.crs} ({plan.name}) has an ellipsoid other than that of GNSS, so ellipsoidal heights of its own are "
+            "not what a receiver gives: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
+        )
+        document.fault((*_KEY, "output"), text)
+    if document.faults > before:
+        return None
+    given: HeightSystem | None = "orthometric" if vertical is not None else None
+    control_points = entry.control_points or given
+    return DeclaredHeights(output, entry.gnss, entry.gnss or given, control_points, geoid, file.comparison.heights)
+
+
+def _has_plan(crs: str) -> bool:
+    try:
+        projected_crs(crs)
+    except FrameError:
+        return False
+    return True
+
+
+def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: Path) -> Geoid | None:
+    """Return the geoid that crs, ``geoid`` and ``grid`` name together; what is wrong with them is noted."""
+    name, grid = entry.geoid, entry.grid
+    if name is not None and Path(name).suffix.lower() in _GRIDS:
+        if grid is not None:
+            document.fault((*_KEY, "grid"), "is given here and as geoid: keep one of the two")
+        name, grid = None, name
+    key: Key = (*_KEY, "grid" if entry.grid is not None else "geoid")
+    path = None if grid is None else str((base / grid).absolute())
+    if path is not None and not isfile(path):
+        document.fault(key, f"there is no file {path}: give the path of the geoid's grid, relative to this file")
+        return None
+    if name is not None:
+        name = GEOID_MODELS.get(name.upper().replace(" ", "").replace("-", ""), name)
+        name = name.upper() if name.upper().startswith("EPSG:") else name
+    if name is not None and vertical is not None and name != vertical:
+        document.fault((*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {vertical}: leave one of the two out")
+        return None
+    if name is None and vertical is None and path is None:
+        return None
+    geoid = Geoid(name or vertical, path)
+    try:
+        _ = geoid.crs
+    except FrameError as fault:
+        document.fault((*_KEY, "geoid"), str(fault))
+        return None
+    return geoid
+
+
+def in_map(
+    crs: str,
+    target: str,
+    declared: HeightSystem | None,
+    otherwise: HeightSystem | None,
+    heights: DeclaredHeights,
+    given: FloatArray,
+) -> tuple[FloatArray, HeightSystem | None]:
+    """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in.
+
+    That is as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError as map_from_crs
+    does, and where CRS and file contradict each other.
+    """
+    named, vertical = height_system_of(crs)
+    if named is not None and declared is not None and named != declared:
+        raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
+    system = named or declared or otherwise
+    own = heights.geoid is not None and heights.geoid.vertical == vertical
+    if vertical is not None and heights.output is not None and not own:
+        # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
+        return map_from_crs(crs, product_crs(target, heights), given), system
+    position = given if crs == target else map_from_crs(crs, plan_of(target), given)
+    return map_heights(target, heights, system, position), system
+
+
+def listed_in_map(
+    document: Document, file: ProjectFile, heights: DeclaredHeights, places: Sequence[Sequence[Located]]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the ground points of the project's own list (G, 3) and the GNSS positions of its photographs (F, 3) in the
+    map, NaN where one has none.
+
+    A missing grid of the geoid, and one that does not reach to these positions or to ``places``, are noted. Nothing is
+    done to positions of a document that has other faults.
+    """
+    control = _rows([p.position_m for p in file.control_points.list])
+    gnss = _rows([p.gnss_m for p in file.photographs.list or ()])
+    if document.faults or file.crs is None:
+        return control, gnss
+    known = [rows[np.isfinite(rows).all(axis=1)] for rows in (control, gnss)]
+    others = _rows([(p.map_m[0], p.map_m[1], p.map_m[2]) for group in places for p in group])
+    try:
+        if heights.map_geoid is not None:
+            LocalFrame(file.crs, (0.0, 0.0, 0.0), "grid", heights.map_geoid).geoid_height_m(np.vstack([*known, others]))
+        for rows, own, given in zip((control, gnss), known, (heights.control_points, heights.gnss_given), strict=True):
+            rows[np.isfinite(rows).all(axis=1)] = map_heights(file.crs, heights, given, own)
+    except FrameError as fault:
+        document.fault(_KEY if document.at(_KEY) is not None else ("crs",), str(fault).removeprefix("crs: "))
+    return control, gnss
+
+
+def _rows(positions: Sequence[tuple[float, float, float] | None]) -> FloatArray:
+    return np.array([(np.nan,) * 3 if p is None else p for p in positions], dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,328 @@
+"""The keys of project.yaml and what may stand there: one class for each block of the file.
+
+A field that the file must give is None until it is given and carries `Needed`, so that one reading finds every fault of
+a file; after Document.raise_faults none of them is None.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PlainValidator
+
+from photogram.camera import Model
+from photogram.files.tables.position_files import Format
+from photogram.height_systems import HeightSystem
+from photogram.project.document import Entry, Needed, found, suggestion
+from photogram.project.ranges import (
+    ANGLE_DEG,
+    ANGLE_SIGMA_DEG,
+    DISTORTION,
+    FLYING_HEIGHT_M,
+    FOCAL_PX,
+    FREEDOM,
+    LEVER_ARM_M,
+    OFFSET_SIGMA_M,
+    PIXELS,
+    PLACE_PX,
+    POSITION_M,
+    SIGMA_M,
+    SIGMA_PX,
+    Within,
+)
+from photogram.survey import Role, Roles
+
+PixelOrigin = Literal["photogram", "matlab", "colmap"]
+
+Quality = Literal["high", "medium", "low"]
+Calibration = Literal["given", "auto"]
+PositionOf = Literal["camera", "antenna"]
+LeverArmAxes = Literal["body", "camera"]
+
+_ROLES: tuple[Role, ...] = ("control", "check")
+
+PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
+"""Coordinate of the centre of the top-left pixel, in both directions, in each convention."""
+
+
+def _number(value: object) -> float | None:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        return float(value) if math.isfinite(value) else None
+    except OverflowError:
+        return None  # a whole number of hundreds of digits
+
+
+def _vector(*names: str, within: Within, fewest: int | None = None) -> PlainValidator:
+    """Validate a list of one number in its range per name, or of the first ``fewest`` names and more."""
+    least = len(names) if fewest is None else fewest
+    count = f"{len(names)}" if least == len(names) else f"{least} to {len(names)}"
+
+    def read(value: object) -> tuple[float, ...]:
+        if not isinstance(value, list) or not least <= len(value) <= len(names):
+            raise ValueError(f"needs {count} numbers [{', '.join(names)}], found {found(value)}")
+        numbers = [_number(v) for v in value]
+        wrong = []
+        for name, raw, number in zip(names, value, numbers, strict=False):
+            if number is None:
+                wrong.append(f"{name} must be a finite number, found {found(raw)}")
+            elif not within.holds(number):
+                wrong.append(f"{name} must be {within}, found {found(raw)}")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return tuple(n for n in numbers if n is not None)
+
+    return PlainValidator(read)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    if not isinstance(value, str):
+        quotes = ': write it in quotes, "1.10" for example' if isinstance(value, float | bool) else ""
+        raise ValueError(f"must be a text, found {found(value)}{quotes}")
+    if not value.strip():
+        raise ValueError("must not be empty")
+    return value
+
+
+def _freedom(value: object) -> float:
+    if value == "free":
+        return math.inf
+    number = _number(value)
+    if number is None or not (number == 0 or FREEDOM.holds(number)):
+        raise ValueError(f"must be 0 (held fixed), a prior sigma {FREEDOM}, or free, found {found(value)}")
+    return number
+
+
+def _role(value: object) -> Role:
+    for role in _ROLES:
+        if value == role:
+            return role
+    near = f": {suggestion(value, _ROLES)}" if isinstance(value, str) else ""
+    raise ValueError(f"must be control or check, found {found(value)}{near}")
+
+
+def _roles(value: object) -> Roles:
+    if not isinstance(value, dict):
+        role = _role(value)
+        return role, role
+    if set(value) != {"plan", "height"}:
+        raise ValueError("needs both axes, {plan: control, height: check} for example")
+    return _role(value["plan"]), _role(value["height"])
+
+
+def _picture_size(value: object) -> tuple[int, int]:
+    items = value if isinstance(value, list) else []
+    whole = [v for v in items if isinstance(v, int) and not isinstance(v, bool) and PIXELS.holds(v)]
+    if len(items) != 2 or len(whole) != 2:
+        raise ValueError(f"needs 2 whole numbers [width, height] {PIXELS}, found {found(value)}")
+    return whole[0], whole[1]
+
+
+Text = Annotated[str, PlainValidator(_text)]
+Freedom = Annotated[float, PlainValidator(_freedom)]
+Size = Annotated[int, PIXELS]
+Angle = Annotated[float, ANGLE_DEG]
+AngleSigma = Annotated[float, ANGLE_SIGMA_DEG]
+FocalLength = Annotated[float, FOCAL_PX]
+FlyingHeight = Annotated[float, FLYING_HEIGHT_M]
+MarkSigma = Annotated[float, SIGMA_PX]
+_MAP = ("easting", "northing", "height")
+Position = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION_M)]
+Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
+OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
+RolesOf = Annotated[Roles, PlainValidator(_roles)]
+LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
+PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
+Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
+Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
+
+
+class CameraSigmas(Entry):
+    """How far each parameter of a camera may move; 0 holds it fixed, infinity leaves it free."""
+
+    focal_px: Freedom = 0.0
+    principal_point_px: Freedom = 0.0
+    k1: Freedom = 0.0
+    k2: Freedom = 0.0
+    k3: Freedom = 0.0
+    k4: Freedom = 0.0
+    p1: Freedom = 0.0
+    p2: Freedom = 0.0
+    b1: Freedom = 0.0
+    b2: Freedom = 0.0
+
+
+class CameraEntry(Entry):
+    """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew.
+    ``focal_readings_px`` are other focal lengths that its source may mean."""
+
+    width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
+    height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
+    matlab: Text | None = None
+    model: Model | None = None
+    focal_px: FocalLength | None = None
+    focal_readings_px: tuple[FocalLength, ...] = ()
+    principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy", within=PLACE_PX)] | None = None
+    radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", within=DISTORTION, fewest=2)] | None = None
+    tangential: Annotated[tuple[float, float], _vector("p1", "p2", within=DISTORTION)] | None = None
+    affinity: Annotated[tuple[float, float], _vector("b1", "b2", within=PLACE_PX)] | None = None
+    pixel_origin: PixelOrigin | None = None
+    sigmas: CameraSigmas = CameraSigmas()
+    calibration: Calibration = "given"
+    per_flight: bool = False
+    source: Text | None = None
+
+
+class Attitude(Entry):
+    """A gimbal's angles, DJI's convention."""
+
+    yaw: Annotated[Angle | None, Needed("the heading in degrees, clockwise from north")] = None
+    pitch: Annotated[Angle | None, Needed("the pitch in degrees, -90 straight down")] = None
+    roll: Annotated[Angle | None, Needed("the roll in degrees, 0 for a level gimbal")] = None
+
+
+class PhotographEntry(Entry):
+    """One photograph."""
+
+    name: Annotated[Text | None, Needed("the photograph's file name")] = None
+    camera: Text | None = None
+    gnss_m: Position | None = None
+    gnss_sigma_m: Sigma3 | None = None
+    attitude_deg: Attitude | None = None
+    attitude_sigma_deg: AngleSigma | None = None
+    height_above_ground_m: FlyingHeight | None = None
+    flight: Text = "1"
+
+
+class PositionFileEntry(Entry):
+    """A file of positions of photographs, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
+    format: Format | None = None
+    position_of: PositionOf | None = None
+    crs: Text | None = None
+    heights: HeightSystem | None = None
+    flight: Text | None = None
+    lever_arms: Text | None = None
+
+
+class PhotographsEntry(Entry):
+    """The photographs and what holds for all of them."""
+
+    folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
+    camera: Text | None = None
+    positions: Sequence[PositionFileEntry] = ()
+    gnss_sigma_m: Sigma3 | None = None
+    attitude_sigma_deg: AngleSigma = 2.0
+    height_above_ground_m: FlyingHeight | None = None
+    list: Sequence[PhotographEntry] | None = None
+
+
+class GnssEntry(Entry):
+    """The offset between GNSS and ground control, and the lever arm from the antenna to the camera."""
+
+    offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
+    lever_arm_m: LeverArm | None = None
+    lever_arm_axes: LeverArmAxes = "body"
+    lever_arm_per_flight_m: dict[str, LeverArm] = Field(default_factory=dict)
+
+
+class HeightsEntry(Entry):
+    """What heights are counted from: those of all results, and of what comes in."""
+
+    output: HeightSystem | None = None
+    gnss: HeightSystem | None = None
+    control_points: HeightSystem | None = None
+    geoid: Text | None = None
+    grid: Text | None = None
+
+
+def _heights(value: object) -> object:
+    """Read the short form: one word for all heights."""
+    if value == "ellipsoidal":
+        return {"output": value, "gnss": value, "control_points": value}
+    if value is not None and not isinstance(value, dict):
+        text = (
+            "a block of keys, output: orthometric and geoid: EGM96 for example"
+            if value == "orthometric"
+            else ("ellipsoidal, or a block of keys: output, gnss, control_points, geoid, grid")
+        )
+        raise ValueError(f"needs {text}, found {found(value)}")
+    return value
+
+
+class ControlPointEntry(Entry):
+    """One ground point."""
+
+    name: Annotated[Text | None, Needed("the point's name")] = None
+    role: RolesOf = ("control", "control")
+    position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: MarkSigma | None = None
+    marks: dict[str, Pixel] = Field(default_factory=dict)
+
+
+class ControlFileEntry(Entry):
+    """A file of ground points, and what it does not say itself."""
+
+    path: Annotated[Text | None, Needed("the file with the points, relative to this file")] = None
+    role: RolesOf = ("control", "control")
+    marks: Text | None = None
+    crs: Text | None = None
+    heights: HeightSystem | None = None
+    picture_size_px: PictureSize | None = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: MarkSigma | None = None
+
+
+class ControlPointsEntry(Entry):
+    """The ground points and what holds for all of them."""
+
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: MarkSigma | None = None
+    pixel_origin: PixelOrigin = "photogram"
+    files: Sequence[ControlFileEntry] = ()
+    list: Sequence[ControlPointEntry] = ()
+
+
+class ComparisonEntry(Entry):
+    """What the results are compared with."""
+
+    reference: Text | None = None
+    heights: HeightSystem | None = None
+
+
+class ProjectFile(Entry):
+    """The whole file; the settings are read by read_settings."""
+
+    photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
+    crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
+    heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
+    world: Literal["tangent", "grid"] = "tangent"
+    quality: Quality = "high"
+    cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(
+        default_factory=dict
+    )
+    photographs: PhotographsEntry = PhotographsEntry()
+    gnss: GnssEntry = GnssEntry()
+    control_points: ControlPointsEntry = ControlPointsEntry()
+    features: Any = None
+    pairs: Any = None
+    matching: Any = None
+    orientation: Any = None
+    transfer: Any = None
+    adjustment: Any = None
+    dense: Any = None
+    surface: Any = None
+    terrain: Any = None
+    contours: Any = None
+    orthophoto: Any = None
+    comparison: ComparisonEntry = ComparisonEntry()
+    report: Any = None
+    results: Text = "results"
+    work: Text = "work"

@@ -1,0 +1,211 @@
+"""The check before the long work: everything that can be known to be wrong from the project file, the tags of the
+photographs and the machine, all at once.
+
+Pure functions on data that others have read; `photogram check` reads it, in seconds, and shows what they find.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import ProjectError
+from photogram.files.photographs.headers import PhotographHeader
+from photogram.files.photographs.tags import PhotographTags, damage_by_kind
+from photogram.project.project import Project
+from photogram.project.validation.findings import Finding, some, things
+from photogram.project.validation.geometry import geometry_findings
+from photogram.project.validation.heights import height_system_findings
+from photogram.project.validation.positions import gnss_findings
+from photogram.project.validation.resources import MachineNeeds, gigabytes, machine_findings, machine_needs
+
+_MOST_LINES = 10
+
+
+def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
+    """Return the faults that reading the project file ``path`` has raised, one finding for each line."""
+    findings = []
+    for line in str(fault).splitlines():
+        place = re.match(rf"{re.escape(str(path))}:(\d+): (.*)", line)
+        if place:
+            findings.append(Finding("fault", f"{path.name}:{place[1]}", place[2]))
+        elif not line.endswith("faults:"):
+            findings.append(Finding("fault", path.name, line.removeprefix(f"{path}: ")))
+    return findings
+
+
+# ---- photographs ---------------------------------------------------------------------------------------------------
+
+
+def header_findings(
+    headers: Sequence[PhotographHeader], twins: Sequence[Sequence[int]] = (), fisheye: Sequence[bool] = ()
+) -> list[Finding]:
+    """Return what is wrong with photographs by themselves: not to be read, twice the same, of a kind not ordinary.
+
+    ``twins`` are groups of indices of the same photograph; ``fisheye`` says which photographs the project gives
+    a fisheye as camera, empty where there is no project.
+    """
+    unreadable = [h for h in headers if h.tags is None]
+    findings = [Finding("fault", h.name, h.fault) for h in unreadable[:_MOST_LINES]]
+    if len(unreadable) > _MOST_LINES:
+        rest = [h.name for h in unreadable[_MOST_LINES:]]
+        findings.append(Finding("fault", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
+    for group in twins:
+        names = some([headers[i].name for i in group])
+        text = f"the same photograph {'twice' if len(group) == 2 else f'{len(group)} times'}: the first is used"
+        findings.append(Finding("warning", names, text, "remove the copies"))
+    findings += _damage_findings(headers)
+    kinds: defaultdict[str, list[str]] = defaultdict(list)
+    for number, header in enumerate(headers):
+        if header.tags is not None and header.tags.kind != "frame":
+            if header.tags.kind == "fisheye" and fisheye and fisheye[number]:
+                continue
+            kinds[header.tags.kind].append(header.name)
+    for kind, names_of_kind in kinds.items():
+        text = f"{things(len(names_of_kind), 'picture')} of the kind {kind}, which is not an ordinary photograph's"
+        findings.append(
+            Finding("warning", some(names_of_kind), text, "leave out what the camera model cannot describe")
+        )
+    return findings
+
+
+def _damage_findings(headers: Sequence[PhotographHeader]) -> list[Finding]:
+    """Return which photographs have tags that cannot be read, one finding for each kind of damage."""
+    damaged = damage_by_kind([(h.name, h.tags.damage) for h in headers if h.tags is not None])
+    remedy = "take the photographs as they left the camera, if RTK standard deviations or gimbal angles are missed"
+    return [Finding("warning", some(names), text, remedy) for text, names in damaged]
+
+
+def _of_camera(
+    project: Project, tags: Sequence[PhotographTags | None], camera: int
+) -> list[tuple[str, PhotographTags]]:
+    pairs = zip(project.photographs, tags, strict=True)
+    return [(p.name, t) for p, t in pairs if p.camera == camera and t is not None]
+
+
+def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return which photographs do not have the size of their camera, or were taken by another than the rest."""
+    findings = []
+    for number, camera in enumerate(project.cameras):
+        own = _of_camera(project, tags, number)
+        where = f"camera {camera.name}"
+        size = (camera.width_px, camera.height_px)
+        other = [(n, (t.width_px, t.height_px)) for n, t in own if (t.width_px, t.height_px) != size]
+        if other:
+            found = ", ".join(f"{w} × {h}" for w, h in sorted({s for _, s in other}, key=str))
+            text = (
+                f"{len(other)} of {things(len(own), 'photograph')} ({some([n for n, _ in other])}) have {found} px, "
+                f"the camera {size[0]} × {size[1]} px"
+            )
+            remedy = "give these photographs the camera that took them, as they were taken"
+            findings.append(Finding("fault", where, text, remedy))
+        models = Counter(" ".join(filter(None, (t.make, t.model))) for _, t in own if t.model)
+        focal = Counter(f"{t.focal_mm:g} mm" for _, t in own if t.focal_mm)
+        bodies = Counter(f"serial number {t.serial}" for _, t in own if t.serial)
+        lenses = Counter(" no. ".join(filter(None, (t.lens, t.lens_serial))) for _, t in own if t.lens or t.lens_serial)
+        kinds = (("cameras", models), ("lenses", lenses), ("focal lengths", focal), ("bodies", bodies))
+        for what, values in kinds:
+            if len(values) > 1:
+                counts = ", ".join(f"{value} ({n})" for value, n in values.most_common(4))
+                text = f"its photographs were taken with different {what}: {counts}"
+                findings.append(Finding("warning", where, text, "give each its own block under cameras"))
+    return findings
+
+
+def _same_moment(
+    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]]
+) -> list[Finding]:
+    """Return the photographs of one camera, time and position that are not the same picture."""
+    known = {i for group in copies for i in group[1:]}
+    moments: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
+    for i, (photograph, tag) in enumerate(zip(project.photographs, tags, strict=True)):
+        if i not in known and tag is not None and tag.time is not None and tag.longitude_deg is not None:
+            # The bands of a multispectral camera are taken at once, by cameras of their own.
+            place = (photograph.camera, tag.time, tag.longitude_deg, tag.latitude_deg, tag.height_m)
+            moments[place].append(photograph.name)
+    groups = [names for names in moments.values() if len(names) > 1]
+    findings = [
+        Finding("warning", some(names), "same camera, time and position", "leave out all but one if they are the same")
+        for names in groups[:_MOST_LINES]
+    ]
+    if len(groups) > _MOST_LINES:
+        text = f"{len(groups) - _MOST_LINES} more groups of photographs have the same camera, time and position"
+        findings.append(Finding("warning", "photographs", text, "leave out all but one of each"))
+    return findings
+
+
+# ---- all together --------------------------------------------------------------------------------------------------
+
+
+def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: MachineNeeds) -> Finding:
+    positions = sum(t is not None and t.longitude_deg is not None for t in tags)
+    given = sum(p.gnss_map_m is not None or p.file_position is not None for p in project.photographs)
+    roles = Counter(p.role for p in project.control_points)
+    heights = [t.height_above_take_off_m for t in tags if t is not None and t.height_above_take_off_m]
+    facts = [
+        things(len(project.photographs), "photograph"),
+        things(len(project.cameras), "camera"),
+        f"{max(positions, given)} with GNSS",
+        things(roles["control"], "control point"),
+        things(roles["check"], "check point"),
+        f"{gigabytes(needs.disk_bytes)} of disk",
+        f"{gigabytes(needs.memory_bytes)} of memory",
+    ]
+    if heights:
+        facts.insert(3, f"{np.median(heights):.0f} m above take-off")
+    return Finding("note", "survey", ", ".join(facts))
+
+
+def survey_findings(
+    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]] = ()
+) -> list[Finding]:
+    """Return everything that project and tags show together; ``tags`` are those of ``project.photographs``, None where
+    a photograph cannot be read, ``copies`` groups of photographs that are the same."""
+    findings = []
+    if len(project.photographs) - sum(len(group) - 1 for group in copies) < 2:
+        text = "a survey needs two photographs at least"
+        findings.append(Finding("fault", "photographs", text, "give all photographs of the flight"))
+    return [
+        *findings,
+        *camera_findings(project, tags),
+        *_same_moment(project, tags, copies),
+        *gnss_findings(project, tags),
+        *geometry_findings(project, tags),
+        *height_system_findings(project, tags),
+    ]
+
+
+def check_survey(
+    project: Project,
+    headers: Sequence[PhotographHeader],
+    twins: Sequence[Sequence[int]] = (),
+    free_disk_bytes: int | None = None,
+    memory: int | None = None,
+    workers: int = 1,
+) -> list[Finding]:
+    """Return everything that can be known before the work starts: faults, then warnings, then notes.
+
+    ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph;
+    ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
+    many threads will work at once.
+    """
+    tags = [header.tags for header in headers]
+    needs = machine_needs(project, tags, workers)
+    findings = [
+        *project.warnings,
+        *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
+        *survey_findings(project, tags, twins),
+        *machine_findings(project, needs, free_disk_bytes, memory),
+        _overview(project, tags, needs),
+    ]
+    return by_severity(findings)
+
+
+def by_severity(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings with the faults first and the notes last."""
+    order = ("fault", "warning", "note")
+    return sorted(findings, key=lambda finding: order.index(finding.severity))

@@ -1,0 +1,258 @@
+"""What a survey asks of the disk and the memory, known before the work from project and tags.
+
+Key points by their number, the dense surface and the orthophoto by the ground that the photographs show and the cells
+it is cut into. The bytes of a cell are those of the files' own layout where nothing compresses them, else measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import rotation_from_gimbal
+from photogram.errors import FrameError
+from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.stages.dense import CELL_GSD, MINIMUM_RAYS, round_cell_m
+from photogram.pipeline.stages.orthophoto import LEAST_HELD
+from photogram.project.measured_survey import MeasuredSurvey, usable_survey
+from photogram.project.project import Project
+from photogram.project.schema import Quality
+from photogram.project.validation.findings import Finding, Severity
+from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
+from photogram.surface.dense.pyramid import MOST_LEVELS
+from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
+
+FloatArray = NDArray[np.float64]
+
+BYTES_PER_KEY_POINT = 163
+"""On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""
+
+BYTES_PER_OBSERVATION = 350
+"""Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
+becomes an observation."""
+
+BYTES_PER_PX = 12
+"""Of a photograph in memory: its colours, its grey values, and a copy of each at work."""
+
+BYTES_PER_TILE_PX = 240
+"""Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
+tiles of 800 and of 1728 px."""
+
+SCALE: Mapping[Quality, float] = {"high": 1.0, "medium": 0.5, "low": 0.25}
+"""Width of the picture in which key points are found, by ``quality``."""
+
+MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 8.0 / 3.0, 23.0
+"""On disk for a cell of the surface: what the matching writes of it, what its coarser levels hold meanwhile, and what
+the surface is made of."""
+
+RASTER_BYTES, RELIEF_BYTES, POINT_BYTES = 11.0, 4.0, 6.0
+"""On disk for a cell of the surface, compressed: the rasters of the DSM, terrain or contour lines, and its point in the
+dense cloud. Measured on two real surveys and a simulated one: 5 to 8 (and, on the latter,
+3 for the relative standard deviations), 1 to 3 (contour lines), and 5."""
+
+PICTURE_BYTES, SCRATCH_BYTES = 2.3, 4.0
+"""On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.3, and before that."""
+
+PROGRAM_BYTES = 370e6
+"""In memory for the program with its libraries, before it does anything."""
+
+MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 320.0
+"""In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
+150 to 200 and at 170 to 190 MB; and for a block of the lattice of seams, candidates with their costs and messages."""
+
+TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 54.0
+"""In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
+report. Measured on seven million cells, lines included; the report holds the relative standard deviations besides."""
+
+USUAL_RAYS = 4.0
+"""Photographs that show a place, taken where nothing says how high they were flown."""
+
+_NODE_SHARE, _MOST_NODES = 1 / 40, 1000  # of the lattice on which footprints are counted: in flying heights; along it
+_REACH = 2.0  # in flying heights, as far as ground is looked for that a photograph shows
+
+
+# ---- size of the surface -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SurfaceSize:
+    """About how many cells the dense surface and the orthophoto have, 0 where they are not made, and how many ground
+    sampling distances a cell of the surface is wide."""
+
+    surface_cells: float
+    orthophoto_cells: float
+    cell_gsd: float
+
+
+def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> SurfaceSize:
+    """Return how large surface and orthophoto become; ``tags`` are those of ``project.photographs``.
+
+    The ground is taken as flat, and as seen by the photographs that have a position and a height above it. Where fewer
+    than half of them have, USUAL_RAYS are taken to show each place, and cells of the default size.
+    """
+    try:
+        survey = usable_survey(project, tags)
+    except FrameError:
+        survey = None  # the geometry's own check says so
+    focal_px = np.array([project.cameras[p.camera].focal_px for p in project.photographs])
+    known = np.zeros(len(focal_px), dtype=bool)
+    if survey is not None:
+        known = survey.positioned & np.isfinite(survey.flying_height_m)
+    if survey is None or 2 * np.count_nonzero(known) < len(known):
+        return _sized(project, _pixels(project) / USUAL_RAYS, None)
+    gsd_m = float(np.median(survey.flying_height_m[known] / focal_px[known]))
+    return _sized(project, _seen_area_m2(project, survey, known) / gsd_m**2, gsd_m)
+
+
+def _sized(project: Project, area_gsd2: float, gsd_m: float | None) -> SurfaceSize:
+    """Return the size for a ground of so many squares of the ground sampling distance, itself None if not known."""
+    surface_gsd, picture_gsd = CELL_GSD, 1.0
+    if gsd_m is not None:
+        surface_gsd = (project.surface.cell_m or round_cell_m(CELL_GSD * gsd_m)) / gsd_m
+        picture_gsd = (project.orthophoto.cell_m or gsd_m) / gsd_m
+    # without dense matching a surface has about as many cells as there are tie points, unless it is told otherwise
+    made = project.dense.enabled or project.surface.cell_m is not None
+    return SurfaceSize(
+        area_gsd2 / surface_gsd**2 if made else 0.0,
+        area_gsd2 / picture_gsd**2 if project.orthophoto.enabled else 0.0,
+        surface_gsd,
+    )
+
+
+def _pixels(project: Project) -> float:
+    """Return how many pixels all photographs have together."""
+    cameras = [project.cameras[p.camera] for p in project.photographs]
+    return float(sum(camera.width_px * camera.height_px for camera in cameras))
+
+
+def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bool_]) -> float:
+    """Return the area of the rectangle, along the axes of the world, around all ground that MINIMUM_RAYS photographs
+    show, in m²."""
+    corners = np.array([_footprint_m(project, survey, i) for i in np.flatnonzero(known).tolist()])
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    flying_m = float(np.median(survey.flying_height_m[known]))
+    node_m = max(_NODE_SHARE * flying_m, float((high - low).max()) / _MOST_NODES)
+    columns, rows = np.ceil((high - low) / node_m).astype(int) + 1
+    count = np.zeros((rows, columns), np.int32)
+    for corner in np.rint((corners - low) / node_m).astype(np.int32):
+        first, last = corner.min(axis=0), corner.max(axis=0) + 1
+        shown = np.zeros((last - first)[::-1], np.uint8)
+        cv2.fillConvexPoly(shown, cv2.convexHull(corner - first), (1,))
+        count[first[1] : last[1], first[0] : last[0]] += shown
+    row, column = np.nonzero(count >= MINIMUM_RAYS)
+    return float(np.ptp(row) * np.ptp(column)) * node_m**2 if len(row) else 0.0
+
+
+def _footprint_m(project: Project, survey: MeasuredSurvey, photograph: int) -> FloatArray:
+    """Return the corners (4, 2) in the world of what a photograph shows of flat ground, straight down where its
+    attitude is not known, without distortion; not further than _REACH flying heights away."""
+    camera = project.cameras[project.photographs[photograph].camera]
+    u, v = camera.width_px - 0.5, camera.height_px - 0.5
+    corner = np.array([[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]])
+    ray = np.column_stack([(corner - camera.principal_point_px) / camera.focal_px, np.ones(4)])
+    rotation = survey.rotation[photograph]
+    if not np.isfinite(rotation).all():
+        rotation = rotation_from_gimbal(0.0, -90.0, 0.0)
+    direction = ray @ rotation.T
+    plan, height_m = direction[:, :2], survey.flying_height_m[photograph]
+    # what looks above the horizon ends at the reach as well
+    fall = np.maximum(-direction[:, 2:], np.linalg.norm(plan, axis=1, keepdims=True) / _REACH)
+    return np.asarray(survey.gnss_world_m[photograph, :2] + height_m * plan / fall)
+
+
+# ---- disk and memory -----------------------------------------------------------------------------------------------
+
+
+def sparse_disk_bytes(project: Project) -> float:
+    """Return about how much key points, matches and clouds of tie points take on disk."""
+    return len(project.photographs) * project.features.maximum * BYTES_PER_KEY_POINT * 1.5
+
+
+def surface_disk_bytes(project: Project, size: SurfaceSize) -> float:
+    """Return about how much surface and orthophoto of a ``size`` take on disk, in the working folder and among the
+    results, when they take most: while heights are matched, while the orthophoto is made, or in the end."""
+    dense, cells, picture = project.dense.enabled, size.surface_cells, size.orthophoto_cells
+    rasters = cells * (RASTER_BYTES + RELIEF_BYTES * (project.terrain.enabled + project.contours.enabled))
+    matching = cells * (MATCHED_BYTES + COARSER_BYTES) + _reduced_bytes(project, size) if dense else 0.0
+    made = rasters + picture * PICTURE_BYTES + (cells * (MATCHED_BYTES + LAYER_BYTES) if dense else 0.0)
+    results = rasters + picture * PICTURE_BYTES + (cells * POINT_BYTES if dense else 0.0)
+    return float(max(matching, made + picture * SCRATCH_BYTES, made + results))
+
+
+def _reduced_bytes(project: Project, size: SurfaceSize) -> float:
+    """Return what the pictures take in which heights are matched: a byte for a pixel of the photograph itself, two for
+    one of those that are reduced, as many as there are levels at most."""
+    finest = max(0, round(float(np.log2(size.cell_gsd)) - 1.0))
+    reduced = sum(2.0 / 4**step for step in range(max(finest, 1), finest + MOST_LEVELS))
+    return _pixels(project) * float(reduced + (finest == 0))
+
+
+def _memory_needs(project: Project, size: SurfaceSize, workers: int) -> list[tuple[float, str]]:
+    """Return what the stages need in memory beside the program itself, in bytes, and what lowers it."""
+    fewer, coarser = "lower features.maximum or quality", "choose a larger surface.cell_m"
+    largest_px = max(c.width_px * c.height_px for c in project.cameras)
+    tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
+    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, SCALE[project.quality] ** 2 * largest_px)
+    key_points = len(project.photographs) * project.features.maximum
+    needs = [(one, fewer), (key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3), fewer)]
+    cells = size.surface_cells
+    if project.dense.enabled:
+        needs.append((workers * (MATCHING_BYTES + BYTES_PER_PX * largest_px), "set dense.enabled to false"))
+        needs.append((REPORT_BYTES * cells, coarser))
+    if project.terrain.enabled:
+        needs.append((TERRAIN_BYTES * cells, coarser))
+    if project.contours.enabled:
+        needs.append((4.0 * cells + CONTOUR_BYTES * min(cells, CONTOURED_CELLS), coarser))
+    if project.orthophoto.enabled:
+        # more photographs than the least are held where memory is to spare
+        held = TILE_BYTES * workers + 3.0 * LEAST_HELD * largest_px
+        lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
+        needs.append((4.0 * cells + lattice + held, "set orthophoto.enabled to false"))
+    return needs
+
+
+@dataclass(frozen=True)
+class MachineNeeds:
+    """About how much disk and memory a survey takes, in bytes, and what in the project lowers it."""
+
+    disk_bytes: int
+    memory_bytes: int
+    disk_remedy: str
+    memory_remedy: str
+
+
+def machine_needs(project: Project, tags: Sequence[PhotographTags | None], workers: int = 1) -> MachineNeeds:
+    """Return what the survey needs of a machine on which ``workers`` threads work at once; ``tags`` are those of
+    ``project.photographs``."""
+    size = surface_size(project, tags)
+    sparse, surface = sparse_disk_bytes(project), surface_disk_bytes(project, size)
+    memory, remedy = max(_memory_needs(project, size, workers))
+    coarser = "choose a larger surface.cell_m or orthophoto.cell_m"
+    lower = coarser if surface > sparse else "lower features.maximum"
+    return MachineNeeds(int(sparse + surface), int(PROGRAM_BYTES + memory), lower, remedy)
+
+
+def gigabytes(count: int) -> str:
+    """Return a number of bytes in words."""
+    return f"{count / 1e9:.1f} GB" if count >= 1e8 else f"{count / 1e6:.0f} MB"
+
+
+def machine_findings(
+    project: Project, needs: MachineNeeds, free_disk_bytes: int | None, memory_bytes: int | None
+) -> list[Finding]:
+    """Return whether the disk of the working folder and the memory will do, None where they are not known."""
+    findings = []
+    if free_disk_bytes is not None and free_disk_bytes < 2 * needs.disk_bytes:
+        text = f"{gigabytes(free_disk_bytes)} free for {project.work}, about {gigabytes(needs.disk_bytes)} are needed"
+        severity: Severity = "fault" if free_disk_bytes < needs.disk_bytes else "warning"
+        remedy = f"free some space, name another folder under work, or {needs.disk_remedy}"
+        findings.append(Finding(severity, "disk", text, remedy))
+    if memory_bytes is not None and memory_bytes < needs.memory_bytes:
+        text = f"{gigabytes(memory_bytes)} of memory, about {gigabytes(needs.memory_bytes)} are needed"
+        remedy = f"{needs.memory_remedy}, or use a machine with more memory"
+        findings.append(Finding("warning", "memory", text, remedy))
+    return findings

@@ -1,0 +1,277 @@
+"""What went wrong with a measurement that was left out, told from what the rest predicts for it.
+
+Two points exchanged, marks set on another point's target, easting and northing exchanged, one digit mistyped: each is
+named only where the prediction is sure enough to tell it from chance.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from photogram.camera import project
+from photogram.quality.accuracy import AXES
+from photogram.quality.gross_errors.data_snooping import Accusation, Search, unmeasured
+from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
+
+SURE = 4.0  # sigmas within which a prediction is said to be what was meant
+CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it
+ON_TARGET_PX = 2.0
+_DECIMALS = 3  # of coordinates that people type
+SINGLE = 0.2  # of the attitudes of a flight, up to which those that are wrong are blunders of single photographs
+
+
+@dataclass(frozen=True)
+class Blunder:
+    """A blunder by its name: its ``kind``, the ``points`` it is in, the ``photograph`` of a mark, a GNSS position or an
+    attitude, the ``camera`` of a focal length, and a sentence."""
+
+    kind: str
+    points: tuple[str, ...]
+    photograph: str | None
+    sentence: str
+    camera: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Surveyed and predicted positions (G, 3) in the map, and the sigmas (G, 3) of their differences."""
+
+    names: tuple[str, ...]
+    surveyed_m: FloatArray
+    predicted_m: FloatArray
+    sigma_m: FloatArray
+
+    def agree(self, predicted: int, surveyed: int) -> bool:
+        """Return whether one point is predicted where another, or itself, was surveyed."""
+        off = np.abs(self.predicted_m[predicted] - self.surveyed_m[surveyed])
+        return bool(np.all(off <= SURE * self.sigma_m[predicted]))
+
+
+def _ground(result: Adjustment, points: ControlPoints) -> _Ground:
+    frame = result.block.frame
+    axes = frame.rotation_world_from_map(np.zeros(3))
+    variance = np.einsum("ji,gjk,ki->gi", axes, result.ground_covariance_m2, axes)
+    return _Ground(
+        points.name,
+        frame.map_from_world(points.position_world_m),
+        frame.map_from_world(result.ground_world_m),
+        np.sqrt(variance + points.sigma_m**2),
+    )
+
+
+def _exchanged(ground: _Ground, suspected: Sequence[int]) -> Iterator[tuple[str, str]]:
+    """Yield the names of pairs of suspected points that each lie where the other was surveyed."""
+    for a, b in combinations(suspected, 2):
+        if ground.agree(a, b) and ground.agree(b, a):
+            yield ground.names[a], ground.names[b]
+
+
+def exchanged_points(block: Block, found: Search) -> list[tuple[str, str]]:
+    """Return the names of pairs of control points of ``block`` that are accused and each lie where the other was
+    surveyed."""
+    ground = _ground(found.result, block.control_points)
+    suspected = {ground.names.index(a.name): None for a in found.accused if a.kind == "control point"}
+    return list(_exchanged(ground, tuple(suspected)))
+
+
+def _mistyped(surveyed: float, predicted: float, sigma: float) -> str | None:
+    """Return the figure that was meant, if one wrong digit or two neighbouring ones exchanged explain a coordinate.
+
+    None where the prediction is not sure enough: nearly every blunder is then near to some digit's.
+    """
+    off = abs(predicted - surveyed)
+    step = 10.0 ** np.floor(np.log10(off))
+    if 2.0 * SURE * sigma > CHANCE * step:
+        return None
+    text = f"{abs(surveyed):.{_DECIMALS}f}"
+    places = [i for i, c in enumerate(text) if c.isdigit()]
+    typed = {text[:i] + digit + text[i + 1 :] for i in places for digit in "0123456789"}
+    for i, j in pairwise(places):
+        other = list(text)
+        other[i], other[j] = text[j], text[i]
+        typed.add("".join(other))
+    meant = {float(np.copysign(float(other), surveyed)): other for other in sorted(typed - {text})}
+    best = min(meant, key=lambda value: abs(value - predicted))
+    return f"{best:.{_DECIMALS}f}" if abs(best - predicted) <= SURE * sigma else None
+
+
+def _of_ground(ground: _Ground, point: int, blamed: Sequence[Accusation]) -> Blunder:
+    """Return what went wrong with the coordinates of one point, by what the rest predicts for it."""
+    name, surveyed, predicted = ground.names[point], ground.surveyed_m[point], ground.predicted_m[point]
+    sigma, off = ground.sigma_m[point].copy(), predicted - surveyed
+    axes = sorted({axis for a in blamed for axis in a.axes})
+    if not np.isfinite(predicted).all():
+        for a in blamed:
+            off[list(a.axes)], sigma[list(a.axes)] = a.off, a.sigma
+        return _plain(name, axes, off, sigma)
+    axes = [axis for axis in axes if abs(off[axis]) > SURE * sigma[axis]] or axes
+    for other in range(len(ground.names)):
+        if other != point and ground.agree(point, other):
+            text = f"control point {name} is seen where {ground.names[other]} was surveyed: wrong point, or its marks"
+            return Blunder("wrong point", (name, ground.names[other]), None, text)
+    if np.all(np.abs(predicted[:2] - surveyed[1::-1]) <= SURE * sigma[:2]):
+        return Blunder("exchanged axes", (name,), None, f"control point {name}: easting and northing are exchanged")
+    meant = {axis: _mistyped(surveyed[axis], predicted[axis], sigma[axis]) for axis in axes}
+    if all(meant.values()):
+        figures = " and ".join(
+            f"{AXES[axis]} {surveyed[axis]:.{_DECIMALS}f} looks mistyped for {figure}" for axis, figure in meant.items()
+        )
+        text = f"control point {name}: {figures}: everything else predicts {_metres(off[axes])} m from it"
+        return Blunder("mistyped", (name,), None, text)
+    return _plain(name, axes, off, sigma)
+
+
+def _metres(values: Sequence[float] | FloatArray) -> str:
+    return ", ".join(f"{value:+.3f}" for value in values)
+
+
+def _plain(name: str, axes: list[int], off: FloatArray, sigma: FloatArray) -> Blunder:
+    parts = [f"{AXES[axis]} {off[axis]:+.3f} m, {abs(off[axis]) / sigma[axis]:.0f} sigma" for axis in axes]
+    kind = "height" if axes == [2] else "position" if 2 in axes else "plan"
+    what = parts[0].replace(" ", ", ", 1) if len(parts) == 1 else f"{kind} ({'; '.join(parts)})"
+    return Blunder(kind, (name,), None, f"control point {name}: everything else predicts another {what}")
+
+
+def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what went wrong with a mark: whose target it is on, if any, else how far it is off."""
+    photographs = [photograph.name for photograph in block.photographs]
+    points, i = block.control_points, photographs.index(str(blamed.photograph))
+    g = points.name.index(blamed.name)
+    m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == g))[0]
+    pose, camera = result.block.poses[i], result.block.cameras[block.photographs[i].camera]
+    u, v = blamed.off
+    if pose is not None:
+        place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
+        predicted = project(camera, pose, place) - points.mark_pixel[m]
+        u, v = predicted[g].tolist()
+        distance = np.where(np.isfinite(predicted).all(axis=1), np.linalg.norm(predicted, axis=1), np.inf)
+        distance[g] = np.inf
+        nearest = int(np.argmin(distance))
+        if distance[nearest] <= ON_TARGET_PX + SURE * points.mark_sigma_px[m]:
+            text = f"mark of {blamed.name} in {blamed.photograph} is on the target of {points.name[nearest]}"
+            return Blunder("wrong target", (blamed.name, points.name[nearest]), blamed.photograph, text)
+    text = (
+        f"mark of {blamed.name} in {blamed.photograph} is {np.hypot(u, v):.1f} px off: everything else predicts it "
+        f"{u:+.1f}, {v:+.1f} px from there"
+    )
+    return Blunder("mark", (blamed.name,), blamed.photograph, text)
+
+
+def _of_position(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a GNSS position: how far the rest predicts it from there."""
+    i = [p.name for p in block.photographs].index(blamed.name)
+    pose, photograph, frame = result.block.poses[i], block.photographs[i], block.frame
+    off, where = blamed.off, ""
+    if pose is not None and photograph.gnss_world_m is not None:
+        measured = photograph.measured_centre_world_m(pose.rotation_world_from_camera)
+        offset = np.zeros(3)
+        if photograph.flight in result.flights:
+            offset = result.offset_world_m[result.flights.index(photograph.flight)]
+        places = frame.map_from_world(np.array([pose.position_world_m - offset, measured]))
+        off = tuple((places[0] - places[1]).tolist())
+    if len(off) == 3 and np.isfinite(off).all():
+        where = f" (easting, northing, height {_metres(off)} m)"
+    distance = float(np.linalg.norm(off))
+    text = f"GNSS position of {blamed.name}: everything else predicts it {distance:.2f} m from there{where}"
+    return Blunder("GNSS position", (), blamed.name, text)
+
+
+def _of_attitude(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a measured attitude: by how much the camera was turned otherwise."""
+    i = [p.name for p in block.photographs].index(blamed.name)
+    pose, measured = result.block.poses[i], block.photographs[i].attitude_world_from_camera
+    turn = float(np.linalg.norm(blamed.off))  # where it is not known otherwise
+    if pose is not None and measured is not None:
+        turn = float(
+            np.arccos(np.clip((np.trace(measured.T @ pose.rotation_world_from_camera) - 1.0) / 2.0, -1.0, 1.0))
+        )
+    text = f"attitude of {blamed.name}: everything else turns the camera by {np.rad2deg(turn):.1f}° from it"
+    return Blunder("attitude", (), blamed.name, text)
+
+
+def _of_focal_length(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+    """Return what is wrong with a given focal length: what everything else wants."""
+    c = [camera.name for camera in block.cameras].index(blamed.name)
+    given, adjusted = block.cameras[c], result.block.cameras[c].focal_px
+    sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
+    text = (
+        f"focal length of camera {given.name}: everything else determines {adjusted:.1f} ± {sigma:.1f} px where "
+        f"{given.focal_px:.1f} ± {given.sigmas[0]:.1f} px is given ({adjusted / given.focal_px - 1.0:+.1%}): a wrong "
+        "tag, a zoom lens, or pictures that were cropped or resized"
+    )
+    return Blunder("focal length", (), None, text, given.name)
+
+
+def _of_offset(result: Adjustment, blamed: Accusation) -> Blunder:
+    """Return the offset of the GNSS positions of a flight that the control points show."""
+    off, sigma = np.array(blamed.off), np.array(blamed.sigma)
+    if blamed.name in result.flights:
+        f = result.flights.index(blamed.name)
+        off, sigma = result.offset_world_m[f], np.sqrt(np.diag(result.offset_covariance_m2[f]))
+    text = (
+        f"GNSS positions of flight {blamed.name}: they lie off the control points by one offset in common "
+        f"(easting, northing, height {_metres(-off)} m, each ± {_metres(sigma).replace('+', '')} m), which is now "
+        "estimated"
+    )
+    return Blunder("GNSS offset", (), None, text)
+
+
+def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
+    """Return the measured attitudes of ``block`` that single photographs of a flight have lost in ``believed``, because
+    its oriented photographs contradict them; those of whole flights are no blunders of single photographs."""
+    lost = [
+        i
+        for i, (given, kept) in enumerate(zip(block.photographs, believed.photographs, strict=True))
+        if given.attitude_sigma_rad is not None
+        and (kept.attitude_sigma_rad is None or given.heading_known > kept.heading_known)
+    ]
+    of_flight = Counter(p.flight for p in block.photographs if p.attitude_sigma_rad is not None)
+    lost_of_flight = Counter(block.photographs[i].flight for i in lost)
+    single = (
+        i
+        for i in lost
+        if lost_of_flight[block.photographs[i].flight] <= SINGLE * of_flight[block.photographs[i].flight]
+    )
+    return [_of_attitude(result, block, unmeasured("attitude", block.photographs[i].name)) for i in single]
+
+
+def _with_rivals(blunder: Blunder, accused: Sequence[Accusation]) -> Blunder:
+    rivals = tuple(dict.fromkeys(rival for a in accused for rival in a.rivals))
+    if not rivals:
+        return blunder
+    more = f" and {len(rivals) - 2} more" if len(rivals) > 2 else ""
+    return replace(
+        blunder, sentence=f"{blunder.sentence}; or it is {' or '.join(rivals[:2])}{more}, which explains as much"
+    )
+
+
+def name_blunders(block: Block, found: Search) -> list[Blunder]:
+    """Return what was accused in ``block`` by its name, points first, then marks, positions, attitudes and the rest."""
+    ground = _ground(found.result, block.control_points)
+    of_points: dict[int, list[Accusation]] = {}
+    for a in found.accused:
+        if a.kind == "control point":
+            of_points.setdefault(ground.names.index(a.name), []).append(a)
+    names: list[Blunder] = []
+    for first, second in exchanged_points(block, found):
+        text = f"control points {first} and {second} are exchanged: each is seen where the other was surveyed"
+        names.append(Blunder("exchanged points", (first, second), None, text))
+    told = {name for blunder in names for name in blunder.points}
+    names += [
+        _with_rivals(_of_ground(ground, g, own), own) for g, own in of_points.items() if ground.names[g] not in told
+    ]
+    of_kind: dict[str, Callable[[Accusation], Blunder]] = {
+        "mark": lambda a: _of_mark(found.result, block, a),
+        "GNSS position": lambda a: _of_position(found.result, block, a),
+        "attitude": lambda a: _of_attitude(found.result, block, a),
+        "focal length": lambda a: _of_focal_length(found.result, block, a),
+        "GNSS offset": lambda a: _of_offset(found.result, a),
+    }
+    for kind, named in of_kind.items():
+        names += [_with_rivals(named(a), [a]) for a in found.accused if a.kind == kind]
+    return names

@@ -1,0 +1,107 @@
+"""The diagnosis in report.json: calibration, dome, weak geometry, what would help, why resections miss GNSS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from photogram.camera import PARAMETER_NAMES
+from photogram.quality.diagnosis import REMEDIES, Diagnosis, diagnose
+from photogram.quality.ground_errors import factor_of_differences
+from photogram.quality.resection_vs_gnss import resection_differences
+from photogram.sfm.resection import Resection
+from photogram.survey import Adjustment, FloatArray
+
+Json = dict[str, Any]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _cameras(result: Adjustment, found: Diagnosis) -> Json:
+    """Return the free parameters of every camera with their sigmas and correlations."""
+    numbers: Json = {}
+    for c, camera in enumerate(result.block.cameras):
+        sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
+        free = np.flatnonzero(sigma > 0)
+        numbers[camera.name] = {
+            "parameters": [PARAMETER_NAMES[k] for k in free],
+            "value": camera.parameters[free].tolist(),
+            "sigma": sigma[free].tolist(),
+            "correlation": found.correlation[camera.name][np.ix_(free, free)].tolist(),
+        }
+    return numbers
+
+
+def _rounded(values: FloatArray, digits: int) -> list[Any]:
+    return list(np.round(values, digits).tolist())
+
+
+def ground_error_numbers(result: Adjustment) -> Json | None:
+    """Return what photographs and calibration do to the ground at places over the block, easting, northing, height;
+    None where there are too few tie points to say."""
+    frame, known = result.block.frame, result.deformation
+    places, covariance = known.ground_place_world_m, known.ground_covariance_m2
+    if not len(places):
+        return None
+    axes = [frame.rotation_world_from_map(place) for place in places]
+    factor = factor_of_differences(covariance)
+    blocks = [covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(places))]
+    variance = np.array([np.diag(R.T @ block @ R) for R, block in zip(axes, blocks, strict=True)])
+    return {
+        "position_map_m": _rounded(frame.map_from_world(places), 3),
+        "sigma_m": _rounded(np.sqrt(variance), 6),
+        "factor_m": _rounded(np.array([R.T @ part for R, part in zip(axes, factor, strict=True)]), 5),
+    }
+
+
+def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> Json:
+    """Return what a finished block is weak in, and what would help."""
+    found = diagnose(result)
+    differences = resection_differences(result, resections)
+    return {
+        "cameras": _cameras(result, found),
+        "focal_height_correlation": {
+            name: {
+                "projection_centres": _finite(focal.centres),
+                "ground": _finite(focal.ground),
+                "gnss_offset": {flight: _finite(r) for flight, r in focal.offset.items()},
+                "sigma_height_m": _finite(focal.height_sigma_m),
+            }
+            for name, focal in found.focal_height.items()
+        },
+        "residual_pattern": {name: asdict(pattern) for name, pattern in found.patterns.items()},
+        "pattern_effect": {
+            "slopes_m": [_finite(s) for s in result.deformation.pattern_sigma_m[:2]],
+            "dome_m": _finite(result.deformation.pattern_sigma_m[2]),
+            "radius_m": _finite(result.deformation.radius_m),
+        },
+        "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
+        "placing": None if found.placing is None else {k: _finite(v) for k, v in asdict(found.placing).items()},
+        "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
+        "ground_errors": ground_error_numbers(result),
+        "warnings": list(found.warnings),
+        "remedies": [
+            {**asdict(remedy), "title": REMEDIES[remedy.what], "helps": remedy.helps, "sentence": remedy.sentence}
+            for remedy in found.remedies
+        ],
+        "undetermined": list(found.undetermined),
+        "resections": [
+            {
+                "camera": d.camera,
+                "flight": d.flight,
+                "photographs": len(d.distance_m),
+                "mean_m": d.mean_m.tolist(),
+                "focal_m": d.focal_m,
+                "offset_m": d.offset_m.tolist(),
+                "rest_m": d.rest_m.tolist(),
+                "scatter_m": d.scatter_m,
+                "sentence": d.sentence,
+            }
+            for d in differences
+        ],
+    }

@@ -1,0 +1,80 @@
+"""The height systems of a survey for report.json: what came in, what goes out, and the geoid between them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from photogram.frames import LocalFrame, product_crs, written_crs
+from photogram.height_systems import DeclaredHeights, HeightSystem
+
+Json = dict[str, Any]
+
+_WORDS: dict[HeightSystem | None, str] = {
+    "ellipsoidal": "above the ellipsoid",
+    "orthometric": "above the geoid",
+    None: "not declared",
+}
+
+
+def _input(systems: Sequence[HeightSystem | None]) -> Json:
+    """Return how many heights are of each system."""
+    counts = Counter(systems)
+    return {
+        "ellipsoidal": counts["ellipsoidal"],
+        "orthometric": counts["orthometric"],
+        "undeclared": counts[None],
+    }
+
+
+def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs: dict[str, Json]) -> str:
+    if heights.output is None:
+        return (
+            "Nothing declares what the heights are counted from: they are those of the control points and GNSS "
+            "positions as given, and the products name no height system."
+        )
+    text = f"All heights are {_WORDS[heights.output]}"
+    text += f" {heights.map_geoid.name} ({name})" if heights.map_geoid is not None else f" ({name})"
+    if geoid_m is not None and heights.geoid is not None:
+        side = "above" if geoid_m >= 0 else "below"
+        text += f"; the geoid lies {abs(geoid_m):.2f} m {side} the ellipsoid at the middle of the survey"
+    changed, bare = list[str](), list[str]()
+    for what, given in (("GNSS heights", inputs["gnss"]), ("heights of ground points", inputs["control_points"])):
+        other: HeightSystem = "ellipsoidal" if heights.output == "orthometric" else "orthometric"
+        if given[other]:
+            changed.append(f"{given[other]} {what} were given {_WORDS[other]}")
+        if given["undeclared"]:
+            bare.append(f"{given['undeclared']} {what}")
+    brought = "brought to them" if heights.geoid is not None else "taken as they are, no geoid being named"
+    text += "".join(f"; {part} and {brought}" for part in changed)
+    text += f"; {' and '.join(bare)} that nobody declares were taken as they are" if bare else ""
+    return text + "."
+
+
+def height_numbers(
+    heights: DeclaredHeights,
+    frame: LocalFrame,
+    gnss: Sequence[HeightSystem | None],
+    control_points: Sequence[HeightSystem | None],
+) -> Json:
+    """Return the height systems: of the results, of every GNSS height and of every ground point's height as given.
+
+    ``geoid_height_m`` is that at the origin of ``frame``, null without a geoid and where its grid does not reach.
+    """
+    crs = written_crs(product_crs(frame.crs, heights))
+    geoid_m = None
+    if heights.geoid is not None:
+        place = LocalFrame(frame.crs, frame.origin_map_m, "grid", heights.geoid)
+        geoid_m = float(place.geoid_height_m(np.array([frame.origin_map_m]))[0])
+    inputs = {"gnss": _input(gnss), "control_points": _input(control_points)}
+    return {
+        "output": heights.output,
+        "geoid": None if heights.geoid is None else heights.geoid.name,
+        "geoid_height_m": geoid_m,
+        "crs": {"name": crs.name, "epsg": crs.to_epsg(), "wkt": crs.to_wkt()},
+        "inputs": inputs,
+        "sentence": _sentence(heights, crs.name, geoid_m, inputs),
+    }

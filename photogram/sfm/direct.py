@@ -1,0 +1,199 @@
+"""Direct orientation: a block started from measured positions and attitudes, and verified by its tie points.
+
+Each tie point starts where its rays pass nearest to each other, held weakly to the ground below the photographs, since
+rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the residuals
+down, then either makes the tie points agree or shows that the measurements were no good.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from photogram.sfm.reconstruction import BoolArray, Structure, StructureSettings
+from photogram.sfm.similarity import similarity_from_attitudes
+from photogram.survey import Block, FloatArray
+
+GROUND_WEIGHT = 0.02  # of a ray; how strongly a tie point is held to the ground at the start
+ROUNDS = 8
+AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are believed
+REGISTERED_SHARE = 0.6  # of the photographs
+STRANGER_SHARE = 0.6  # of what the photographs agree on the average, below which one belongs elsewhere
+NEAR = 2.0  # thresholds, from which median residual on the photographs are adjusted with their calibration
+ROUNDS_TO_COME_NEAR = 3
+LARGEST_TURN_RAD = float(np.deg2rad(12.0))  # between a measured and an adjusted attitude that agree
+ATTITUDE_SHARE = 0.8  # of the photographs, whose attitudes must agree
+LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on the average
+
+
+def measured(block: Block) -> BoolArray:
+    """Return which photographs (N,) carry a GNSS position and an attitude."""
+    return np.array(
+        [p.gnss_world_m is not None and p.attitude_world_from_camera is not None for p in block.photographs], dtype=bool
+    )
+
+
+def _rays(structure: Structure) -> FloatArray:
+    """Return the unit directions (O, 3) in the structure's frame of all observations."""
+    local = np.column_stack([structure.ideal, np.ones(len(structure.ideal))])
+    direction = np.einsum("nij,nj->ni", structure.rotation[structure.tie_points.photograph], local)
+    return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))
+
+
+def _nearest_points(
+    structure: Structure, chosen: BoolArray, direction: FloatArray, ground: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points (P, 3) nearest to all chosen rays, and the smallest eigenvalue (P,) of their normal matrices.
+
+    With ``ground`` (P, 3) given the points are held to it by GROUND_WEIGHT.
+    """
+    tie = structure.tie_points
+    d, point = direction[chosen], tie.point[chosen]
+    across = np.eye(3) - d[:, :, None] * d[:, None, :]
+    pull = np.einsum("nij,nj->ni", across, structure.position[tie.photograph[chosen]])
+    A = np.array([[np.bincount(point, across[:, i, j], len(tie)) for j in range(3)] for i in range(3)])
+    b = np.array([np.bincount(point, pull[:, i], len(tie)) for i in range(3)])
+    A, b = np.moveaxis(A, 2, 0), b.T
+    strength = np.linalg.eigvalsh(A)[:, 0]
+    if ground is not None:
+        A = A + GROUND_WEIGHT * np.eye(3)
+        b = b + GROUND_WEIGHT * ground
+    usable = (np.bincount(point, minlength=len(tie)) >= 2) & (np.linalg.det(A) > 1e-9)
+    result = np.full((len(tie), 3), np.nan)
+    result[usable] = np.linalg.solve(A[usable], b[usable, :, None])[:, :, 0]
+    return result, strength
+
+
+def _ground_height(structure: Structure, block: Block, chosen: BoolArray, direction: FloatArray) -> float:
+    heights = [
+        float(structure.position[i, 2] - p.height_above_ground_m)
+        for i, p in enumerate(block.photographs)
+        if structure.registered[i] and (p.height_above_ground_m or 0.0) > 0.0
+    ]
+    if heights:
+        return float(np.median(heights))
+    points, strength = _nearest_points(structure, chosen, direction, None)
+    lowest = structure.position[structure.registered, 2].min()
+    firm = (strength > np.sin(np.deg2rad(4.0)) ** 2) & (points[:, 2] < lowest)
+    return float(np.median(points[firm, 2])) if firm.any() else float(lowest) - 50.0
+
+
+def _start_points(structure: Structure, block: Block) -> None:
+    """Give every tie point a first position on or near the ground."""
+    tie = structure.tie_points
+    chosen = structure.registered[tie.photograph]
+    direction = _rays(structure)
+    height = _ground_height(structure, block, chosen, direction)
+    centre = structure.position[tie.photograph[chosen]]
+    down = np.minimum(direction[chosen, 2], -0.05)
+    above = np.maximum(centre[:, 2] - height, 1.0)
+    reach = np.minimum(above / -down, 10.0 * above)
+    foot = centre + direction[chosen] * reach[:, None]
+    count = np.maximum(np.bincount(tie.point[chosen], minlength=len(tie)), 1)
+    ground = np.stack([np.bincount(tie.point[chosen], foot[:, k], len(tie)) / count for k in range(3)], axis=1)
+    structure.point[:] = _nearest_points(structure, chosen, direction, ground)[0]
+    structure.good[:] = False
+
+
+def _agreeing(structure: Structure) -> FloatArray:
+    """Return the share (N,) of each photograph's image points that agree, 0 without any."""
+    tie = structure.tie_points
+    everything = np.bincount(tie.photograph, minlength=len(structure.camera_of))
+    good = np.bincount(tie.photograph[structure.good], minlength=len(structure.camera_of))
+    return np.asarray(good / np.maximum(everything, 1))
+
+
+def direct_structure(block: Block, settings: StructureSettings) -> Structure | None:
+    """Return the structure that the measured poses lead to, None where the tie points do not confirm them.
+
+    The frame stays near the world frame; photographs that do not agree with the others are not in it.
+    """
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    structure = Structure.empty(block.tie_points, block.cameras, camera_of, settings)
+    usable = measured(block)
+    usable &= np.bincount(block.tie_points.photograph, minlength=len(usable)) >= settings.minimum_points
+    if usable.sum() < 3:
+        return None
+    for i in np.flatnonzero(usable).tolist():
+        photograph = block.photographs[i]
+        structure.rotation[i] = photograph.attitude_world_from_camera
+        structure.position[i] = photograph.gnss_world_m
+    structure.registered[:] = usable
+    _start_points(structure, block)
+    limit = np.inf
+    for number in range(ROUNDS):
+        structure.judge(limit)
+        if number > 0:
+            _withdraw_strangers(structure)
+        if structure.good.sum() < AGREEING_SHARE / 2 * len(structure.good):
+            return None
+        middle = float(np.median(structure.residual_px(structure.good)))
+        near = middle < NEAR * settings.threshold_px
+        if number >= ROUNDS_TO_COME_NEAR and not near:
+            return None
+        # a calibration would take up what are faults of the measured poses
+        structure.adjust(iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near, loss="cauchy")
+        last = limit <= settings.threshold_px
+        middle = float(np.median(structure.residual_px(structure.good)))
+        limit = max(settings.threshold_px, 5.0 * middle)
+        if last:
+            break
+    structure.judge()
+    structure.intersect()
+    share = _agreeing(structure)
+    good = np.bincount(block.tie_points.photograph[structure.good], minlength=len(usable))
+    confirmed = structure.registered & (share >= settings.minimum_share) & (good >= settings.minimum_points)
+    structure.withdraw(structure.registered & ~confirmed)
+    confirmed &= _largest_piece(structure)
+    structure.withdraw(structure.registered & ~confirmed)
+    theirs = confirmed[block.tie_points.photograph]
+    if (
+        confirmed.sum() < max(3, REGISTERED_SHARE * usable.sum())
+        or structure.good.sum() < AGREEING_SHARE * theirs.sum()
+    ):
+        return None
+    turned = np.mean(_turns_rad(structure, block) < LARGEST_TURN_RAD)
+    return structure if turned >= ATTITUDE_SHARE and _shift(structure, block) < LARGEST_SHIFT else None
+
+
+def _withdraw_strangers(structure: Structure) -> None:
+    """Withdraw photographs that agree far less than most do, before they bend the others."""
+    share = _agreeing(structure)
+    structure.withdraw(structure.registered & (share < STRANGER_SHARE * np.median(share[structure.registered])))
+
+
+def _largest_piece(structure: Structure) -> BoolArray:
+    """Return the photographs (N,) of the largest piece that tie points hold together.
+
+    Photographs of another site agree with each other and with their own measured poses.
+    """
+    tie, good = structure.tie_points, structure.good
+    shape = (len(structure.camera_of), len(tie))
+    seen = csr_matrix((np.ones(int(good.sum()), dtype=np.int32), (tie.photograph[good], tie.point[good])), shape=shape)
+    joined = (seen @ seen.T) >= structure.settings.minimum_points
+    piece = connected_components(joined, directed=False)[1]
+    size = np.bincount(piece[structure.registered], minlength=int(piece.max(initial=-1)) + 1)
+    return np.asarray(structure.registered & (piece == int(np.argmax(size))))
+
+
+def _shift(structure: Structure, block: Block) -> float:
+    """Return the median distance between measured and adjusted positions, over the spread of the measured ones.
+
+    What image points agree with can still be folded or torn where they are few; measured positions show that.
+    """
+    index = np.flatnonzero(structure.registered)
+    target = np.array([block.photographs[i].gnss_world_m for i in index])
+    attitude = np.array([block.photographs[i].attitude_world_from_camera for i in index])
+    fit = similarity_from_attitudes(structure.position[index], structure.rotation[index], target, attitude)
+    spread = float(np.median(np.linalg.norm(target - np.median(target, axis=0), axis=1)))
+    moved = float(np.median(np.linalg.norm(fit.points(structure.position[index]) - target, axis=1)))
+    return moved / spread if spread > 0 else np.inf
+
+
+def _turns_rad(structure: Structure, block: Block) -> FloatArray:
+    """Return the angles (K,) between measured and adjusted attitudes of the registered photographs."""
+    index = np.flatnonzero(structure.registered)
+    wanted = np.array([block.photographs[i].attitude_world_from_camera for i in index])
+    turn = wanted @ np.swapaxes(structure.rotation[index], 1, 2)
+    return np.asarray(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)))

@@ -1,0 +1,336 @@
+"""A plan as it was flown and measured: true poses, GNSS positions, attitudes, ground points and their marks.
+
+Errors:
+    GNSS position      = projection centre − offset of the flight + noise     (projection centre = GNSS + offset)
+    measured attitude  = true rotation · Exp(noise), about the camera's axes
+    approximate camera = true interior orientation + noise, or what the EXIF focal length says
+    surveyed point     = true position + noise
+    mark               = projection of the true position + noise, rounded to whole pixels where the plan says so
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial.transform import Rotation
+
+from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose, all_parameters, image_plane, project_point
+from photogram.compilation import njit
+from photogram.simulation.rendering import visible
+from photogram.simulation.scene import Scene
+from photogram.simulation.survey_plan import SurveyPlan
+from photogram.survey import ControlPoints, Photograph, Role
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+_START = datetime(2024, 6, 12, 10, 0, tzinfo=UTC)
+_POINTS_AT_ONCE = 20_000
+_READOUT_STEPS = 3  # each takes the error of the row down by the part of its way that the picture moves on
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a simulated survey tried to find out, in the world frame; ``gnss_offset_world_m`` by flight,
+    ``readout_world_m`` (N, 3) as of a Flight."""
+
+    camera: Camera
+    poses: tuple[Pose, ...]
+    control_position_world_m: FloatArray
+    gnss_offset_world_m: dict[str, FloatArray]
+    readout_world_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A plan as it was flown: the true camera and poses, and what the surveyor has of them. ``readout_world_m`` (N, 3)
+    is the way of each projection centre while its photograph is read out; its pose is that of the middle row."""
+
+    plan: SurveyPlan
+    camera: Camera
+    approximate: Camera
+    poses: tuple[Pose, ...]
+    photographs: tuple[Photograph, ...]
+    gnss_offset: dict[str, FloatArray]
+    readout_world_m: FloatArray
+
+    @property
+    def rotations(self) -> FloatArray:
+        """Return the true rotations world from camera (N, 3, 3)."""
+        return np.array([pose.rotation_world_from_camera for pose in self.poses])
+
+    @property
+    def centres(self) -> FloatArray:
+        """Return the true projection centres (N, 3) in the world frame."""
+        return np.array([pose.position_world_m for pose in self.poses])
+
+    @property
+    def corners(self) -> FloatArray:
+        """Return the ideal image-plane coordinates (4, 2) of the corners of a photograph."""
+        w, h = self.plan.width_px - 1.0, self.plan.height_px - 1.0
+        return image_plane(self.camera, np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
+
+    def truth(self, control_position_world_m: FloatArray) -> Truth:
+        """Return the truth, with ground points (G, 3)."""
+        return Truth(self.camera, self.poses, control_position_world_m, self.gnss_offset, self.readout_world_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Which points photographs show, sorted by point, then photograph: ``photograph`` (N,), ``point`` (N,), and the
+    true ``pixel`` (N, 2)."""
+
+    photograph: IntArray
+    point: IntArray
+    pixel: FloatArray
+
+    def select(self, keep: BoolArray) -> Sightings:
+        """Keep the sightings of the mask (N,)."""
+        return Sightings(self.photograph[keep], self.point[keep], self.pixel[keep])
+
+    def table(self, photographs: int, points: int) -> BoolArray:
+        """Return which photographs show which points (photographs, points)."""
+        seen = np.zeros((photographs, points), dtype=bool)
+        seen[self.photograph, self.point] = True
+        return seen
+
+
+def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera]:
+    """Return the true and the approximate camera."""
+    w, h, radial, tangential = plan.width_px, plan.height_px, np.array(plan.radial), np.array(plan.tangential)
+    middle = np.array([(w - 1) / 2, (h - 1) / 2])
+    camera = Camera(
+        "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential,
+        affinity=np.array(plan.affinity_px), model=plan.camera_model,
+    )  # fmt: skip
+    sigmas = all_parameters(np.array(plan.calibration_sigmas))
+    drawn = np.zeros(PARAMETERS)
+    drawn[CLASSIC] = rng.standard_normal(np.count_nonzero(CLASSIC))
+    if np.any(sigmas[~CLASSIC] > 0):
+        drawn[~CLASSIC] = rng.standard_normal(np.count_nonzero(~CLASSIC))
+    error = np.where(np.isfinite(sigmas), sigmas, 0.0) * drawn
+    if plan.calibration_source == "exif":
+        focal_px = plan.focal_px * plan.focal_35mm_mm / plan.exact_focal_35mm_mm
+        undistorted = np.zeros(PARAMETERS)
+        undistorted[:3] = focal_px, *middle
+        return camera, replace(camera.with_parameters(undistorted), sigmas=sigmas)
+    return camera, replace(camera.with_parameters(camera.parameters + error), sigmas=sigmas)
+
+
+def turned(rotation: FloatArray, noise_rad: FloatArray) -> FloatArray:
+    """Return rotations (N, 3, 3) turned about the camera's axes by rotation vectors (N, 3)."""
+    return np.asarray(rotation @ Rotation.from_rotvec(noise_rad).as_matrix())
+
+
+def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Return rotations (N, 3, 3), projection centres (N, 3) and directions of flight (N, 3), strip after strip, and the
+    strip (N,) of each."""
+    apart = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m
+    length = plan.photographs_per_strip
+    courses = [((s - (plan.strips - 1) / 2) * apart, 180.0 * (s % 2), 0.0, length) for s in range(plan.strips)]
+    if plan.oblique_strip:
+        courses.append((0.0, 90.0, plan.oblique_angle_deg, plan.oblique_photographs or length))
+    rotations, centres, directions = [], [], []
+    for offset, heading_deg, tilt_deg, count in courses:
+        heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
+        forward = np.array([np.sin(heading), np.cos(heading), 0.0])
+        right, down = np.array([forward[1], -forward[0], 0.0]), np.array([0.0, 0.0, -1.0])
+        across, setback = np.array([offset, 0.0, plan.flying_height_m]), np.tan(tilt) * plan.flying_height_m
+        axis = np.cos(tilt) * down + np.sin(tilt) * forward
+        along = (np.arange(count) - (count - 1) / 2) * plan.base_m
+        rotations += [np.column_stack([right, np.cross(axis, right), axis])] * count
+        centres.append(across + (along[:, None] - setback) * forward)
+        directions += [forward] * count
+    position = np.concatenate(centres)
+    position += plan.position_noise_m * rng.standard_normal(position.shape)
+    noise_rad = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
+    strip = np.repeat(np.arange(len(courses)), [count for _, _, _, count in courses])
+    return turned(np.array(rotations), noise_rad), position, np.array(directions), strip
+
+
+def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
+    """Fly the plan and measure the positions and attitudes of its photographs."""
+    camera, approximate = _cameras(plan, rng)
+    rotations, centres, directions, strip = _courses(plan, rng)
+    offset = np.array(plan.gnss_offset_sigma_m) * rng.standard_normal((plan.flights, 3))
+    flight = np.minimum(strip * plan.flights // plan.strips, plan.flights - 1)
+    sigma, sigma_rad = np.array(plan.gnss_sigma_m), float(np.radians(plan.attitude_sigma_deg))
+    gnss = centres - offset[flight] + sigma * rng.standard_normal(centres.shape)
+    attitude = turned(rotations, sigma_rad * rng.standard_normal(centres.shape))
+    seconds = np.arange(len(strip)) * plan.base_m / plan.speed_m_s + 20.0 * strip + 1200.0 * flight
+    bare = [Photograph(f"sim_{i + 1:04d}.JPG", 0, flight=str(flight[i] + 1)) for i in range(len(strip))]
+    photographs = tuple(
+        replace(
+            photograph, time=_START + timedelta(seconds=float(seconds[i])), gnss_world_m=gnss[i], gnss_sigma_m=sigma,
+            attitude_world_from_camera=attitude[i], attitude_sigma_rad=sigma_rad,
+            # a barometer above the place of take-off, whose height is that of the terrain on the average
+            height_above_ground_m=round(float(centres[i, 2]), 1),
+        )
+        for i, photograph in enumerate(bare)
+    )  # fmt: skip
+    poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
+    offsets = {str(f + 1): v for f, v in enumerate(offset)}
+    readout = plan.readout_s * plan.speed_m_s * directions
+    return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets, readout)
+
+
+def footprints(flight: Flight, height_m: float) -> FloatArray:
+    """Return where the corners (N, 4, 2) of photographs meet level ground. Raises ValueError above the horizon."""
+    direction = np.column_stack([flight.corners, np.ones(4)]) @ np.swapaxes(flight.rotations, 1, 2)
+    if np.any(direction[..., 2] > -0.1 * np.linalg.norm(direction, axis=2)):
+        raise ValueError(f"photographs look at the horizon: reduce oblique_angle_deg = {flight.plan.oblique_angle_deg}")
+    centre = flight.centres[:, None]
+    return np.asarray((centre + direction * ((height_m - centre[..., 2:]) / direction[..., 2:]))[..., :2])
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _sight(
+    model: int, q: FloatArray, R: FloatArray, C: FloatArray, D: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
+    reach: float, limits: FloatArray, height_px: int,
+) -> tuple[FloatArray, BoolArray]:  # fmt: skip
+    """Project points p by photographs i, whose centres move on by D from the first to the last row; points are seen
+    within ``limits`` (left, top, right, bottom) in px.
+
+    ``reach`` bounds the ideal radius: far outside of a photograph the distortion polynomial folds back, so that the
+    pixel alone says nothing.
+    """
+    pixel = np.empty((len(p), 2))
+    seen = np.zeros(len(p), dtype=np.bool_)
+    for n in range(len(p)):
+        u, v, depth = project_point(model, q, R[i[n]], C[i[n]], X[p[n]])
+        if depth > 0.0 and np.any(D[i[n]] != 0.0):
+            for _ in range(_READOUT_STEPS):
+                way = min(max(v / (height_px - 1.0), 0.0), 1.0) - 0.5
+                u, v, depth = project_point(model, q, R[i[n]], C[i[n]] + way * D[i[n]], X[p[n]])
+        pixel[n, 0], pixel[n, 1] = u, v
+        if depth > 0.0:
+            distance2 = np.sum((X[p[n]] - C[i[n]]) ** 2)
+            near = distance2 - depth * depth <= (reach * depth) ** 2
+            seen[n] = near and limits[0] <= u <= limits[2] and limits[1] <= v <= limits[3]
+    return pixel, seen
+
+
+def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene | None = None) -> Sightings:
+    """Return which photographs show which points (P, 3), ``margin_px`` within; without a scene nothing is hidden.
+
+    Points are taken by the thousand, each with the photographs near it, so that memory grows with the sightings alone.
+    """
+    corners, relief, height = footprints(flight, 0.0), flight.plan.relief_m, flight.plan.flying_height_m
+    centre = corners.mean(axis=1)
+    widening = height / max(height - relief, 0.2 * height)
+    near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
+    tree, q, R, C, D = (
+        cKDTree(centre),
+        flight.camera.parameters,
+        flight.rotations,
+        flight.centres,
+        flight.readout_world_m,
+    )
+    last = np.array([flight.plan.width_px, flight.plan.height_px]) - 1 - margin_px
+    limits = np.array([margin_px, margin_px, *last])
+    reach = 1.02 * float(np.linalg.norm(flight.corners, axis=1).max())
+    parts = [Sightings(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
+    for start in range(0, len(points), _POINTS_AT_ONCE):
+        chunk = points[start : start + _POINTS_AT_ONCE]
+        pairs = cKDTree(chunk[:, :2]).sparse_distance_matrix(tree, near_m, output_type="ndarray")
+        order = np.lexsort((pairs["j"], pairs["i"]))
+        point, photograph = pairs["i"][order].astype(np.int64), pairs["j"][order].astype(np.int64)
+        pixel, seen = _sight(
+            flight.camera.kind, q, R, C, D, chunk, photograph, point, reach, limits, flight.plan.height_px
+        )
+        parts.append(Sightings(photograph, point + start, pixel).select(seen))
+    photograph, point, pixel = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")
+    )
+    found = Sightings(photograph, point, pixel)
+    return found if scene is None else found.select(_not_hidden(flight, points, found, scene))
+
+
+def _not_hidden(flight: Flight, points: FloatArray, found: Sightings, scene: Scene) -> BoolArray:
+    keep = np.zeros(len(found.point), dtype=bool)
+    for number, pose in enumerate(flight.poses):
+        mine = np.flatnonzero(found.photograph == number)
+        keep[mine] = visible(scene, pose, points[found.point[mine]])
+    return keep
+
+
+def candidates(flight: Flight, rng: np.random.Generator) -> FloatArray:
+    """Return places (K, 2) in and around the photographed area where a ground point might go."""
+    corners = footprints(flight, 0.0).reshape(-1, 2)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    spacing = max(1.5, float(np.max(high - low)) / 70)
+    x, y = (np.arange(low[k], high[k] + spacing, spacing) for k in (0, 1))
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.asarray(grid + rng.uniform(-0.3, 0.3, grid.shape) * spacing)
+
+
+def place_control(plan: SurveyPlan, candidate: FloatArray, seen: BoolArray) -> FloatArray:
+    """Choose control, then check points (G, 3) among candidates (K, 3), seen (N, K) by the photographs.
+
+    Each point in turn goes where it is farthest from those that stand, corners and edges first; places that help
+    photographs which still lack control marks count for more, and check points keep within the hull of the control.
+    Raises ValueError when there is no room.
+    """
+    wanted = plan.control_points + plan.check_points
+    rays = seen.sum(axis=0)
+    usable = rays >= min(3, max(1, rays.max(initial=0)))
+    candidate, seen = candidate[usable], seen[:, usable]
+    if len(candidate) < wanted:
+        raise ValueError(f"no room for {wanted} control and check points: reduce their number, or photograph more")
+    distance = 1 / (1 + np.linalg.norm(candidate - candidate.min(axis=0, initial=np.inf), axis=1))
+    chosen: list[int] = []
+    lacking = np.full(len(seen), plan.control_marks_per_photograph)
+    for number in range(wanted):
+        if number == plan.control_points >= 3:
+            within = Delaunay(candidate[chosen, :2]).find_simplex(candidate[:, :2]) >= 0
+            distance = np.where(within, 1.0, 1e-3) * distance
+        gain = 1 + 0.5 * seen[lacking > 0].sum(axis=0) * (0 < number < plan.control_points)
+        chosen.append(int(np.argmax(distance * gain)))
+        lacking -= seen[:, chosen[-1]]
+        step = np.linalg.norm(candidate[:, :2] - candidate[chosen[-1], :2], axis=1)
+        distance = step if number == 0 else np.minimum(distance, step)
+    return np.asarray(candidate[chosen])
+
+
+def measure_control(flight: Flight, position: FloatArray, seen: Sightings, rng: np.random.Generator) -> ControlPoints:
+    """Survey the points at true positions (G, 3), and mark them where they are seen.
+
+    Raises ValueError when a photograph sees too few control points for the plan.
+    """
+    plan = flight.plan
+    _require_marks(flight, seen)
+    mark = seen.pixel + plan.mark_sigma_px * rng.standard_normal((len(seen.point), 2))
+    sigma = np.array(plan.control_sigma_m)
+    surveyed = position + sigma * rng.standard_normal(position.shape)
+    control: list[Role] = ["control"] * plan.control_points
+    check: list[Role] = ["check"] * plan.check_points
+    names = (*(f"G{i + 1:02d}" for i in range(len(control))), *(f"C{i + 1:02d}" for i in range(len(check))))
+    if plan.blunder_point is not None:
+        if plan.blunder_point not in names:
+            raise ValueError(f"blunder_point: no point is called {plan.blunder_point!r}; they are {', '.join(names)}")
+        surveyed[names.index(plan.blunder_point), 2] += plan.control_height_blunder_m
+    return ControlPoints(
+        name=names,
+        role=(*control, *check),
+        position_world_m=surveyed,
+        sigma_m=np.tile(sigma, (len(names), 1)),
+        mark_photograph=seen.photograph,
+        mark_point=seen.point,
+        mark_pixel=np.rint(mark) if plan.whole_pixel_marks else mark,
+        mark_sigma_px=np.full(len(seen.point), plan.stated_mark_sigma_px),
+    )
+
+
+def _require_marks(flight: Flight, seen: Sightings) -> None:
+    control = seen.photograph[seen.point < flight.plan.control_points]
+    marks = np.bincount(control, minlength=len(flight.poses))
+    fewest, wanted = int(np.argmin(marks)), flight.plan.control_marks_per_photograph
+    if marks[fewest] < wanted:
+        raise ValueError(
+            f"photograph {flight.photographs[fewest].name} sees {marks[fewest]} of {flight.plan.control_points} "
+            f"control points, the plan asks for {wanted}: raise control_points"
+        )

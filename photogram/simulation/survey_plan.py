@@ -1,0 +1,193 @@
+"""What a simulated survey is asked to be: camera, flight, ground and noise; and the plans with a name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from photogram.camera import CLASSIC, PARAMETERS, Model
+from photogram.frames import LocalFrame
+
+CalibrationSource = Literal["laboratory", "maker", "exif"]
+
+CONSUMER_GNSS_SIGMA_M = (2.0, 2.0, 2.0)
+RTK_GNSS_SIGMA_M = (0.015, 0.015, 0.02)
+_FIXED_BELOW_M, _CORRECTED_BELOW_M = 0.05, 1.0
+_DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
+
+
+@dataclass(frozen=True)
+class SurveyPlan:
+    """All settings of a simulated survey.
+
+    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential`` p1
+    p2, ``affinity_px`` b1 b2, and the ``camera_model``. ``calibration_source`` is what the surveyor has of it: a
+    ``laboratory``'s figures, the ``maker``'s in the tags (DewarpData), or the ``exif`` focal length alone, in whole
+    millimetres on 35 mm film, with no distortion known. ``focal_tag_factor`` is what EXIF's focal length is wrong by,
+    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in
+    camera.CLASSIC, are the sigmas that the approximate camera states, and its errors but for ``exif`` (a zero: known;
+    infinity: free, and without error). Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose
+    height is 0 on the average; an oblique strip, of ``oblique_photographs`` where it is not as long as the others,
+    crosses them, its cameras tilted forward by ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m``
+    are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is
+    measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which the camera
+    moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
+    are shared out among the ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor
+    attitude nor time. Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of
+    ``buildings`` and ``trees``. Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every
+    photograph must see ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is
+    added to the surveyed height of the point called ``blunder_point``.
+    """
+
+    width_px: int = 1200
+    height_px: int = 900
+    focal_px: float = 1800.0
+    principal_point_offset_px: tuple[float, float] = (3.0, -2.0)
+    radial: tuple[float, ...] = (-0.08, 0.06, -0.01)
+    tangential: tuple[float, float] = (0.0004, -0.0003)
+    affinity_px: tuple[float, float] = (0.0, 0.0)
+    camera_model: Model = "brown"
+    calibration_source: CalibrationSource = "laboratory"
+    focal_tag_factor: float = 1.0
+    calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
+    flying_height_m: float = 80.0
+    forward_overlap: float = 0.7
+    side_overlap: float = 0.65
+    strips: int = 3
+    photographs_per_strip: int = 4
+    oblique_strip: bool = False
+    oblique_photographs: int | None = None
+    oblique_angle_deg: float = 25.0
+    speed_m_s: float = 5.0
+    readout_s: float = 0.0
+    attitude_noise_deg: float = 1.5
+    position_noise_m: float = 0.5
+    attitude_sigma_deg: float = 1.0
+    flights: int = 1
+    gnss_tags: bool = True
+    gnss_sigma_m: tuple[float, float, float] = (0.02, 0.02, 0.04)
+    gnss_offset_sigma_m: tuple[float, float, float] = (0.3, 0.3, 0.5)
+    relief_m: float = 8.0
+    cell_m: float = 0.1
+    buildings: int = 12
+    trees: int = 100
+    target_radius_m: float = 0.35
+    control_points: int = 18
+    check_points: int = 8
+    control_marks_per_photograph: int = 0
+    control_sigma_m: tuple[float, float, float] = (0.01, 0.01, 0.015)
+    mark_sigma_px: float = 0.3
+    whole_pixel_marks: bool = False
+    blunder_point: str | None = None
+    control_height_blunder_m: float = 0.0
+    crs: str = "EPSG:25832"
+    origin_map_m: tuple[float, float, float] = (602340.0, 5794120.0, 120.0)
+
+    def __post_init__(self) -> None:
+        if not (0 < self.forward_overlap < 1 and 0 < self.side_overlap < 1):
+            raise ValueError("overlaps lie between 0 and 1")
+        if min(self.strips, self.photographs_per_strip, self.flights) < 1 or self.flights > self.strips:
+            raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
+        if self.oblique_photographs is not None and self.oblique_photographs < 1:
+            raise ValueError("oblique_photographs: an oblique strip has at least one photograph")
+        if len(self.calibration_sigmas) not in (np.count_nonzero(CLASSIC), PARAMETERS):
+            raise ValueError(f"calibration_sigmas: eight or eleven values, not {len(self.calibration_sigmas)}")
+
+        beyond_tags = any(self.radial[3:]) or any(self.affinity_px) or self.camera_model != "brown"
+        if self.calibration_source == "maker" and beyond_tags:
+            raise ValueError("a maker's tags hold k1 k2 k3 p1 p2 of a Brown camera, neither k4, affinity nor a fisheye")
+
+    @property
+    def gsd_m(self) -> float:
+        """Return the ground sampling distance: the size of a pixel on the ground, in metres."""
+        return self.flying_height_m / self.focal_px
+
+    @property
+    def base_m(self) -> float:
+        """Return the distance between neighbouring projection centres of a strip, in metres."""
+        return (1 - self.forward_overlap) * self.height_px * self.gsd_m
+
+    @property
+    def frame(self) -> LocalFrame:
+        """Return the world frame of the survey."""
+        return LocalFrame(self.crs, self.origin_map_m)
+
+    @property
+    def stated_mark_sigma_px(self) -> float:
+        """Return the standard deviation of a mark, rounding included."""
+        return float(np.hypot(self.mark_sigma_px, 12**-0.5 if self.whole_pixel_marks else 0.0))
+
+    @property
+    def rtk_flag(self) -> int | None:
+        """Return what an RTK drone writes as its kind of solution (50 fixed, 34 float), None for any other drone."""
+        plan = max(self.gnss_sigma_m[:2])
+        return 50 if plan < _FIXED_BELOW_M else 34 if plan < _CORRECTED_BELOW_M else None
+
+    @property
+    def exact_focal_35mm_mm(self) -> float:
+        """Return the focal length on 35 mm film with the same diagonal angle of view."""
+        return self.focal_px * _DIAGONAL_35MM_MM / float(np.hypot(self.width_px, self.height_px))
+
+    @property
+    def focal_35mm_mm(self) -> int:
+        """Return what EXIF says of it, in whole millimetres."""
+        return round(self.exact_focal_35mm_mm * self.focal_tag_factor)
+
+
+def demonstration_plan() -> SurveyPlan:
+    """Return the plan of the built-in demonstration: twelve photographs, their control marks read to whole pixels."""
+    return SurveyPlan(control_marks_per_photograph=4, mark_sigma_px=0.0, whole_pixel_marks=True)
+
+
+def whole_survey_plan(width_px: int = 1200) -> SurveyPlan:
+    """Return the plan of an ordinary survey: 24 photographs of a consumer drone, six control points somewhere.
+
+    The camera is known by its EXIF focal length, positions are good to 2 m, and most photographs see no four control
+    points. ``width_px`` sets the size of the pictures, their angle of view stays.
+    """
+    focal_px = width_px / 1.2
+    return SurveyPlan(
+        width_px=width_px,
+        height_px=width_px * 3 // 4,
+        focal_px=focal_px,
+        calibration_source="exif",
+        calibration_sigmas=(0.03 * focal_px, 0.01 * width_px, 0.01 * width_px, 0.1, 0.1, 0.05, 0.002, 0.002),
+        flying_height_m=60.0,
+        forward_overlap=0.8,
+        side_overlap=0.7,
+        strips=4,
+        photographs_per_strip=6,
+        position_noise_m=1.0,
+        attitude_noise_deg=2.5,
+        gnss_sigma_m=CONSUMER_GNSS_SIGMA_M,
+        gnss_offset_sigma_m=(1.0, 1.0, 2.0),
+        target_radius_m=0.4,
+        control_points=6,
+        check_points=10,
+    )
+
+
+def rtk_plan(*, oblique: bool = False) -> SurveyPlan:
+    """Return the plan of a survey without control: 28 nadir photographs of an RTK drone, all from one height.
+
+    The focal length is known to 1 % only. ``oblique`` adds a strip of five photographs, 15 % of all, tilted by 15°.
+    """
+    return SurveyPlan(
+        focal_px=1000.0,
+        calibration_source="maker",
+        calibration_sigmas=(10.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+        flying_height_m=60.0,
+        forward_overlap=0.8,
+        side_overlap=0.7,
+        strips=4,
+        photographs_per_strip=7,
+        oblique_strip=oblique,
+        oblique_photographs=5,
+        oblique_angle_deg=15.0,
+        gnss_sigma_m=RTK_GNSS_SIGMA_M,
+        gnss_offset_sigma_m=(0.0, 0.0, 0.0),
+        control_points=0,
+        check_points=9,
+    )

@@ -1,0 +1,260 @@
+"""The levels of dense matching, from coarse to fine: grids, reduced pictures, steps of height, search ranges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter
+from scipy.spatial import cKDTree
+
+from photogram.errors import PhotogramError
+from photogram.frames import LocalFrame
+from photogram.grid import MapGrid, Window
+from photogram.surface.dense.correlation import Crops, nearest_views
+from photogram.surface.tin_dsm import NMAD_FACTOR
+from photogram.surface.views import Views
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+STEP_PX = 0.7
+"""Parallax, in pixels of the reduced picture, between neighbouring hypotheses."""
+
+COARSEST_PX = 110
+"""Shorter side of the smallest reduced picture that is worth matching."""
+
+MOST_LEVELS = 5
+RANGE_STEPS = 1.5
+"""How far beyond the heights of the coarser level, in steps of its own, a finer one searches."""
+
+DOUBTFUL_NMAD, DOUBTFUL_BETWEEN = 3.0, (0.3, 0.75)
+"""A correlation so many NMAD below the median of all is not believed; the limit lies between these two."""
+
+AROUND_CELLS = 8
+"""How far around a doubtful cell, in cells of the coarser level, the finest one looks for heights to try."""
+
+CORRELATION_BINS = 1000
+_LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level: its grid, the reduction of the pictures (1: the photographs as they are), the distance of samples in
+    cells, and the step between hypotheses, in m."""
+
+    grid: MapGrid
+    reduction: int
+    spacing: float
+    step_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the heights (rows, columns) of a window beforehand, in m over the base: they lie between ``low``
+    and ``high``, near ``surface``."""
+
+    low: Float32Array
+    high: Float32Array
+    surface: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class KnownGround:
+    """Tie points (N, 3) of the map and what follows from them: flying height over them, GSD, and the spread of the
+    nearest photographs in relation to the flying height."""
+
+    points_map_m: FloatArray
+    flying_height_m: float
+    gsd_m: float
+    spread: float
+
+
+def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Views, most: int) -> KnownGround:
+    """Return what tie points tell of a survey matched in ``most`` photographs at a time.
+
+    Raises PhotogramError with fewer than three points or two photographs.
+    """
+    if len(points_map_m) < 3 or len(views) < 2:
+        raise PhotogramError(
+            f"dense matching starts from tie points: {len(points_map_m)} in {len(views)} photographs are too few"
+        )
+    low, high = np.percentile(points_map_m[:, 2], [0.1, 99.9])
+    kept = points_map_m[(points_map_m[:, 2] >= low) & (points_map_m[:, 2] <= high)]
+    centre = views.position_world_m
+    below = nearest_in_plan(points_world_m, centre, min(50, len(points_world_m)))
+    above = centre[:, 2] - np.median(points_world_m[below, 2], axis=1)
+    flying = float(np.median(above))
+    if not flying > 0:
+        raise PhotogramError("dense matching looks down: the photographs lie below the ground they show")
+    gsd = float(np.median(above / views.parameters[:, 0]))
+    neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
+    away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
+    spread = float(np.median(away)) / flying
+    return KnownGround(kept, flying, gsd, max(spread, 0.05))
+
+
+def nearest_in_plan(points: FloatArray, places: FloatArray, count: int) -> NDArray[np.int64]:
+    """Return the numbers (P, count) of the points (N, 2 or 3) that are next to places (P, 2 or 3) in plan."""
+    _, index = cKDTree(points[:, :2]).query(places[:, :2], k=list(range(1, count + 1)))
+    return np.asarray(index, dtype=np.int64)
+
+
+def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: float, rays: int) -> MapGrid:
+    """Return the grid around all ground that at least ``rays`` photographs see, its height being that of the next tie
+    point."""
+    points = known.points_map_m
+    coarse = known.flying_height_m / 40
+    reach = 2.0 * known.flying_height_m
+    corners = np.vstack([points[:, :2].min(axis=0) - reach, points[:, :2].max(axis=0) + reach])
+    wide = MapGrid.around(corners, coarse)
+    east, north = wide.centres_map_m(wide.whole)
+    plan = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
+    place = np.column_stack([plan, points[nearest_in_plan(points, plan, 1)[:, 0], 2]])
+    chosen, _ = choose_views(views, frame.world_from_map(place), rays)
+    seen = place[(chosen >= 0).all(axis=1)]
+    if not len(seen):
+        raise PhotogramError(f"no ground is seen by {rays} photographs: dense matching needs overlap")
+    half = coarse / 2
+    return MapGrid.around(np.vstack([seen[:, :2] - half, seen[:, :2] + half]), cell_m)
+
+
+def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the views (P, most) that see places (P, 3) from straightest above, −1 where there are no more, and the
+    tangents (P, most) of their angles off the vertical."""
+    none = np.zeros(0, np.int64)
+    whole = Crops(
+        views.model, views.parameters, views.rotation_world_from_camera, views.position_world_m, views.largest_radius,
+        none, none, none, none, none, np.zeros(0, np.float32), 1.0,
+    )  # fmt: skip
+    chosen = np.empty((len(places_world_m), most), np.int64)
+    tangent = np.empty((len(places_world_m), most))
+    nearest_views(whole, views.size_px, 0.0, np.ascontiguousarray(places_world_m), chosen, tangent)
+    return chosen, tangent
+
+
+def plan_levels(known: KnownGround, views: Views, grid: MapGrid) -> tuple[Level, ...]:
+    """Return the levels, coarse to fine, the last on ``grid``.
+
+    The pictures are reduced so that a pixel is about half a cell or a whole one; each coarser level has cells and
+    pixels of twice the size, until the pictures are COARSEST_PX wide.
+    """
+    finest = max(0, round(float(np.log2(grid.cell_m / known.gsd_m)) - 1.0))
+    shorter = int(views.size_px.min())
+    coarser = int(np.clip(np.floor(np.log2(shorter / COARSEST_PX)) - finest, 0, MOST_LEVELS - 1))
+    levels = []
+    for level in range(coarser, -1, -1):
+        reduction, factor = 2 ** (finest + level), 2**level
+        pixel_m = known.gsd_m * reduction
+        cell_m = grid.cell_m * factor
+        coarse = MapGrid(
+            grid.west_map_m, grid.north_map_m, cell_m, -(-grid.rows // factor), -(-grid.columns // factor)
+        )  # fmt: skip
+        levels.append(Level(coarse, reduction, min(pixel_m / cell_m, 1.0), STEP_PX * pixel_m / known.spread))
+    return tuple(levels)
+
+
+def first_prior(known: KnownGround, level: Level, window: Window, base_map_m: float) -> Prior:
+    """Return the range of the coarsest level: that of the tie points around, and some more for what stands out."""
+    tree = cKDTree(known.points_map_m[:, :2])
+    # one query per lattice node: the range changes slowly
+    reach = _LOCAL_SHARE * known.flying_height_m
+    axes = [np.unique(np.round(v / (reach / 4)), return_inverse=True) for v in level.grid.centres_map_m(window)]
+    (east, column), (north, row) = axes
+    nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2) * (reach / 4)
+    heights = known.points_map_m[:, 2] - base_map_m
+    nearest = nearest_in_plan(known.points_map_m, nodes, min(5, len(heights)))
+    low, high, middle = (np.empty(len(nodes)) for _ in range(3))
+    for n, near in enumerate(tree.query_ball_point(nodes, reach)):
+        around = heights[np.union1d(np.array(near, dtype=np.int64), nearest[n])]
+        low[n], high[n], middle[n] = around.min(), around.max(), np.median(around)
+    beyond = _BEYOND_SHARE * known.flying_height_m
+    which = row[:, None] * len(east) + column[None, :]
+    return Prior(*(np.ascontiguousarray(v[which], dtype=np.float32) for v in (low - beyond, high + beyond, middle)))
+
+
+def finer_prior(
+    coarse: Float32Array,
+    correlation: Float32Array,
+    at: Window,
+    level: Level,
+    window: Window,
+    known: Prior,
+    *,
+    widely: bool = True,
+) -> Prior:
+    """Return the range of a window of a finer level from heights ``coarse`` of the next coarser one, and their
+    correlations, in its window ``at``.
+
+    Where the coarser level knows nothing, all of ``known`` is searched, and also where its photographs did not agree on
+    a cell: a tree too small for it, a roof taken for the ground. ``widely`` False searches the latter only between the
+    heights that were agreed on up to AROUND_CELLS cells away, for the finest level, where it would cost as much as all
+    the rest. ``at`` reaches at least AROUND_CELLS + 3 cells beyond the finer window, as far as the grid goes.
+    """
+    rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
+    r, c = rows // 2 - at.row, columns // 2 - at.column
+    smooth = median_of_known(coarse)
+    has = np.isfinite(smooth)
+    low = minimum_filter(np.where(has, smooth, np.inf), 3, mode="nearest")[np.ix_(r, c)]
+    high = maximum_filter(np.where(has, smooth, -np.inf), 3, mode="nearest")[np.ix_(r, c)]
+    beyond = RANGE_STEPS * level.step_m
+    none = ~np.isfinite(low)
+    least = least_correlation_of(correlation_histogram(correlation))
+    doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
+    lowest, highest = (known.low, known.high) if widely else _agreed_around(smooth, correlation >= least, r, c, beyond)
+    low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
+    place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
+    weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")
+    surface = map_coordinates(np.where(has, smooth, 0.0), place, order=1, mode="nearest") / np.maximum(weight, 1e-6)
+    surface = np.where(weight > 1e-3, surface, np.where(none, known.surface, 0.5 * (low + high)))
+    return Prior(
+        np.where(doubtful, np.minimum(low, lowest), low).astype(np.float32),
+        np.where(doubtful, np.maximum(high, highest), high).astype(np.float32),
+        surface.astype(np.float32),
+    )
+
+
+def _agreed_around(
+    smooth: Float32Array, agreed: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], beyond: float
+) -> tuple[Float32Array, Float32Array]:
+    """Return the lowest and the highest of heights that were ``agreed`` on, up to AROUND_CELLS cells from cells at
+    ``rows`` and ``columns``, and ``beyond``; infinite where there are none."""
+    there, side = agreed & np.isfinite(smooth), 2 * AROUND_CELLS + 1
+    low = minimum_filter(np.where(there, smooth, np.float32(np.inf)), side, mode="nearest")
+    high = maximum_filter(np.where(there, smooth, np.float32(-np.inf)), side, mode="nearest")
+    at = np.ix_(rows, columns)
+    return low[at] - np.float32(beyond), high[at] + np.float32(beyond)
+
+
+def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:
+    """Return how many cells have which correlation, in CORRELATION_BINS from 0 to 1; cells without any do not count."""
+    known = correlation[correlation > 0]
+    bins = np.minimum((known * CORRELATION_BINS).astype(np.int64), CORRELATION_BINS - 1)
+    return np.bincount(bins, minlength=CORRELATION_BINS)
+
+
+def least_correlation_of(histogram: NDArray[np.int64]) -> float:
+    """Return the correlation below which a height is doubtful: so many NMAD below the median of all cells, for what is
+    ordinary depends on texture and light."""
+    if not histogram.sum():
+        return DOUBTFUL_BETWEEN[0]
+    value = (np.arange(CORRELATION_BINS) + 0.5) / CORRELATION_BINS
+    middle = _weighted_median(value, histogram)
+    nmad = NMAD_FACTOR * _weighted_median(np.abs(value - middle), histogram)
+    return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
+
+
+def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
+    order = np.argsort(value, kind="stable")
+    reached = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(reached, reached[-1] / 2)])
+
+
+def median_of_known(z: Float32Array) -> Float32Array:
+    """Return heights after a median over 3 × 3 cells; a cell without one stays so."""
+    has = np.isfinite(z)
+    filled = np.where(has, z, np.float32(0.0))
+    smooth = median_filter(filled, 3, mode="nearest")
+    whole = minimum_filter(has.astype(np.uint8), 3, mode="nearest") > 0
+    return np.where(whole, smooth, z).astype(np.float32)

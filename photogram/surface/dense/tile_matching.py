@@ -1,0 +1,261 @@
+"""Heights from many photographs at once, matched on the ground itself.
+
+For each cell of a map grid heights are tried: a window of ground at each of them is looked up in the photographs that
+see the cell from straightest above, through the full camera model, and the better they agree, the likelier the height
+(`dense_kernels`). A semi-global regularisation over the cells picks one (`semi_global`), and the correlation itself
+tells its fraction and its standard deviation (`height_refinement`). From coarse to fine: each level searches around the
+heights of the coarser one (`dense_levels`).
+
+A level is matched in blocks of BLOCK_CELLS × BLOCK_CELLS cells with a margin, each by itself, so results depend on
+neither the order of the blocks nor the number of workers, and memory not on the size of the survey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from photogram.errors import PhotogramError
+from photogram.frames import LocalFrame
+from photogram.grid import Verticals, Window, cell_steps, verticals
+from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, fill_costs, grey_of_cells
+from photogram.surface.dense.correlation import Window as Samples
+from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
+from photogram.surface.dense.refinement import refine_heights
+from photogram.surface.dense.semi_global import CostVolume, regularised
+from photogram.surface.views import Views, places_in_view
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+Picture = Callable[[int, int], NDArray[np.generic]]
+"""Gives the grey values (height, width) of a view, by its number, reduced by a factor: pixel (u, v) lies at (u, v) /
+factor of it."""
+
+BLOCK_CELLS = 384
+"""Cells along the side of a block: part of the result, for a path of the regularisation ends with its block."""
+
+MARGIN_CELLS = 16
+"""How far a block looks beyond its edge: paths of the regularisation start there."""
+
+PATCH_CELLS = 16
+"""Cells along the side of a patch, all of which are looked up in the same photographs."""
+
+LARGEST_STEP = 1000.0
+"""The largest penalty: with it sums over eight paths stay well within 16 bits."""
+
+RIM_PX = 8
+"""Pixels around what a block shows that are kept for the windows at its edge."""
+
+_COST_HALF, _REFINEMENT_HALF = 2, 3
+_STEEPEST = 1.0
+_COARSE_LARGE_STEP_SHARE = 0.5
+_PROBE_SHARE, _TOLERANCE_SHARE = 0.3, 1.0
+
+
+@dataclass(frozen=True)
+class DenseSettings:
+    """How dense heights are matched.
+
+    ``enabled``: whether they are. ``photographs``: in how many a cell is looked up at most. ``agreeing_share``: share
+    of these that must agree. ``small_step``, ``large_step``: penalties of the regularisation for a change of height by
+    one hypothesis and by more, in hundredths of a correlation. ``contrast_dn``: change of grey at which the large
+    penalty is halved. ``noise_dn``: standard deviation of the photographs' noise in grey values.
+    """
+
+    enabled: bool = True
+    photographs: int = 6
+    agreeing_share: float = 0.5
+    small_step: float = 5.0
+    large_step: float = 47.0
+    contrast_dn: float = 30.0
+    noise_dn: float = 1.5
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.photographs <= 16:
+            raise PhotogramError(f"dense.photographs is {self.photographs}: give 2 to 16")
+        if not 0.0 < self.agreeing_share <= 1.0:
+            raise PhotogramError(f"dense.agreeing_share is {self.agreeing_share}: give a share above 0, at most 1")
+        if not 0.0 <= self.small_step < self.large_step <= LARGEST_STEP:
+            raise PhotogramError(
+                f"dense.small_step must lie below dense.large_step, neither below 0 nor above {LARGEST_STEP:g}"
+            )
+        if not (self.contrast_dn > 0 and self.noise_dn > 0):
+            raise PhotogramError("dense.contrast_dn and dense.noise_dn must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Heights:
+    """Heights (rows, columns) of a window over the base, in m, NaN where there is none; their standard deviations as
+    far as the matching goes, the mean correlation of the photographs that agree, how many these are, and how many were
+    looked at because they show the place (to PATCH_CELLS cells)."""
+
+    height_m: Float32Array
+    sigma_m: Float32Array
+    correlation: Float32Array
+    rays: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
+
+    def part(self, rows: slice, columns: slice) -> Heights:
+        """Return a part of the window."""
+        at = rows, columns
+        return Heights(self.height_m[at], self.sigma_m[at], self.correlation[at], self.rays[at], self.seen[at])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is matched: the frame, the oriented photographs, and where their pictures come from."""
+
+    frame: LocalFrame
+    views: Views
+    picture: Picture
+
+
+def match_block(
+    scene: Scene, level: Level, block: Window, prior: Prior, settings: DenseSettings, *, last: bool
+) -> Heights:
+    """Match one block of a level; ``prior`` covers it with its margin. Only the ``last`` level is refined.
+
+    Returns the heights of the block without the margin.
+    """
+    outer = level.grid.around_window(block, MARGIN_CELLS)
+    lines = verticals(scene.frame, level.grid, outer)
+    inner = (slice(block.row - outer.row, block.row_end - outer.row),
+             slice(block.column - outer.column, block.column_end - outer.column))  # fmt: skip
+    views = _views_of_patches(scene, lines, prior.surface, settings.photographs)
+    if not (views >= 0).any():
+        return _nothing(block.shape)
+    east, south = cell_steps(scene.frame, level.grid)
+    ground = Ground(
+        lines.foot_world_m, lines.up, east * level.spacing, south * level.spacing, level.spacing, views, PATCH_CELLS
+    )
+    crops = _crops(scene, lines, views, prior, level.reduction)
+    index, correlation = _regularised(crops, ground, prior, level, settings, last=last)
+    if not last:
+        found = (index * level.step_m).astype(np.float32)
+        none = np.full_like(found, np.nan)
+        return Heights(found, none, correlation, np.zeros(found.shape, np.uint8), _seen(ground, found.shape)).part(
+            *inner
+        )
+    return _refined(crops, ground, index, level, settings).part(*inner)
+
+
+def _nothing(shape: tuple[int, int]) -> Heights:
+    none = np.full(shape, np.nan, np.float32)
+    zero = np.zeros(shape, np.uint8)
+    return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
+
+
+def _seen(ground: Ground, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return in how many photographs each cell is looked up."""
+    count = (ground.views >= 0).sum(axis=2).astype(np.uint8)
+    return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
+
+
+def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int) -> IntArray:
+    """Return the views (patch rows, patch columns, most) in which the cells of each patch are looked up."""
+    rows, columns = surface.shape
+    row, column = (np.minimum(np.arange(0, n, PATCH_CELLS) + PATCH_CELLS // 2, n - 1) for n in (rows, columns))
+    at = np.ix_(row, column)
+    place = lines.foot_world_m[at] + surface[at][..., None] * lines.up[at]
+    chosen, _ = choose_views(scene.views, place.reshape(-1, 3), most)
+    chosen[(chosen >= 0).sum(axis=1) < 2] = -1
+    return chosen.reshape(len(row), len(column), most)
+
+
+def _crops(scene: Scene, lines: Verticals, views: IntArray, prior: Prior, reduction: int) -> Crops:
+    """Return the parts of the pictures in which a block is looked up."""
+    wanted = np.unique(views[views >= 0])
+    every, end = slice(None, None, 8), slice(-1, None)
+    edge = [(every, every), (every, end), (end, every), (end, end)]
+    foot, up = (np.concatenate([a[r, c].reshape(-1, 3) for r, c in edge]) for a in (lines.foot_world_m, lines.up))
+    low, high = float(prior.low.min()), float(prior.high.max())
+    corners = np.concatenate([foot + low * up, foot + high * up])
+    count = len(scene.views)
+    start, left, top, width, height = (np.zeros(count, np.int64) for _ in range(5))
+    pixels: list[Float32Array] = []
+    total = 0
+    for v in wanted:
+        picture = scene.picture(int(v), reduction)
+        box = _box_px(scene.views, int(v), corners, reduction, picture.shape)
+        part = np.asarray(picture[box.slices], dtype=np.float32)
+        start[v], left[v], top[v] = total, box.column, box.row
+        height[v], width[v] = part.shape
+        pixels.append(part.ravel())
+        total += part.size
+    flat = np.concatenate(pixels)
+    scale = 1.0 / reduction
+    views_of = scene.views
+    return Crops(
+        views_of.model, views_of.parameters, views_of.rotation_world_from_camera, views_of.position_world_m,
+        views_of.largest_radius, start, left, top, width, height, flat, scale,
+    )  # fmt: skip
+
+
+def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape: tuple[int, ...]) -> Window:
+    """Return the part of a reduced picture that shows places (N, 3), with a rim for the windows around them."""
+    pixel = places_in_view(views, view, corners) / reduction
+    pixel = pixel[np.isfinite(pixel).all(axis=1)]
+    low = np.floor(pixel.min(axis=0)).astype(int) - RIM_PX if len(pixel) else np.zeros(2, int)
+    high = np.ceil(pixel.max(axis=0)).astype(int) + RIM_PX if len(pixel) else np.zeros(2, int)
+    column, row = np.clip(low, 0, [shape[1] - 1, shape[0] - 1])
+    column_end, row_end = np.clip(high, [column + 1, row + 1], [shape[1], shape[0]])
+    return Window(int(row), int(column), int(row_end), int(column_end))
+
+
+def _slopes(surface: Float32Array, spacing: float, cell_m: float) -> Float32Array:
+    """Return what a surface rises by to the next sample to the east and to the south (rows, columns, 2); none where it
+    is as steep as a wall."""
+    smooth = uniform_filter(np.where(np.isfinite(surface), surface, np.float32(0.0)), 3, mode="nearest")
+    slope = np.zeros((*surface.shape, 2), np.float32)
+    for axis in (0, 1):
+        if surface.shape[axis] > 1:
+            ahead = np.diff(smooth, axis=axis, append=np.take(smooth, [-1], axis=axis))
+            behind = np.diff(smooth, axis=axis, prepend=np.take(smooth, [0], axis=axis))
+            # the gentler of both sides: beside a wall the surface is that of its own side
+            slope[..., 1 - axis] = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
+    steep = np.abs(slope).max(axis=-1) > _STEEPEST * cell_m
+    slope[steep | ~np.isfinite(surface)] = 0.0
+    return np.ascontiguousarray(slope * np.float32(spacing))
+
+
+def _regularised(
+    crops: Crops, ground: Ground, prior: Prior, level: Level, settings: DenseSettings, *, last: bool
+) -> tuple[Float32Array, Float32Array]:
+    """Return the best hypothesis (rows, columns), to a fraction, of cells that two photographs see, NaN elsewhere, and
+    its correlation."""
+    rows, columns = prior.surface.shape
+    first = np.floor(prior.low / level.step_m).astype(np.int32).ravel()
+    count = np.ceil(prior.high / level.step_m).astype(np.int64).ravel() - first + 1
+    seen = _seen(ground, (rows, columns)) > 0
+    start = np.concatenate([[0], np.cumsum(np.where(seen.ravel(), count, 0))]).astype(np.int64)
+    cost = np.empty(start[-1], np.uint8)
+    slope = _slopes(prior.surface, ground.spacing, level.grid.cell_m)
+    samples = Samples(_COST_HALF, settings.noise_dn, settings.agreeing_share)
+    fill_costs(crops, ground, samples, level.step_m, start, first, slope, cost)
+    guide = np.empty((rows, columns), np.float32)
+    grey_of_cells(crops, ground, prior.surface, guide)
+    unit = NEUTRAL / 100.0
+    large = settings.large_step * (1.0 if last else _COARSE_LARGE_STEP_SHARE)
+    volume = CostVolume(cost, start, first, guide)
+    best, own = regularised(volume, settings.small_step * unit, large * unit, settings.contrast_dn)
+    return best, 1.0 - own / np.float32(NEUTRAL)
+
+
+def _refined(crops: Crops, ground: Ground, index: Float32Array, level: Level, settings: DenseSettings) -> Heights:
+    """Return heights to a fraction of a hypothesis, with their standard deviations."""
+    z = (median_of_known(index) * np.float32(level.step_m)).astype(np.float32)
+    slope = _slopes(z, ground.spacing, level.grid.cell_m)
+    height, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
+    found = Heights(height, sigma, correlation, np.empty(z.shape, np.uint8), _seen(ground, z.shape))
+    samples = Samples(_REFINEMENT_HALF, settings.noise_dn, settings.agreeing_share)
+    probe, tolerance = _PROBE_SHARE * level.step_m, _TOLERANCE_SHARE * level.step_m
+    refine_heights(
+        crops, ground, samples, z, slope, probe, tolerance, level.step_m / np.sqrt(3.0),
+        found.height_m, found.sigma_m, found.correlation, found.rays,
+    )  # fmt: skip
+    return found
