@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import PARAMETER_NAMES, PROJECTIVE
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.reprojection import Observations
+from photogram.projection import PARAMETER_NAMES, PROJECTIVE
 
 DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
 FLIP = np.diag([1.0, -1.0, -1.0])

@@ -23,8 +23,9 @@ from photogram.errors import PhotogramError
 from photogram.quality.accuracy import suspects
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
-from photogram.survey import Adjustment, Block
+from photogram.survey import Block
 
 KINDS = ("height", "plan", "mark", "exchanged")
 COORDINATE_M, MARK_PX = (0.2, 5.0), (5.0, 500.0)

@@ -23,12 +23,13 @@ import numpy as np
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.camera import PARAMETER_NAMES
+from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import AXES
 from photogram.quality.prediction_test import predicted_against_achieved
+from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Adjustment, FloatArray
 
 KNOWN = (0.0,) * 8
 LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)

@@ -22,15 +22,13 @@ from pathlib import Path
 
 import numpy as np
 from dense_truth import Truth, truth_of
-from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, map_coordinates
 
+from photogram.arrays import FloatArray
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
 from photogram.survey import PointCloud, Raster
-
-FloatArray = NDArray[np.float64]
 
 PHOTOGRAPHS = 3  # that must see a cell
 BAD_GSD = 2.0  # error from which a height is bad

@@ -21,15 +21,14 @@ import numpy as np
 import yaml
 from dense_scores import PHOTOGRAPHS, on_grid
 from dense_truth import as_adjusted, simulated_survey, simulated_truth
-from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.surface import MatchedHeights
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import whole_survey_plan
 from photogram.survey import Raster
 
-FloatArray = NDArray[np.float64]
 BLUNDER_SIGMAS = 4.0
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, project
 from photogram.files.maps.rasters import read_raster
 from photogram.files.matlab import read_camera
@@ -25,8 +26,6 @@ from photogram.simulation.scene import Material, Scene
 from photogram.simulation.simulated_survey import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
 from photogram.survey import Block, Raster
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Heights = Callable[[FloatArray], FloatArray]
 
 MARGIN_M = 1.0  # of smooth ground from buildings and trees

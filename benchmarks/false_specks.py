@@ -21,9 +21,9 @@ import numpy as np
 from dense_scores import score
 from dense_sigma import make
 from dense_truth import simulated_survey, simulated_truth
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.arrays import FloatArray
 from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
@@ -32,7 +32,6 @@ from photogram.simulation.demonstration import write_demonstration
 from photogram.surface.dsm import patch_cells
 from photogram.survey import Raster
 
-FloatArray = NDArray[np.float64]
 FALSE_M, AROUND_CELLS, SMALL_CELLS = 1.0, 2, 200
 
 

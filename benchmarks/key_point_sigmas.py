@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.files.npz_json import read_arrays, read_record
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.stages import REDUCTIONS
-from photogram.pipeline.store.workspace import read_arrays, read_record
 from photogram.project.project import Project
-from photogram.sfm.features import SMALLEST_PX, picture_scale
-from photogram.sfm.guided_matching import TRANSFERRED
+from photogram.sfm.tie_points.features import SMALLEST_PX, picture_scale
+from photogram.sfm.tie_points.guided_matching import TRANSFERRED
 from photogram.survey import Features, TiePoints
 
 EDGES = (1.0, 2.0, 4.0, 8.0, 16.0, np.inf)

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.arrays import FloatArray
+from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Adjustment, FloatArray
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0)
 

@@ -21,15 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from photogram.camera import AFFINITY, Camera, Pose, image_plane
+from photogram.arrays import ByteArray, FloatArray
+from photogram.camera import Camera, Pose, image_plane
 from photogram.compilation import njit
 from photogram.files.photographs.images import read_grey
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
+from photogram.projection import AFFINITY
 from photogram.survey import Block, Raster
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 OVERLAP, BASE_TO_HEIGHT, AXES_DEG = 0.5, (0.1, 0.45), 20.0
 OUTLINE_PX = 200  # spacing of the places of a photograph's border that are projected

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from photogram.files.npz_json import read_json
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.store.workspace import read_json
 from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate, whole_survey_plan
 from photogram.simulation.survey_files import write_survey_folder

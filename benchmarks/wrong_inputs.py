@@ -25,11 +25,12 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
+from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.sfm.orientation import OrientationSettings, believed_attitudes, orient
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
-from photogram.survey import Block, FloatArray, Photograph
+from photogram.survey import Block, Photograph
 
 What = tuple[str, str, str | None]
 """Kind, name and photograph of an input, as an accusation has them."""

@@ -1,1 +1,5 @@
-"""The command line: arguments, progress, exit codes; no mathematics."""
+"""The command line: arguments, progress, exit codes.
+
+No mathematics: what a command computes, the rooms compute.
+`main.main`; rooms `commands`, `work` and `screen`.
+"""

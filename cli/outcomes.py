@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from photogram import __version__
 from photogram.errors import PhotogramError
-from photogram.printable import printable
+from photogram.wording import printable
 
 FAILED, DEFECT, INTERRUPTED = 1, 70, 130
 """70 is EX_SOFTWARE of sysexits.h, 130 what shells give to a command ended by Ctrl-C."""

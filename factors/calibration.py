@@ -5,8 +5,8 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.factors.variables import CALIBRATION, key
-from photogram.survey import FloatArray
 
 
 def calibration_prior(camera: int, expected: FloatArray, sigmas: FloatArray) -> gtsam.NonlinearFactor | None:

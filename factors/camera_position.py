@@ -10,9 +10,9 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.factors.noise import along_axes
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
-from photogram.survey import FloatArray
 
 
 def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m: FloatArray | None) -> FloatArray:

@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.camera import PARAMETERS
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, functions_of_border
 from photogram.factors.graph import Problem
+from photogram.projection import PARAMETERS
 
 
 def with_considered(problem: Problem, state: State) -> Problem:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from photogram.camera import PARAMETERS
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.datum import TURN, Datum, datum_of, reach_m, weights_of
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.loss import NO_LOSS
@@ -23,7 +23,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
 from photogram.factors.variables import CONTROL_POINT, DATUM, POSE, TIE_POINT
-from photogram.survey import FloatArray, IntArray
+from photogram.projection import PARAMETERS
 
 RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors

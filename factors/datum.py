@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.factors.elimination.reduced import Layout
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.survey import FloatArray
 
 SHIFT, TURN, SCALE = range(3)
 PARTS = (slice(0, 3), slice(3, 6), slice(6, 7))  # of the seven directions

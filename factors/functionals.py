@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.loss import RobustLoss, robust_terms
 from photogram.factors.elimination.reduced import Factor, Layout
@@ -22,7 +23,6 @@ from photogram.factors.elimination.reprojection import Linearisation, Observatio
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of, eliminated
-from photogram.survey import FloatArray, IntArray
 
 POINTS_AT_ONCE = 64  # whose three columns each are solved for together
 RESPONDING_AT_ONCE = 10_000  # points whose measurements are linearised together

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import PARAMETERS
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.calibration import calibration_prior
 from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.elimination.kernels import BEHIND_PX
@@ -40,7 +40,8 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.survey import Block, FloatArray, IntArray
+from photogram.projection import PARAMETERS
+from photogram.survey import Block
 
 
 class IndeterminateError(ArithmeticError):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import gtsam
 
+from photogram.arrays import FloatArray
 from photogram.factors.noise import along_axes
 from photogram.factors.variables import CONTROL_POINT, key
-from photogram.survey import FloatArray
 
 
 def surveyed_position(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.camera import PARAMETERS
+from photogram.arrays import IntArray
 from photogram.factors.elimination.bundle import Bundle, SingularPointError
 from photogram.factors.elimination.loss import steering
 from photogram.factors.elimination.points import first_observations, lay_out
@@ -20,7 +20,7 @@ from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, kind_and_index
-from photogram.survey import IntArray
+from photogram.projection import PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)

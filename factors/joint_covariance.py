@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.factors.covariance import Covariances, joint_points, point_columns
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.points import first_observations
@@ -18,7 +19,6 @@ from photogram.factors.elimination.reprojection import Observations, linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
-from photogram.survey import FloatArray
 
 OBSERVATIONS_AT_ONCE = 100_000
 

@@ -16,137 +16,26 @@ module and `heights` are the only ones that use PROJ.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from pyproj import CRS, Proj, Transformer, proj_version_str
-from pyproj.exceptions import CRSError, ProjError
+from pyproj import CRS, Proj, Transformer
+from pyproj.exceptions import ProjError
 
+from photogram.arrays import FloatArray
+from photogram.crs import _any_crs, _plan_of, projected_crs
 from photogram.errors import FrameError
 from photogram.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,
-    crs_name,
-    full_crs,
     geographic_crs,
     geoid_height_m,
-    is_gnss_ellipsoid,
-    vertical_crs,
 )
 
-FloatArray = NDArray[np.float64]
 WorldKind = Literal["tangent", "grid"]
-_ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
-
-
-def _any_crs(name: str) -> CRS:
-    try:
-        return CRS.from_user_input(name)
-    except CRSError as fault:
-        raise FrameError(
-            f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
-        ) from fault
-
-
-def projected_crs(name: str) -> CRS:
-    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in
-    metres."""
-    crs = _any_crs(name)
-    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
-    if not horizontal.is_projected:
-        raise FrameError(
-            f"crs: {name!r} ({crs.name}) is not a map grid: the survey needs easting and northing in metres, "
-            "for example the UTM zone of the site"
-        )
-    units = {axis.unit_name for axis in horizontal.axis_info}
-    if units != {"metre"}:
-        raise FrameError(f"crs: {name!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres")
-    return horizontal
-
-
-def vertical_of(name: str) -> str | None:
-    """Return the vertical CRS within the map ``name`` (EPSG:25832+5799), None where it has none.
-
-    Raises FrameError as projected_crs, and where its heights are not in metres upwards.
-    """
-    projected_crs(name)
-    found = height_system_of(name)[1]
-    if found is not None:
-        vertical_crs(found)
-    return found
-
-
-def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
-    """Return the system of the heights that a CRS of any kind names, None where it names none, and its vertical CRS
-    where it is compound. Raises FrameError where PROJ does not know the CRS."""
-    crs = _any_crs(name)
-    if crs.is_compound:
-        code = crs.sub_crs_list[1].to_epsg()
-        return "orthometric", f"EPSG:{code}" if code is not None else str(crs.sub_crs_list[1].to_wkt())
-    spatial = any(axis.direction == "up" for axis in crs.axis_info) and is_gnss_ellipsoid(crs)
-    return ("ellipsoidal" if spatial else None), None
-
-
-def plan_of(name: str) -> str:
-    """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
-    plan = projected_crs(name)
-    return crs_name(plan) if CRS.from_user_input(name).is_compound else name
-
-
-def neighbouring_zones(name: str) -> tuple[str, ...]:
-    """Return the codes of up to three zones on each side of a map grid that is one of several zones, of one datum, the
-    nearest first; none of a map without zones, or without a code. Raises FrameError as projected_crs."""
-    plan = projected_crs(name)
-    code, zoned = plan.to_epsg(), _ZONE.fullmatch(plan.name)
-    if code is None or zoned is None:
-        return ()
-    zones = []
-    for step in (1, -1, 2, -2, 3, -3):
-        try:
-            other = _ZONE.fullmatch(projected_crs(f"EPSG:{code + step}").name)
-        except FrameError:
-            continue  # the codes beside the first and the last zone mean something else, or nothing
-        if other is not None and (other[1], other[3]) == (zoned[1], zoned[3]):
-            zones.append(f"EPSG:{code + step}")
-    return tuple(zones)
-
-
-def product_crs(crs: str, heights: DeclaredHeights) -> str:
-    """Return the CRS of every product: ``crs``, with what the heights are counted from where that is declared."""
-    if heights.output is None:
-        return crs
-    return crs_name(full_crs(projected_crs(crs), heights.output, heights.geoid))
-
-
-def crs_in_words(crs: str, heights: DeclaredHeights) -> str:
-    """Return the CRS of results for people: ``crs``, and what its heights are counted from where that is declared."""
-    if heights.output is None:
-        return crs
-    above = "the ellipsoid" if heights.map_geoid is None else f"the geoid {heights.map_geoid.name}"
-    return f"{crs}, heights above {above}"
-
-
-def written_crs(name: str) -> CRS:
-    """Return the CRS ``name`` as products carry it, with its vertical axis where it has one. Raises FrameError unless
-    it is a map grid in metres."""
-    plan = projected_crs(name)
-    crs = CRS.from_user_input(name)
-    return crs if crs.is_compound else plan
-
-
-def esri_wkt(name: str) -> str:
-    """Return the plan of the map ``name`` as a ``.prj`` file holds it: WKT as ESRI writes it, or of the second edition
-    where that has no word for it. Raises FrameError as projected_crs."""
-    plan = _plan_of(projected_crs(name))
-    try:
-        return str(plan.to_wkt("WKT1_ESRI"))
-    except CRSError:
-        return str(plan.to_wkt())
 
 
 def map_heights(crs: str, heights: DeclaredHeights, given: HeightSystem | None, points_map_m: FloatArray) -> FloatArray:
@@ -176,10 +65,6 @@ def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatA
             f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site"
         )
     return np.column_stack([easting, northing, height])
-
-
-def _plan_of(crs: CRS) -> CRS:
-    return (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
 
 
 def _transformer(source: CRS, target: CRS, names: str) -> Transformer:
@@ -407,13 +292,3 @@ class LocalFrame:
         """Return the map's point scale factor at a position (3,), 1 for a true length."""
         lon, lat = self._plan_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
         return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)
-
-
-def crs_title(crs: str) -> str:
-    """Return what a CRS is called: `ETRS89 / UTM zone 32N` for EPSG:25832. Raises FrameError for an unknown one."""
-    return str(projected_crs(crs).name)
-
-
-def proj_version() -> str:
-    """Return the version of PROJ."""
-    return str(proj_version_str)

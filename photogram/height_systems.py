@@ -15,7 +15,6 @@ from pathlib import PurePath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.aoi import AreaOfInterest
 from pyproj.crs import CompoundCRS, GeographicCRS
@@ -23,9 +22,9 @@ from pyproj.datadir import get_user_data_dir
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import TransformerGroup
 
+from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 
-FloatArray = NDArray[np.float64]
 HeightSystem = Literal["ellipsoidal", "orthometric"]
 
 GEOID_MODELS = {"EGM84": "EPSG:5798", "EGM96": "EPSG:5773", "EGM2008": "EPSG:3855"}

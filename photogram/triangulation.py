@@ -12,9 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan, project_point
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.survey import FloatArray, IntArray, TiePoints
+from photogram.projection import project_point
+from photogram.survey import TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
 

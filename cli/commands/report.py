@@ -1,4 +1,4 @@
-"""photogram report: the page of a finished survey, made again or printed. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram report: the page of a finished survey, made again or printed. Arguments only, see `photogram.cli.work`."""
 
 from __future__ import annotations
 

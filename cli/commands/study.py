@@ -1,4 +1,4 @@
-"""photogram study: teaching experiments on single processing steps. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram study: teaching experiments on single processing steps. Arguments only, see `photogram.cli.work`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""photogram view: the results in 3-D, as one page for a browser. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram view: the results in 3-D, as one page for a browser. Arguments only, see `photogram.cli.work`."""
 
 from __future__ import annotations
 

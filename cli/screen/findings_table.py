@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from photogram.printable import printable
-from photogram.project.validation.findings import Finding, Severity, things
+from photogram.project.findings import Finding, Severity
+from photogram.wording import printable, things
 
 WORDS: dict[Severity, str] = {"fault": "error", "warning": "warning", "note": "note"}
 _COLOUR: dict[Severity, str] = {"fault": "red", "warning": "yellow", "note": "dim"}

@@ -1,5 +1,5 @@
 """What the commands do: call the library, show progress and results.
 
 Compute nothing that a notebook could want.
-One module for each command of `photogram.cli.commands`.
+One module for each command: `adjust`, `check`, `init` and so on.
 """

@@ -12,8 +12,8 @@ from photogram.cli.screen.terminal import console, steps
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.clouds.points import read_cloud
+from photogram.files.npz_json import write_json
 from photogram.pipeline.stages.stages import read_reference
-from photogram.pipeline.store.workspace import write_json
 from photogram.quality.cloud_comparison import Comparison, triangulate
 from photogram.quality.cloud_comparison import compare as compare_cloud
 from photogram.report.figures.style import comparison_picture

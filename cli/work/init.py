@@ -32,7 +32,7 @@ from photogram.project.draft.draft import (
     draft_project,
 )
 from photogram.project.draft.text import count, project_text
-from photogram.project.position_matching import match_rows
+from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
 from photogram.survey import Role
 

@@ -9,19 +9,19 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from photogram.arrays import FloatArray
 from photogram.camera import undistort
 from photogram.cli.screen.terminal import bars, console
 from photogram.cli.screen.watching import Terminal, stage_weights
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, make_folder_within
+from photogram.files.npz_json import write_json
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.store.workspace import write_json
 from photogram.project.project import Project
 from photogram.report.figures.ransac_study import inliers_by_iteration, inliers_by_sample_size
-from photogram.sfm.matching import candidate_matches
 from photogram.sfm.ransac_study import RansacStudy, Residual, needed_iterations
 from photogram.sfm.ransac_study import study as study_ransac
-from photogram.survey import FloatArray
+from photogram.sfm.tie_points.matching import candidate_matches
 
 
 def _candidates(project: Project, names: list[str], ratio: float) -> tuple[str, str, FloatArray, FloatArray]:

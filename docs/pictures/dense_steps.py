@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 from photogram.files.photographs.images import read_grey
 from photogram.grid import Window
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.dense import CELL_GSD, MINIMUM_RAYS, round_cell_m
 from photogram.pipeline.stages.surface import FILL_CELLS
 from photogram.pipeline.store.run import Run
 from photogram.surface.dense.pyramid import (
+    CELL_GSD,
+    MINIMUM_RAYS,
     Level,
     choose_views,
     correlation_histogram,
@@ -37,6 +38,7 @@ from photogram.surface.dense.pyramid import (
     known_ground,
     least_correlation_of,
     plan_levels,
+    round_cell_m,
     survey_grid,
 )  # fmt: skip
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, Heights, Scene, match_block

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
+from photogram.arrays import FloatArray
 from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
 from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
 from photogram.factors.elimination.points import (
@@ -37,7 +38,6 @@ from photogram.factors.elimination.reduced import Layout, NormalEquations, Singu
 from photogram.factors.elimination.reprojection import Observations, calibration_scale
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
 from photogram.factors.elimination.state import State
-from photogram.survey import FloatArray
 
 
 class SingularPointError(Singular):

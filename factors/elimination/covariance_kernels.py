@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.kernels import (
     CALIBRATION,
@@ -15,7 +16,6 @@ from photogram.factors.elimination.kernels import (
     inverse_factor,
     linearise_point,
 )
-from photogram.survey import FloatArray, IntArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]

@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogram.camera import FISHEYE, PARAMETERS, PROJECTIVE, equidistant
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
-from photogram.survey import FloatArray, IntArray
+from photogram.projection import FISHEYE, PARAMETERS, PROJECTIVE, equidistant
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large
 SETTLING = 5  # iterations at most

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.survey import FloatArray
+from photogram.arrays import FloatArray
 
 RobustLoss = Literal["none", "huber", "cauchy"]
 KINDS: dict[RobustLoss, int] = {"none": 0, "huber": 1, "cauchy": 2}

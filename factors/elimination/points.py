@@ -18,12 +18,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.covariance_kernels import covariances_of_points
 from photogram.factors.elimination.kernels import accumulate, cost_of_points, substitute_points
 from photogram.factors.elimination.loss import Loss
 from photogram.factors.elimination.reduced import Layout, NormalEquations
 from photogram.factors.elimination.reprojection import Observations
-from photogram.survey import FloatArray, IntArray
 
 MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
 CHUNKS = 4

@@ -16,16 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.levenberg_marquardt import Singular
-from photogram.survey import FloatArray, IntArray
 
-BoolArray = NDArray[np.bool_]
 PANEL = 48  # columns of the inverse computed together
 
 

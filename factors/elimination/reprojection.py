@@ -13,10 +13,10 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.camera import PARAMETERS, RADIAL, TANGENTIAL, project_point, project_point_jacobians
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.variables import CALIBRATION, POSE, key
-from photogram.survey import FloatArray, IntArray
+from photogram.projection import PARAMETERS, RADIAL, TANGENTIAL, project_point, project_point_jacobians
 
 
 @dataclass(frozen=True, eq=False)

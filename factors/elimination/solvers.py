@@ -15,8 +15,8 @@ import gtsam
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from photogram.arrays import FloatArray
 from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError
-from photogram.survey import FloatArray
 
 SolverName = Literal["banded", "gtsam"]
 Solver = Callable[[NormalEquations, float], tuple[FloatArray, FloatArray]]

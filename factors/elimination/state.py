@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from photogram.survey import FloatArray
+from photogram.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

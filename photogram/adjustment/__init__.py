@@ -1,5 +1,5 @@
 """The joint adjustment of a block: problem, outliers, self-calibration, reliability and GNSS tests.
 
 Reads no files and knows nothing of projects; gives covariances, and leaves judging them to `quality`.
-`adjustment.adjust` adjusts a block; `reliability.reliability` gives redundancy numbers and minimal detectable blunders.
+`adjustment.adjust` adjusts a block; `reliability.reliability` gives redundancy numbers and detectable blunders.
 """

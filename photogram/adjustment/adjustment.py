@@ -29,7 +29,8 @@ from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.reliability import reliability
 from photogram.adjustment.solvability import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.adjustment.variance_components import variance_components
-from photogram.camera import PARAMETERS, Pose, models_of
+from photogram.arrays import FloatArray, IntArray, check_range
+from photogram.camera import Pose, models_of
 from photogram.errors import AdjustmentError
 from photogram.factors.consider import with_considered
 from photogram.factors.covariance import covariances
@@ -40,7 +41,9 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.minimisation import minimise_graph, minimise_problem
-from photogram.survey import Adjustment, Block, FloatArray, IntArray, check_range
+from photogram.projection import PARAMETERS
+from photogram.results import Adjustment
+from photogram.survey import Block
 
 Progress = Callable[[str], None]
 

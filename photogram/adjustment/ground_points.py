@@ -9,13 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, models_of
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.survey import Block, ControlPoints, FloatArray, IntArray
+from photogram.survey import Block, ControlPoints
 from photogram.triangulation import consensus_intersections
 
 LARGEST_CONDITION = 1e14  # of the normal equations of a point whose rays meet

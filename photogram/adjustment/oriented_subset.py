@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Pose
-from photogram.survey import Adjustment, Block, FloatArray, IntArray
+from photogram.results import Adjustment
+from photogram.survey import Block
 
 
 def registered_block(block: Block) -> tuple[Block, IntArray]:

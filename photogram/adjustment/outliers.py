@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.survey import FloatArray, IntArray, TiePoints
+from photogram.survey import TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
 TWO_RAY_ALLOWANCE = 1.5

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import unproject
 from photogram.errors import AdjustmentError
-from photogram.survey import Block, FloatArray
+from photogram.survey import Block
 
 _SURVEYED = 1e3  # weight of a controlled coordinate beside the distance to a ray
 _LEAST_EIGENVALUE = 1e-4

@@ -2,9 +2,9 @@
 
 Focal length and radial distortion (k1, k2) are freed first, while the block is still being oriented and has photographs
 enough (photogram.sfm.reconstruction); principal point and the other terms follow in the joint adjustment, which starts
-from what the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is weak; a
-parameter that the photographs tell hardly better than the prior is reported as held by it, and its uncertainty stays in
-every predicted sigma. What becomes of a focal length whose source the photographs contradict is in
+from what the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is
+weak; a parameter that the photographs tell hardly better than the prior is reported as held by it, and its
+uncertainty stays in every predicted sigma. What becomes of a focal length whose source the photographs contradict is in
 photogram.quality.gross_errors.focal_length. Weak geometry:
 photographs that look straight down from one height on level ground cannot separate the focal length from the flying
 height, and parallel strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016,
@@ -20,9 +20,10 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.camera import CLASSIC, PARAMETER_NAMES, Camera
-from photogram.quality.gross_errors.focal_evidence import FocalDecision
-from photogram.survey import Adjustment, Block
+from photogram.camera import Camera
+from photogram.projection import CLASSIC, PARAMETER_NAMES
+from photogram.results import Adjustment, FocalDecision
+from photogram.survey import Block
 
 Calibration = Literal["given", "auto"]
 Held = dict[str, dict[str, str]]

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances
 from photogram.factors.datum import SCALE, SHIFT, TURN, datum_of, reach_m, weights_of
@@ -19,7 +20,7 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, DATUM, GNSS_OFFSET, POSE, TIE_POINT, WORDS
-from photogram.survey import Block, FloatArray, IntArray
+from photogram.survey import Block
 
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position

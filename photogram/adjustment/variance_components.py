@@ -13,14 +13,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.camera import PARAMETERS
+from photogram.arrays import FloatArray
 from photogram.factors.camera_position import NO_HEADING_SIGMA_RAD
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.survey import FloatArray, Reliability, VarianceComponents
+from photogram.projection import PARAMETERS
+from photogram.results import Reliability, VarianceComponents
 
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
 LEAST_REDUNDANCY = 1.0  # below it a group says nothing about its own sigmas

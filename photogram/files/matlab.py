@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
-from photogram.camera import RADIAL_TERMS, Camera
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Camera
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
-from photogram.survey import FloatArray, IntArray, TiePoints
+from photogram.projection import RADIAL_TERMS
+from photogram.survey import TiePoints
 
 PixelOrigin = Literal["photogram", "matlab"]
 """The coordinates of the centre of the top-left pixel: photogram (0, 0), matlab (1, 1)."""

@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, gimbal_from_rotation, image_plane, omega_phi_kappa_deg
+from photogram.crs import esri_wkt
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.frames import esri_wkt, geodetic_from_map
-from photogram.printable import table_cell
-from photogram.survey import Adjustment, FloatArray, Photograph
+from photogram.frames import geodetic_from_map
+from photogram.results import Adjustment
+from photogram.survey import Photograph
+from photogram.wording import table_cell
 
 COLUMNS = (
     "name", "camera", "flight", "registered",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from photogram.errors import PhotogramError
 from photogram.files.reading import read_whole
-from photogram.printable import printable, shortened
+from photogram.wording import printable, shortened
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MOST_FAULTS = 20

@@ -19,9 +19,10 @@ from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.headers import PhotographHeader, read_headers
 from photogram.files.stage_folders import earlier_folders
 from photogram.pipeline.pipeline import STAGES, load_project
+from photogram.project.findings import Finding
 from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
-from photogram.project.validation.findings import Finding, some
+from photogram.wording import some
 
 
 def _free_disk_bytes(folder: Path) -> int:

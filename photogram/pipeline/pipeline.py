@@ -27,6 +27,7 @@ from photogram import __version__
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
+from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.orthophoto import make_orthophoto
 from photogram.pipeline.stages.results import publish
@@ -47,7 +48,7 @@ from photogram.pipeline.stages.surface import model_surface, trace_relief
 from photogram.pipeline.store.memory import peak_memory
 from photogram.pipeline.store.run import Run, control_of, height_marks, measured_photographs
 from photogram.pipeline.store.stage_files import journalled
-from photogram.pipeline.store.workspace import Workspace, file_fingerprint, fingerprint, read_json
+from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
 

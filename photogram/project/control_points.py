@@ -15,15 +15,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
+from photogram.crs import plan_of, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
-from photogram.frames import map_from_crs, plan_of, projected_crs
+from photogram.frames import map_from_crs
 from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
-from photogram.survey import FloatArray, Roles
+from photogram.survey import Roles
 
 ReadT = TypeVar("ReadT")
 

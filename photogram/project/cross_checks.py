@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
+from photogram.crs import projected_crs
 from photogram.errors import FrameError
-from photogram.frames import map_from_geodetic, projected_crs
-from photogram.printable import printable
+from photogram.frames import map_from_geodetic
 from photogram.project.document import Document, Key, suggestion
+from photogram.project.misplaced import other_reading
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
     CameraEntry,
@@ -25,9 +27,7 @@ from photogram.project.schema import (
     PhotographEntry,
     ProjectFile,
 )
-from photogram.project.validation.misplaced import other_reading
-
-FloatArray = NDArray[np.float64]
+from photogram.wording import printable
 
 FARTHEST_KM = 20.0
 """A position farther than this from the middle of all others is taken for a slip of the pen."""

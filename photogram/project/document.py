@@ -21,8 +21,8 @@ from pydantic_core import ErrorDetails
 
 from photogram.errors import PhotogramError, ProjectError
 from photogram.files.reading import read_whole
-from photogram.printable import shortened
-from photogram.project.validation.findings import Finding
+from photogram.project.findings import Finding
+from photogram.wording import shortened
 
 Key = tuple[str | int, ...]
 """Where a value stands in the file: keys of blocks, and numbers of list items from 0."""

@@ -11,18 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import FloatArray
+from photogram.crs import height_system_of, plan_of, product_crs, projected_crs, vertical_of
 from photogram.errors import FrameError
-from photogram.frames import (
-    FloatArray,
-    LocalFrame,
-    height_system_of,
-    map_from_crs,
-    map_heights,
-    plan_of,
-    product_crs,
-    projected_crs,
-    vertical_of,
-)
+from photogram.frames import LocalFrame, map_from_crs, map_heights
 from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key

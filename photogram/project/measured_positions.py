@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import map_from_geodetic, map_heights
 from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.survey import FloatArray
 
 FROM_TAGS, FROM_PROJECT = "tags", "project"
 OVERSTATED = 2.0

@@ -7,19 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import rotation_from_gimbal
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame, map_from_geodetic, map_heights
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.measured_positions import FROM_TAGS, sigmas_of, source_of
+from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.frozen_positions import frozen_positions
 from photogram.survey import ControlPoints
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

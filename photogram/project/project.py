@@ -17,16 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.adjustment.adjustment import AdjustmentSettings
-from photogram.camera import PARAMETER_NAMES, RADIAL_TERMS, Camera
+from photogram.arrays import FloatArray, check_shape
+from photogram.camera import Camera
+from photogram.crs import product_crs
 from photogram.errors import PhotogramError
-from photogram.frames import LocalFrame, WorldKind, product_crs
+from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.control_points import GroundPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_project, photographs_of
 from photogram.project.document import Document, Key, read_entry, read_settings
+from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, read_heights
-from photogram.project.positions import FilePosition, read_position_files
+from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
@@ -39,21 +42,20 @@ from photogram.project.schema import (
     ProjectFile,
     Quality,
 )
-from photogram.project.validation.findings import Finding
+from photogram.projection import PARAMETER_NAMES, RADIAL_TERMS
 from photogram.quality.asprs import ReportSettings
-from photogram.sfm.features import FeatureSettings
-from photogram.sfm.guided_matching import TransferSettings
-from photogram.sfm.matching import MatchingSettings
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.pairs import PairSettings
+from photogram.sfm.tie_points.features import FeatureSettings
+from photogram.sfm.tie_points.guided_matching import TransferSettings
+from photogram.sfm.tie_points.matching import MatchingSettings
+from photogram.sfm.tie_points.pairs import PairSettings
 from photogram.surface.contours import ContourSettings
 from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
-from photogram.survey import ControlPoints, Role, Roles, check_shape
+from photogram.survey import ControlPoints, Role, Roles
 
-FloatArray = NDArray[np.float64]
 ValueT = TypeVar("ValueT")
 
 ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]], Camera]

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainValidator
 
-from photogram.camera import Model
 from photogram.files.tables.position_files import Format
 from photogram.height_systems import HeightSystem
 from photogram.project.document import Entry, Needed, found, suggestion
@@ -32,6 +31,7 @@ from photogram.project.ranges import (
     SIGMA_PX,
     Within,
 )
+from photogram.projection import Model
 from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.stats import norm
 
 from photogram.adjustment.reliability import CRITICAL
-from photogram.survey import Adjustment, FloatArray
+from photogram.arrays import FloatArray
+from photogram.results import Adjustment
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.camera import PARAMETERS
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import (
@@ -24,7 +24,8 @@ from photogram.factors.functionals import (
     joined,
 )
 from photogram.factors.graph import Problem
-from photogram.survey import Deformation, FloatArray, IntArray
+from photogram.projection import PARAMETERS
+from photogram.results import Deformation
 
 FEWEST_POINTS, MOST_POINTS = 10, 20_000
 BADLY = 3.0  # times the median sigma in height, beyond which rays too nearly parallel would speak for the whole block

@@ -16,12 +16,14 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import t as student
 
-from photogram.adjustment.placing import Placing, datum_sentence, placing
 from photogram.adjustment.solvability import POSITION_WEAK
-from photogram.camera import PARAMETER_NAMES, Camera
+from photogram.arrays import FloatArray
+from photogram.camera import Camera
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
+from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
-from photogram.survey import Adjustment, Deformation, FloatArray
+from photogram.results import Adjustment, Deformation
 
 STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another

@@ -10,13 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.camera import PARAMETER_NAMES, Camera
+from photogram.arrays import FloatArray
+from photogram.camera import Camera
 from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.deformation import Places, parameters_of, stiffness
-from photogram.survey import Deformation, FloatArray
+from photogram.results import Deformation
 
 ORDINARY = {
     "focal_px": 0.005,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, functions_of_tie_points
 from photogram.factors.graph import Problem
 from photogram.quality.deformation import Places
-from photogram.survey import FloatArray
 
 CELLS = 7
 """Of the grid over a block, along each side: a cell with tie points is a place."""

@@ -14,7 +14,8 @@ import numpy as np
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.oriented_subset import registered_block
-from photogram.camera import PARAMETERS, Pose, project
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Pose, project
 from photogram.factors.consider import with_considered
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.reduced import SingularError
@@ -23,6 +24,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.flight_lines import Course, flown
+from photogram.projection import PARAMETERS
 from photogram.quality.deformation import (
     DOME,
     GROUND,
@@ -38,7 +40,8 @@ from photogram.quality.deformation import (
 from photogram.quality.fixed_parameters import with_held_freed
 from photogram.quality.ground_errors import ground_errors
 from photogram.quality.residual_patterns import pattern_sigmas_m
-from photogram.survey import Adjustment, Block, Deformation, FloatArray, IntArray, Photograph
+from photogram.results import Adjustment, Deformation
+from photogram.survey import Block, Photograph
 
 CONTROL_SIGMA_M = np.array([0.02, 0.02, 0.03])  # of a surveyed point, where the project has none to go by
 RTK_SIGMA_M = np.array([0.015, 0.015, 0.02])

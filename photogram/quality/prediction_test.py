@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from photogram.arrays import FloatArray
 from photogram.quality.accuracy import AXES
-from photogram.survey import Adjustment, ControlPoints, FloatArray
+from photogram.results import Adjustment
+from photogram.survey import ControlPoints
 
 SIGNIFICANCE = 0.01  # two-sided, of a survey whose sigmas are right
 

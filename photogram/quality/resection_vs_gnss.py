@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from photogram.arrays import FloatArray
+from photogram.results import Adjustment
 from photogram.sfm.resection import Resection
-from photogram.survey import Adjustment, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

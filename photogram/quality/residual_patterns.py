@@ -13,18 +13,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, responses_to_pixels
 from photogram.factors.graph import Problem
 from photogram.quality.deformation import height_modes, places_of
-from photogram.survey import Adjustment, BoolArray, FloatArray
-
-IntArray = NDArray[np.int64]
+from photogram.results import Adjustment
 
 SQUARES = 10
 """Squares along the width of a photograph."""

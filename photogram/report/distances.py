@@ -12,8 +12,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import QhullError
 
+from photogram.arrays import FloatArray
 from photogram.report.view_record import ViewRecord
-from photogram.survey import FloatArray
 
 NODES = 9
 """Of the grid, along each side."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.survey import FloatArray
+from photogram.arrays import FloatArray
 
 STEPS = 2**16
 """Steps along each side of a block: what 16 bits count."""

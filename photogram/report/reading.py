@@ -12,7 +12,7 @@ from jinja2 import TemplateError
 
 from photogram.errors import PhotogramError, ReportError
 from photogram.files.reading import read_whole
-from photogram.printable import printable, shortened
+from photogram.wording import printable, shortened
 
 Json = dict[str, Any]
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.survey import FloatArray
-
-IndexArray = NDArray[np.int64]
+from photogram.arrays import FloatArray, IntArray
 
 _ROUNDS = 12  # of the search for the size of voxels, at most
 _ENOUGH = 0.93  # of the points that may be shown end the search
 _FINEST = 2.0**-20  # of the extent: three such indices fit an integer of 64 bits
 
 
-def _cells(position_m: FloatArray, size_m: float) -> tuple[IndexArray, FloatArray]:
+def _cells(position_m: FloatArray, size_m: float) -> tuple[IntArray, FloatArray]:
     """Return the number of the voxel that each point lies in, and its squared distance from the middle, in voxels."""
     place = (position_m - position_m.min(axis=0)) / size_m
     cell = np.floor(place)
@@ -24,7 +21,7 @@ def _cells(position_m: FloatArray, size_m: float) -> tuple[IndexArray, FloatArra
     return number, np.sum((place - cell - 0.5) ** 2, axis=1)
 
 
-def even_choice(position_m: FloatArray, maximum: int) -> IndexArray:
+def even_choice(position_m: FloatArray, maximum: int) -> IntArray:
     """Return the sorted indices of at most ``maximum`` points of (N, 3), as even as the cloud allows.
 
     Space is divided into voxels, and the point nearest to the middle of each that holds any is taken. The size is

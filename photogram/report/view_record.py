@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from photogram.camera import Model
 from photogram.errors import ReportError
+from photogram.projection import Model
 
 NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
 

@@ -15,6 +15,7 @@ import numpy as np
 from jinja2 import StrictUndefined
 from scipy.spatial import cKDTree
 
+from photogram.arrays import FloatArray
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.errors import ReportError
 from photogram.files.clouds.described_points import DescribedCloud
@@ -26,7 +27,6 @@ from photogram.report.packing import as_text as packed_text
 from photogram.report.page import fixed, templates
 from photogram.report.thinning import even_choice
 from photogram.report.view_record import CameraRecord, ViewRecord
-from photogram.survey import FloatArray
 
 Json = dict[str, Any]
 

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from photogram.sfm.reconstruction import BoolArray, Structure, StructureSettings
+from photogram.arrays import BoolArray, FloatArray
+from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import similarity_from_attitudes
-from photogram.survey import Block, FloatArray
+from photogram.survey import Block
 
 GROUND_WEIGHT = 0.02  # of a ray; how strongly a tie point is held to the ground at the start
 ROUNDS = 8

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, triu
 
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose
-from photogram.sfm.reconstruction import BoolArray, Structure, StructureSettings
+from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.relative_orientation import RelativeOrientation, relative_orientations
-from photogram.survey import FloatArray, IntArray, TiePoints
+from photogram.survey import TiePoints
 
 Progress = Callable[[int, int, str], None]
 

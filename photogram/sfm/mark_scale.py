@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.adjustment.marked_points import intersected_marks
+from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block
 
 MEETING = 0.8

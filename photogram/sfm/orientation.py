@@ -13,15 +13,17 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.camera import PARAMETER_NAMES, Camera, Pose, models_of
+from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.camera import Camera, Pose, models_of
 from photogram.errors import OrientationError, PhotogramError
+from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
 from photogram.sfm.incremental import extend, grow, settle
 from photogram.sfm.mark_scale import other_size, picture_factor
-from photogram.sfm.reconstruction import BoolArray, Structure, StructureSettings
+from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, collinear, resect
 from photogram.sfm.similarity import Similarity, open_turn_rad, robust_similarity, similarity_from_attitudes, straight
-from photogram.survey import Block, ControlPoints, FloatArray, IntArray, Photograph, TiePoints
+from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
 
 Method = Literal["control", "attitude", "growth"]

@@ -14,11 +14,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray, IntArray, check_shape
 from photogram.errors import PhotogramError
-from photogram.survey import check_shape
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Residual = Literal["sampson", "symmetric", "algebraic"]
 
 BATCH_RESIDUALS = 400_000

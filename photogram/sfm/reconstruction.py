@@ -12,16 +12,15 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.camera import PARAMETER_NAMES, PARAMETERS, Camera, Pose, image_plane, models_of, project
+from photogram.arrays import BoolArray, FloatArray, IntArray, check_range
+from photogram.camera import Camera, Pose, image_plane, models_of, project
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.reprojection import Observations, residuals
-from photogram.survey import FloatArray, IntArray, TiePoints, check_range
+from photogram.projection import PARAMETER_NAMES, PARAMETERS
+from photogram.survey import TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
-
-BoolArray = NDArray[np.bool_]
 
 HUBER = 2.0  # sigmas of an image point, of one pixel where the block has settled
 LARGEST_FOCAL_CHANGE = 2.0  # a factor

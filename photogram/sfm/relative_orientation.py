@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.survey import FloatArray
+from photogram.arrays import FloatArray
 
 UNITS = 2.0  # that the threshold is for OpenCV: its USAC refines nothing at unit focal length
 PLANAR = 0.7  # share of points on one homography from which a scene counts as a plane

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, image_plane, models_of, project
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
-from photogram.survey import FloatArray
 
 TRIPLES = 400
 REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.camera import Pose
 from photogram.errors import OrientationError
-from photogram.survey import FloatArray
 
 TRIPLES = 500
 STRAIGHT = 0.02  # second over first principal extent of points that lie in one line

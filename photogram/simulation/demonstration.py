@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from photogram.camera import CLASSIC, PARAMETER_NAMES, PARAMETERS
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.rasters import write_geotiff
+from photogram.files.npz_json import fingerprint, read_json, write_json
 from photogram.files.photographs.images import write_photograph
-from photogram.pipeline.store.workspace import fingerprint, read_json, write_json
+from photogram.projection import CLASSIC, PARAMETER_NAMES, PARAMETERS
 from photogram.simulation.simulated_survey import (
     SimulatedSurvey,
     SurveyPlan,

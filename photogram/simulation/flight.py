@@ -14,20 +14,18 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose, all_parameters, image_plane, project_point
+from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.camera import Camera, Pose, all_parameters, image_plane
 from photogram.compilation import njit
+from photogram.projection import CLASSIC, PARAMETERS, project_point
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import ControlPoints, Photograph, Role
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 _START = datetime(2024, 6, 12, 10, 0, tzinfo=UTC)
 _POINTS_AT_ONCE = 20_000
 _READOUT_STEPS = 3  # each takes the error of the row down by the part of its way that the picture moves on

@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.camera import CLASSIC, PARAMETERS, Camera, Pose
+from photogram.arrays import FloatArray, check_range
+from photogram.camera import Camera, Pose
 from photogram.flight_lines import Course, flown
 from photogram.frames import LocalFrame
+from photogram.projection import CLASSIC, PARAMETERS
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan
-from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints, check_range
+from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Gnss = Literal["rtk", "consumer", "none"]
 Layout = Literal["corners", "edges", "grid", "centre"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose
 from photogram.simulation.flight import (
     Flight,
@@ -23,9 +23,6 @@ from photogram.simulation.flight import (
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block, TiePoints
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,19 +11,20 @@ from scipy.spatial import ConvexHull
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.reliability import minimal_detectable_blunder, w_tests
-from photogram.camera import PARAMETER_NAMES
+from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import intersected_covariances
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.deformation import DOME, GROUND, Stiffness, deformation, places_of, stiffness
 from photogram.quality.diagnosis import weaknesses
+from photogram.results import Deformation
 from photogram.simulation.flight import footprints, observe
 from photogram.simulation.flight_plan import FlightPlan, PlannedSurvey, courses, survey_of
 from photogram.simulation.scene import terrain_height
-from photogram.survey import Deformation, FloatArray, IntArray
 
 SEED = 1  # of the terrain and of how badly the plan is flown
 PLACES = 13  # along the longer side of the site, where ground points are predicted

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from photogram.camera import Camera, Pose, ideal_point, image_plane
+from photogram.arrays import ByteArray, FloatArray
+from photogram.camera import Camera, Pose, image_plane
 from photogram.compilation import njit
+from photogram.projection import ideal_point
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 _COARSEST_WAVELENGTH_M = 20.0
 _ROWS_PER_TASK = 16

@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from photogram.arrays import ByteArray, FloatArray
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.survey import Raster
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 BLOCK_CELLS = 16
 """Side, in cells, of the blocks whose highest vertex lets a ray skip them."""

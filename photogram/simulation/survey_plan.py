@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.camera import CLASSIC, PARAMETERS, Model
 from photogram.frames import LocalFrame
+from photogram.projection import CLASSIC, PARAMETERS, Model
 
 CalibrationSource = Literal["laboratory", "maker", "exif"]
 

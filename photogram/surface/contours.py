@@ -11,14 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 from contourpy import ContourGenerator, LineType, contour_generator
-from numpy.typing import NDArray
 
-from photogram.decimation import block_means
+from photogram.arrays import FloatArray, IntArray
 from photogram.errors import PhotogramError
-from photogram.survey import FloatArray, IntArray, Raster, check_shape
-
-INDEX_EVERY = 5
-"""Every fifth line is an index contour: those through multiples of five intervals."""
+from photogram.grid import block_means
+from photogram.survey import Contours, Raster
 
 LINES_OVER_RELIEF = 20
 """About so many lines lie between the lowest and the highest ground where no interval is given."""
@@ -57,34 +54,6 @@ class ContourSettings:
                 raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
         if self.minimum_length_m is not None and not self.minimum_length_m >= 0:
             raise PhotogramError("minimum_length_m cannot be negative (0 keeps every line)")
-
-
-@dataclass(frozen=True, eq=False)
-class Contours:
-    """Lines of one height each: ``height_m`` (L,), and of all lines the vertices ``vertex_map_m`` (V, 2).
-
-    Line n has the vertices ``first[n]`` to ``first[n + 1]`` (L + 1,); it is closed where the last is the first again,
-    and higher ground lies to its right. ``interval_m`` is the difference of two neighbours, ``cell_m`` the side of the
-    cells that were contoured.
-    """
-
-    height_m: FloatArray
-    vertex_map_m: FloatArray
-    first: IntArray
-    interval_m: float
-    cell_m: float
-
-    def __post_init__(self) -> None:
-        check_shape("vertex_map_m", self.vertex_map_m, (None, 2))
-        check_shape("first", self.first, (len(self.height_m) + 1,))
-
-    def __len__(self) -> int:
-        return len(self.height_m)
-
-    @property
-    def is_index(self) -> NDArray[np.bool_]:
-        """Return which lines (L,) are index contours."""
-        return np.asarray(np.rint(self.height_m / self.interval_m).astype(np.int64) % INDEX_EVERY == 0)
 
 
 def interval_for(relief_m: float) -> float:

@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-ByteArray = NDArray[np.uint8]
 
 HOLE, MEASURED, FILLED = 0, 1, 2
 """What a cell of the surface is."""

@@ -16,8 +16,9 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, maximum_filter
 from threadpoolctl import threadpool_limits
 
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import PhotogramError
-from photogram.survey import BoolArray, FloatArray, Raster
+from photogram.survey import Raster
 
 MAXIMUM_BLOCKS = 4_000_000
 """The cloth is dropped on so many blocks at most; those of a larger surface are made larger."""

@@ -11,23 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
+from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud, Raster
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Rule = Callable[[IntArray, FloatArray], FloatArray]
 """What a cell holds, from its triangle (K,) and the barycentric weights (K, 3) of its centre."""
 
-NMAD_FACTOR = 1.4826
-"""Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
-1).
-"""
 
 NEAREST_PLACES = 4
 """Places whose mean says how well the shape is known at a point: those on the corners of its mesh."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.camera import project_point
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
+from photogram.projection import seen_at
 from photogram.survey import Block
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,22 +47,6 @@ class Views:
             np.array([(camera.width_px, camera.height_px) for camera in cameras], dtype=np.int64).reshape(-1, 2),
             np.array([camera.largest_radius for camera in cameras]),
         )
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def seen_at(
-    model: int, q: FloatArray, R: FloatArray, C: FloatArray, largest_radius: float, X: FloatArray
-) -> tuple[float, float, float]:
-    """Return u, v and the depth of X (3,) as ``project_point``; NaN for u and v where the point lies behind the camera
-    or beyond the radius at which the distortion folds back."""
-    u, v, depth = project_point(model, q, R, C, X)
-    if np.isfinite(largest_radius) and depth > 0.0:
-        dx, dy, dz = X[0] - C[0], X[1] - C[1], X[2] - C[2]
-        px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-        py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-        if px * px + py * py > (largest_radius * depth) ** 2:
-            return np.nan, np.nan, depth
-    return u, v, depth
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

@@ -11,6 +11,7 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, FloatArray, check_shape
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
@@ -21,7 +22,6 @@ from photogram.files.clouds.points import (
     las_header,
 )
 from photogram.grid import MapGrid, Window
-from photogram.survey import ByteArray, FloatArray, check_shape
 
 CHUNK_CELLS = 512
 """Side of the squares of cells in whose order a cloud is best written: neighbours stay together in the file."""

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, FloatArray, check_shape
 from photogram.errors import ProjectError
 from photogram.files.clouds.points import las_colour, read_las
-from photogram.survey import ByteArray, FloatArray, check_shape
 
 FIGURES = ("sigma z", "sigma xy", "confidence")
 

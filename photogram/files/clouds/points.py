@@ -16,14 +16,15 @@ from laspy.errors import LaspyException
 from laspy.vlrs.known import WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, FloatArray
+from photogram.crs import written_crs
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
 from photogram.files.reading import check_size
-from photogram.frames import written_crs
 from photogram.height_systems import first_wkt
-from photogram.printable import is_number
-from photogram.survey import ByteArray, FloatArray, PointCloud
+from photogram.survey import PointCloud
+from photogram.wording import is_number
 
 TEXT_SUFFIXES = (".txt", ".csv", ".xyz")
 LAS_SUFFIXES = (".las", ".laz")

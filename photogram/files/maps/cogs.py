@@ -22,9 +22,9 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 
+from photogram.crs import written_crs
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
-from photogram.frames import written_crs
 from photogram.grid import MapGrid, Window
 from photogram.height_systems import geotiff_crs
 

@@ -9,9 +9,9 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from photogram.crs import plan_of, written_crs
 from photogram.files.atomic import replacing, scratch_folder
-from photogram.frames import plan_of, written_crs
-from photogram.surface.contours import Contours
+from photogram.survey import Contours
 
 LAYER = "contours"
 

@@ -15,10 +15,10 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
+from photogram.crs import projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
-from photogram.frames import projected_crs
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 

@@ -13,10 +13,10 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IFDRational
 
+from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
@@ -36,8 +36,6 @@ __all__ = [
     "write_photograph",
 ]
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 LARGEST_PIXELS = 1_000_000_000
 """Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""

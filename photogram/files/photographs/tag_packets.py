@@ -15,7 +15,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from PIL import ExifTags, Image
 
-from photogram.printable import printable, shortened
+from photogram.wording import printable, shortened
 
 Tags = dict[int, object]
 

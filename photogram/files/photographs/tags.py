@@ -24,7 +24,7 @@ from PIL.TiffImagePlugin import IFDRational
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
 from photogram.errors import ImageError, PhotogramError
 from photogram.files.photographs.tag_packets import DAMAGE, exif_of, xmp_of
-from photogram.printable import printable, shortened
+from photogram.wording import printable, shortened
 
 Kind = Literal["frame", "thermal", "panorama", "fisheye"]
 

@@ -16,8 +16,8 @@ from typing import get_args
 
 from photogram.errors import ControlPointError
 from photogram.files.text_lines import NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
-from photogram.printable import shortened
 from photogram.survey import Role, Roles
+from photogram.wording import shortened
 
 Sigma3 = tuple[float | None, float | None, float | None]
 Row = dict[str, str]

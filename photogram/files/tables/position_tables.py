@@ -27,7 +27,7 @@ from photogram.files.tables.position_files import (
 )
 from photogram.files.text_lines import Faults, lines_of
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
-from photogram.printable import shortened
+from photogram.wording import shortened
 
 Row = Mapping[str, str]
 

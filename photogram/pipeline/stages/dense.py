@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.files.atomic import make_folder, replacing
+from photogram.files.npz_json import write_json
 from photogram.grid import Window
 from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.pipeline.store.workspace import write_json
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
+    CELL_GSD,
+    MINIMUM_RAYS,
     KnownGround,
     Level,
     Prior,
@@ -27,22 +29,11 @@ from photogram.surface.dense.pyramid import (
     first_prior,
     known_ground,
     plan_levels,
+    round_cell_m,
     survey_grid,
 )
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
 from photogram.surface.views import Views
-
-CELL_GSD = 2.0
-"""Cell of the surface where none is asked for, in ground sampling distances."""
-
-MINIMUM_RAYS = 2
-_ROUND_CELLS = np.array([1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
-
-
-def round_cell_m(cell_m: float) -> float:
-    """Return the round length, in m, that is nearest to ``cell_m``."""
-    power = 10.0 ** np.floor(np.log10(cell_m))
-    return float(np.round(_ROUND_CELLS[np.argmin(np.abs(np.log(_ROUND_CELLS * power / cell_m)))] * power, 9))
 
 
 class ReducedPictures:

@@ -11,21 +11,18 @@ from threading import Lock
 
 import numpy as np
 
+from photogram.arrays import ByteArray
 from photogram.camera import Pose
+from photogram.crs import plan_of
 from photogram.files.maps.cogs import write_cog_rgba
-from photogram.frames import plan_of
+from photogram.files.npz_json import write_json
 from photogram.grid import Window
 from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.workspace import write_json
-from photogram.surface.ortho.colour_balance import ByteArray
-from photogram.surface.ortho.orthophoto import TILE_CELLS, Orthophoto, plan_orthophoto
+from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.views import Views
 
 LEFT_OUT = "left_out.json"
-
-LEAST_HELD = 4
-"""Decoded photographs that are kept, however little memory there is."""
 
 
 LEAST_DEPRESSION_DEG = 40.0

@@ -24,13 +24,13 @@ from photogram.files.clouds.dense_points import (
 )
 from photogram.files.clouds.points import NO_DATE
 from photogram.files.maps.rasters import picture_on_grid, read_codes
+from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.orthophoto import LEFT_OUT
 from photogram.pipeline.stages.stages import RELATIVE_SIGMA_FILE
 from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.pipeline.store.workspace import read_json
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.surface_figures import (
     DrawnFigure,

@@ -7,12 +7,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from photogram.crs import crs_title
 from photogram.errors import ReportError
 from photogram.files.atomic import replacing
-from photogram.frames import crs_title
+from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.workspace import Workspace, file_fingerprint, read_json, write_json
+from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete

@@ -15,19 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from photogram import __version__
+from photogram.crs import crs_in_words
 from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
+from photogram.files.npz_json import write_record
 from photogram.files.poses import write_pose_geojson, write_pose_table
-from photogram.frames import crs_in_words
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.report_files import disbelieved, discard_prints, run_facts, write_report
 from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.workspace import write_record
-from photogram.printable import file_stem
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_picture
 from photogram.report.figures.style import (
@@ -41,8 +40,9 @@ from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
 from photogram.report.numbers.overlap import Overlap, ground_overlap
 from photogram.report.numbers.statistics import dsm_numbers
-from photogram.sfm.tracks import seen_in_all
-from photogram.survey import Adjustment
+from photogram.results import Adjustment
+from photogram.sfm.tie_points.tracks import seen_in_all
+from photogram.wording import file_stem
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {

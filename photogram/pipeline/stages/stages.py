@@ -17,47 +17,35 @@ from threadpoolctl import threadpool_limits
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.self_calibration import held_parameters, with_priors
+from photogram.arrays import ByteArray, FloatArray
+from photogram.crs import plan_of
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster, write_geotiff
+from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import check_photograph, read_tags
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame, map_heights, plan_of
+from photogram.frames import LocalFrame, map_heights
 from photogram.pipeline.store.run import Run, adjustment_arrays, orientation_to, write_comparison
-from photogram.pipeline.store.workspace import (
-    read_arrays,
-    read_record,
-    write_arrays,
-    write_json,
-    write_record,
-)
 from photogram.project.measured_positions import measured_position, position_note
+from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.frozen_positions import frozen_positions
 from photogram.project.validation.positions import time_findings
 from photogram.quality.cloud_comparison import compare, triangulate
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.quality.improvements import block_deformation
-from photogram.sfm.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
-from photogram.sfm.guided_matching import Found, cut_patches, transfer_to, with_found
-from photogram.sfm.matching import match_pair
 from photogram.sfm.orientation import Orientation, believed_attitudes, orient
-from photogram.sfm.pairs import SelectedPairs, select_pairs
 from photogram.sfm.reconstruction import Structure
-from photogram.sfm.retrieval import most_similar
-from photogram.sfm.tracks import join_matches, key_point_sigmas_px
+from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
+from photogram.sfm.tie_points.guided_matching import Found, cut_patches, transfer_to, with_found
+from photogram.sfm.tie_points.matching import match_pair
+from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
+from photogram.sfm.tie_points.retrieval import most_similar
+from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px
 from photogram.surface.tin_dsm import surface_with_sigma
-from photogram.survey import (
-    ByteArray,
-    Features,
-    FloatArray,
-    Matches,
-    PointCloud,
-    Raster,
-    TiePoints,
-)
+from photogram.survey import Features, Matches, PointCloud, Raster, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
 
 

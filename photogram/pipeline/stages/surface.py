@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.crs import plan_of
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
-from photogram.frames import plan_of
+from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.stages.stages import (
     HEIGHT,
@@ -24,7 +25,6 @@ from photogram.pipeline.stages.stages import (
 )
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.pipeline.store.workspace import read_json, write_arrays, write_json
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
 from photogram.surface.dsm import (

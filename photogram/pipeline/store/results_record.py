@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from photogram.files.atomic import observed, replacing
+from photogram.files.npz_json import file_fingerprint
 from photogram.files.stage_folders import faults_of
-from photogram.pipeline.store.workspace import file_fingerprint
 
 CHECKSUMS = "checksums.sha256"
 _PLACES = (Path("."), Path("pictures"))

@@ -19,39 +19,20 @@ from numpy.typing import NDArray
 from photogram.camera import Pose, rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.maps.rasters import read_raster
+from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record, record_arrays, write_arrays
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.frames import LocalFrame
 from photogram.height_systems import HeightSystem
-from photogram.pipeline.store.workspace import (
-    Workspace,
-    file_fingerprint,
-    read_arrays,
-    read_json,
-    read_record,
-    record_arrays,
-    write_arrays,
-)
+from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.deformation import GROUND
 from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured, without
+from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
-from photogram.survey import (
-    Adjustment,
-    Block,
-    ControlPoints,
-    Deformation,
-    Features,
-    Matches,
-    Photograph,
-    PointCloud,
-    Raster,
-    Reliability,
-    TiePoints,
-    VarianceComponents,
-)
+from photogram.survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
 
 NO_TIE_POINTS = TiePoints(
     *(np.zeros(0, dtype=np.int64),) * 3,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.files.atomic import make_folder
+from photogram.files.npz_json import read_arrays, write_arrays
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.store.workspace import read_arrays, write_arrays
 
 
 def _as_it_is(path: Path) -> Path:

@@ -1,5 +1,5 @@
 """The project that `photogram init` writes: cameras, positions and sites from the tags of the photographs.
 
 Guesses no standard deviation in silence: every value that it assumes is written out with its reason.
-`project_draft`, and `project_text` for the file itself.
+`draft.draft_project`, and `text` for the file itself.
 """

@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
+from photogram.crs import height_system_of, projected_crs, vertical_of
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.files.tables.position_files import PositionRow
-from photogram.frames import height_system_of, map_from_geodetic, projected_crs, vertical_of
+from photogram.frames import map_from_geodetic
 from photogram.gnss import Sigma3
 from photogram.height_systems import HeightSystem, is_gnss_ellipsoid
 from photogram.project.draft.cameras import (
@@ -32,11 +34,10 @@ from photogram.project.draft.sites import (
     separate_flights,
     utm_crs,
 )
-from photogram.project.validation.findings import some
-from photogram.project.validation.frozen_positions import frozen_positions
+from photogram.project.positions.frozen import frozen_positions
 from photogram.survey import Role
+from photogram.wording import some
 
-FloatArray = NDArray[np.float64]
 NEAR_M = 20_000.0
 _OUTSIDE_AREA_DEG = 4.0
 _RARE_SHARE, _RARE = 0.1, 3

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from photogram.arrays import FloatArray, IntArray
 from photogram.errors import FrameError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 METRES_PER_DEGREE = 111_195.0
 """Along a meridian of a sphere of 6371 km."""

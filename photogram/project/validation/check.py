@@ -16,12 +16,13 @@ import numpy as np
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
+from photogram.project.findings import Finding
 from photogram.project.project import Project
-from photogram.project.validation.findings import Finding, some, things
 from photogram.project.validation.geometry import geometry_findings
 from photogram.project.validation.heights import height_system_findings
 from photogram.project.validation.positions import gnss_findings
 from photogram.project.validation.resources import MachineNeeds, gigabytes, machine_findings, machine_needs
+from photogram.wording import some, things
 
 _MOST_LINES = 10
 

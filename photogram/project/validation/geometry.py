@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, unproject
 from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.draft.sites import gap_between_sites_m, group_sites
+from photogram.project.findings import Finding
 from photogram.project.measured_survey import (
     MeasuredSurvey,
     control_positions,
@@ -22,13 +23,10 @@ from photogram.project.measured_survey import (
     stated_positions,
     usable_survey,
 )
+from photogram.project.misplaced import other_reading
 from photogram.project.project import Project
-from photogram.project.validation.findings import Finding, some, things
-from photogram.project.validation.misplaced import other_reading
 from photogram.sfm.similarity import straight
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from photogram.wording import some, things
 
 FAR_FOOTPRINTS = 3.0
 """A position farther than this many footprints from all others has nothing in common with them."""

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.camera import Camera, unproject
-from photogram.survey import ControlPoints, FloatArray
+from photogram.survey import ControlPoints
 
 FARTHEST_M = 150.0
 """Geoid heights reach from -107 m to 86 m, and GNSS heights are metres off by themselves."""

@@ -12,16 +12,18 @@ from typing import Any, Literal
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.errors import FrameError, ImageError, ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
 from photogram.height_systems import Geoid, HeightSystem
+from photogram.project.findings import Finding, Severity
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
-from photogram.project.validation.findings import Finding, Severity, some
 from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
 from photogram.project.validation.image_scale import ScaleFit, fit_scales
-from photogram.survey import Block, FloatArray, Role
+from photogram.survey import Block, Role
+from photogram.wording import some
 
 SURE_SIGMA_M = 1.0
 """GNSS heights that are worse, of a single receiver or a barometer, prove nothing: they err by tens of metres."""

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.camera import unproject
 from photogram.project.validation.height_shift import HeightEvidence, Rays, ray_squares, rays_of, robust_cost
 
-FloatArray = NDArray[np.float64]
 Kind = Literal["focal length", "picture size"]
 
 LARGEST_FOCAL_ERROR = 0.35

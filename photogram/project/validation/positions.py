@@ -11,8 +11,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.files.photographs.tags import PhotographTags
 from photogram.gnss import Solution
+from photogram.project.findings import Finding, Severity
 from photogram.project.measured_positions import (
     FROM_TAGS,
     claims_too_much,
@@ -22,8 +24,7 @@ from photogram.project.measured_positions import (
     source_of,
 )
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.findings import Finding, Severity, some, things
-from photogram.survey import FloatArray
+from photogram.wording import some, things
 
 CLOCK_S = 3.0
 """Camera clocks count whole seconds and drift; the difference common to a file is taken off before."""

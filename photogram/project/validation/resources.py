@@ -13,20 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.pipeline.stages.dense import CELL_GSD, MINIMUM_RAYS, round_cell_m
-from photogram.pipeline.stages.orthophoto import LEAST_HELD
+from photogram.project.findings import Finding, Severity
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.schema import Quality
-from photogram.project.validation.findings import Finding, Severity
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
-from photogram.surface.dense.pyramid import MOST_LEVELS
+from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, round_cell_m
+from photogram.surface.ortho.orthophoto import LEAST_HELD
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
-
-FloatArray = NDArray[np.float64]
 
 BYTES_PER_KEY_POINT = 163
 """On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""

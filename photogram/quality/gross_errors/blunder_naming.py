@@ -13,10 +13,12 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import project
 from photogram.quality.accuracy import AXES
 from photogram.quality.gross_errors.data_snooping import Accusation, Search, unmeasured
-from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
+from photogram.results import Adjustment
+from photogram.survey import Block, ControlPoints
 
 SURE = 4.0  # sigmas within which a prediction is said to be what was meant
 CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it

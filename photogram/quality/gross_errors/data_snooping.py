@@ -20,11 +20,13 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from photogram.adjustment.gnss_offsets import implied_offset_test
-from photogram.adjustment.marked_points import intersected_marks
+from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.quality.gross_errors.focal_length import WRONG_BY
-from photogram.survey import Adjustment, Block, ControlPoints, FloatArray, Photograph, Role
+from photogram.results import Adjustment
+from photogram.sfm.marked_points import intersected_marks
+from photogram.survey import Block, ControlPoints, Photograph, Role
 
 Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset"]
 Adjuster = Callable[[Block], Adjustment]

@@ -6,23 +6,16 @@ Parts of the pictures are adjusted by themselves; see photogram.quality.gross_er
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
 from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without
-from photogram.quality.gross_errors.focal_length import (
-    WRONG_BY,
-    FocalLength,
-    PhotographsSay,
-    model_sigma_px,
-    picture_parts,
-    settled,
-    without_prior,
-)
-from photogram.survey import Adjustment, Block
+from photogram.quality.gross_errors.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
+from photogram.results import Adjustment, FocalDecision, FocalLength, PhotographsSay
+from photogram.survey import Block
 
 FEWEST_RAYS = 20
 """Rays of a photograph from which it takes part in the adjustment of a part of the pictures."""
@@ -31,36 +24,6 @@ FEWEST_CONTROL = 3
 """Control points that, left out one after the other, speak for one focal length or another."""
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class FocalDecision:
-    """What was decided on a focal length: the ``given`` one, what photographs ``say``, what was ``settled``, and the
-    ``evidence`` of control points; ``sentence`` says it."""
-
-    given_px: float
-    given_sigma_px: float
-    says: PhotographsSay
-    settled: FocalLength
-    evidence: float
-
-    @property
-    def sentence(self) -> str:
-        """Return what there is to say of it."""
-        say, is_ = self.says, self.settled
-        given = f"{self.given_px:.1f} ± {self.given_sigma_px:.1f} px"
-        photographs = f"{say.focal_px:.1f} ± {say.formal_sigma_px:.1f} px"
-        if say.trustworthy:
-            return (
-                f"its source gives {given}, the photographs determine {photographs}, in all parts of the pictures "
-                "alike: the source is rejected"
-            )
-        return (
-            f"its source gives {given}, the photographs want {photographs}, but parts of the pictures disagree by "
-            f"{say.model_sigma_px:.0f} px: something that the camera model leaves out, such as a rolling shutter, "
-            f"moves it. It is set to {is_.focal_px:.1f} ± {is_.sigma_px:.1f} px, which every predicted sigma counts: "
-            "calibrate the camera, or add oblique photographs or control points at different heights"
-        )
 
 
 def _restricted(block: Block, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Block:

@@ -12,12 +12,13 @@ the error of the model. The two are put together as a mixture of normal distribu
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 
-from photogram.survey import BoolArray, FloatArray, TiePoints
+from photogram.arrays import BoolArray, FloatArray
+from photogram.results import FocalLength, PhotographsSay
+from photogram.survey import TiePoints
 
 WRONG_TAG = 0.1
 """The probability that the source of a focal length is wrong beyond its standard deviation."""
@@ -32,36 +33,6 @@ FEWEST_PARTS = 3
 
 SHARED = 2.0
 """What moves the focal length of the whole, over what sets its parts apart: they overlap, and share most of it."""
-
-
-@dataclass(frozen=True)
-class FocalLength:
-    """What is known of a focal length, px: ``focal_px`` with ``sigma_px``, and ``rejected``, the probability that its
-    source is wrong."""
-
-    focal_px: float
-    sigma_px: float
-    rejected: float
-
-
-@dataclass(frozen=True)
-class PhotographsSay:
-    """The focal length that photographs, control points and GNSS positions determine without its source, px: its formal
-    standard deviation, and that of the camera model's error, from the parts of pictures."""
-
-    focal_px: float
-    formal_sigma_px: float
-    model_sigma_px: float
-
-    @property
-    def sigma_px(self) -> float:
-        """Return both standard deviations together."""
-        return float(np.hypot(self.formal_sigma_px, self.model_sigma_px))
-
-    @property
-    def trustworthy(self) -> bool:
-        """Return whether the camera model's error is too small to be told from chance."""
-        return self.model_sigma_px <= self.formal_sigma_px
 
 
 def without_prior(focal_px: float, sigma_px: float, prior_px: float, prior_sigma_px: float) -> tuple[float, float]:

@@ -16,15 +16,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.marked_points import intersected_marks
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
+from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured
-from photogram.survey import Block, FloatArray
+from photogram.sfm.marked_points import intersected_marks
+from photogram.survey import Block
 
 LIMIT = 4.0
 """Sigmas within which the loss is nearly square."""

@@ -12,11 +12,12 @@ from itertools import combinations
 
 import numpy as np
 
-from photogram.adjustment.marked_points import intersected_marks
+from photogram.arrays import FloatArray
 from photogram.errors import OrientationError
 from photogram.quality.gross_errors.data_snooping import Accusation, Adjuster, unmeasured
+from photogram.sfm.marked_points import intersected_marks
 from photogram.sfm.similarity import fit_similarity, robust_similarity
-from photogram.survey import Block, FloatArray
+from photogram.survey import Block
 
 BENDS = (0.0003, 0.001, 0.005)  # of the extent: what a block without control may be bent by, the stiffest first
 GAUGE = 0.05  # of the flying height: sigma of the positions that hold a block without GNSS in place

@@ -2,8 +2,8 @@
 
 The block is adjusted with everything in it, and suspects are tested on equal terms
 (photogram.quality.gross_errors.data_snooping). A blunder so gross that it bends the block is laid to its neighbours
-too: then what a robust adjustment leaves out, and what a look without any control point finds, are tried beside it, and that
-is taken which explains most with least. A focal length whose source is rejected is settled at last, see
+too: then what a robust adjustment leaves out, and what a look without any control point finds, are tried beside it, and
+that is taken which explains most with least. A focal length whose source is rejected is settled at last, see
 photogram.quality.gross_errors.focal_length.
 """
 
@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError
-from photogram.project.validation.findings import some
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
 from photogram.quality.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
 from photogram.quality.gross_errors.data_snooping import (
@@ -32,11 +32,13 @@ from photogram.quality.gross_errors.data_snooping import (
     whole_points,
     without,
 )
-from photogram.quality.gross_errors.focal_evidence import FocalDecision, settle_focal_lengths
+from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
 from photogram.quality.gross_errors.robust_start import grossly_off
 from photogram.quality.gross_errors.screening import gross_blunders
+from photogram.results import Adjustment, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
-from photogram.survey import Adjustment, Block, ControlPoints, FloatArray
+from photogram.survey import Block, ControlPoints
+from photogram.wording import some
 
 BENT = 12.0
 """Sigmas by which the rest contradicts a measurement, from which a blunder in it may be laid to others too."""

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import binned_statistic_2d, norm
 
+from photogram.arrays import FloatArray
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.report.figures.plan_view import plan_contents, plan_figure
@@ -38,7 +39,8 @@ from photogram.report.figures.style import (
     surface_figure,
 )
 from photogram.report.numbers.overlap import Overlap
-from photogram.survey import Adjustment, FloatArray, PointCloud, Raster
+from photogram.results import Adjustment
+from photogram.survey import PointCloud, Raster
 
 PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40

@@ -18,6 +18,7 @@ from matplotlib.text import Annotation
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from photogram.arrays import FloatArray, check_shape
 from photogram.report.figures.style import (
     BLUE,
     GREEN,
@@ -32,7 +33,8 @@ from photogram.report.figures.style import (
 from photogram.report.figures.style import round_length as round_down
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.numbers.overlap import Overlap
-from photogram.survey import Adjustment, FloatArray, Raster, Role, check_shape
+from photogram.results import Adjustment
+from photogram.survey import Raster, Role
 
 BLACK = "#111111"
 FLIGHT_SYMBOLS = (("s", BLUE), ("D", "#AA3377"), ("h", ORANGE), ("P", BLACK), ("p", "#7A5C00"), ("d", "#555555"))

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 
-from photogram.decimation import bands, decimated
+from photogram.arrays import BoolArray, FloatArray
+from photogram.grid import bands, decimated
 from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
 from photogram.report.figures.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure
-from photogram.report.numbers.dense_surface import BoolArray, DenseSurface
-from photogram.survey import FloatArray
+from photogram.report.numbers.dense_surface import DenseSurface
 
 PLAN_CELLS = 500
 BAND_SIGMAS = 2.0

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, uniform_filter, uniform_filter1d
 
-from photogram.decimation import decimated
+from photogram.arrays import FloatArray
+from photogram.grid import decimated
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, Sampled, sampled
-from photogram.survey import FloatArray, Raster
+from photogram.survey import Raster
 
 COARSE_CELLS = 500
 """Cells of the copy of the surface on which lines are chosen, along its longer side, at most."""

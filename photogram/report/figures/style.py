@@ -26,11 +26,12 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera
-from photogram.decimation import decimated
 from photogram.files.atomic import make_folder, replacing
+from photogram.grid import decimated
 from photogram.quality.cloud_comparison import Comparison
-from photogram.survey import ByteArray, FloatArray, Raster
+from photogram.survey import Raster
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
 GREY, PAGE_DPI = "#666666", 130

@@ -11,11 +11,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_hex
 from matplotlib.figure import Figure
 
-from photogram.decimation import bands, block_means, block_of, decimated
+from photogram.arrays import BoolArray, FloatArray
+from photogram.grid import bands, block_means, block_of, decimated
 from photogram.report.figures.plan_view import ENOUGH, FEW, HALO, overlap_levels, place_labels
 from photogram.report.figures.style import GREEN, VERMILION, map_axes, new_figure, surface_figure
-from photogram.report.numbers.dense_surface import BoolArray, DenseSurface, GroundMarks, OrthophotoPicture
-from photogram.survey import FloatArray, Raster
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
+from photogram.survey import Raster
 
 MAP_CELLS = 1200
 """Cells of a drawn map along its longer side, at most."""

@@ -8,10 +8,11 @@ import io
 import numpy as np
 from PIL import Image
 
+from photogram.arrays import ByteArray
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.style import shaded_relief
 from photogram.report.numbers.dense_surface import OrthophotoPicture
-from photogram.survey import ByteArray, Raster
+from photogram.survey import Raster
 
 LONGER_SIDE_PX = 560
 JPEG_QUALITY = 82

@@ -1,5 +1,5 @@
 """The numbers of report.json, section by section, and the verdict on them.
 
 Reads results and writes none; draws nothing.
-`numbers.report_numbers`; `overall` and `traffic_lights` grade them.
+`numbers` makes the report; `overall` and `traffic_lights` grade it.
 """

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from photogram.decimation import bands
+from photogram.arrays import FloatArray
+from photogram.grid import bands
 from photogram.quality.asprs import MINIMUM_POINTS, accuracy
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
-from photogram.survey import FloatArray
 
 Json = dict[str, Any]
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import BoolArray, ByteArray, FloatArray, check_shape
 from photogram.report.numbers.completion import axis_roles
-from photogram.survey import ByteArray, FloatArray, Raster, check_shape
-
-BoolArray = NDArray[np.bool_]
+from photogram.survey import Raster
 
 
 @dataclass(frozen=True, eq=False)

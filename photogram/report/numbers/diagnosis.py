@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from photogram.camera import PARAMETER_NAMES
+from photogram.arrays import FloatArray
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.diagnosis import REMEDIES, Diagnosis, diagnose
 from photogram.quality.ground_errors import factor_of_differences
 from photogram.quality.resection_vs_gnss import resection_differences
+from photogram.results import Adjustment
 from photogram.sfm.resection import Resection
-from photogram.survey import Adjustment, FloatArray
 
 Json = dict[str, Any]
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
 from photogram.adjustment.lever_arms import LeftArm
-from photogram.project.validation.findings import some, things
+from photogram.arrays import FloatArray
 from photogram.report.numbers.numbers import gnss_residual_m
-from photogram.survey import Adjustment, FloatArray, Photograph
+from photogram.results import Adjustment
+from photogram.survey import Photograph
+from photogram.wording import some, things
 
 Json = dict[str, Any]
 Notes = Sequence[Mapping[str, Any]]

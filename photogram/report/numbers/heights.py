@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from photogram.frames import LocalFrame, product_crs, written_crs
+from photogram.crs import product_crs, written_crs
+from photogram.frames import LocalFrame
 from photogram.height_systems import DeclaredHeights, HeightSystem
 
 Json = dict[str, Any]

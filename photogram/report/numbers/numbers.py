@@ -10,17 +10,20 @@ from typing import Any
 import numpy as np
 
 from photogram.adjustment.reliability import CRITICAL, minimal_detectable_blunder
-from photogram.camera import PARAMETER_NAMES, Pose, omega_phi_kappa_deg
+from photogram.arrays import FloatArray
+from photogram.camera import Pose, omega_phi_kappa_deg
 from photogram.frames import LocalFrame
+from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
+from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
-from photogram.survey import Adjustment, ControlPoints, FloatArray, Photograph, PointCloud
+from photogram.survey import ControlPoints, Photograph, PointCloud
 
 Json = dict[str, Any]
 Held = Mapping[str, Mapping[str, str]]

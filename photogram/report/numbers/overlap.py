@@ -12,9 +12,12 @@ import numpy as np
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy.ndimage import median
 
-from photogram.camera import models_of, project_point
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import models_of
 from photogram.compilation import njit
-from photogram.survey import Adjustment, FloatArray, IntArray, Raster
+from photogram.projection import project_point
+from photogram.results import Adjustment
+from photogram.survey import Raster
 
 CELLS = 100
 """Cells along the longer side of the ground."""

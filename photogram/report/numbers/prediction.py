@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.simulation.prediction import Alternative, Prediction
-from photogram.survey import FloatArray
 
 Json = dict[str, Any]
 

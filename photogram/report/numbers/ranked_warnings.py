@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from photogram.adjustment.placing import WHOLE_BLOCK
 from photogram.quality.asprs import MINIMUM_POINTS
+from photogram.quality.placing import WHOLE_BLOCK
 from photogram.report.numbers.traffic_lights import number
 
 Json = dict[str, Any]

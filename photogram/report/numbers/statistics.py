@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from photogram.adjustment.variance_components import Scatter, scatters
+from photogram.arrays import NMAD_FACTOR, FloatArray
 from photogram.quality.prediction_test import (
     LeaveOneOut,
     PredictedAgainstAchieved,
     leave_one_out,
     predicted_against_achieved,
 )
-from photogram.surface.tin_dsm import NMAD_FACTOR
-from photogram.survey import Adjustment, FloatArray, Raster
+from photogram.results import Adjustment
+from photogram.survey import Raster
 
 Json = dict[str, Any]
 

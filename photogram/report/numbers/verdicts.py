@@ -9,8 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.reliability import LEAST_REDUNDANCY, minimal_detectable_blunder
+from photogram.arrays import FloatArray
 from photogram.quality.accuracy import AXES
-from photogram.survey import Adjustment, FloatArray
+from photogram.results import Adjustment
 
 Json = dict[str, Any]
 

@@ -1,5 +1,5 @@
 """Dense heights: correlation of many photographs on the ground, semi-global regularisation, refinement.
 
 Keeps no height without its standard deviation; memory grows with a tile, not with the survey.
-`dense_matching.match_block`, `dense_levels.plan_levels`.
+`tile_matching.match_block`, `pyramid.plan_levels`.
 """

@@ -13,13 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.compilation import njit
+from photogram.projection import seen_at
 from photogram.surface.dense.semi_global import FULL_COST
-from photogram.surface.views import seen_at
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 
 NEUTRAL = FULL_COST // 2
 """Cost of a hypothesis without any correlation, and of one that fewer than two photographs see."""

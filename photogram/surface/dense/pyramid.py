@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter
 from scipy.spatial import cKDTree
 
+from photogram.arrays import NMAD_FACTOR, Float32Array, FloatArray
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.surface.dense.correlation import Crops, nearest_views
-from photogram.surface.tin_dsm import NMAD_FACTOR
 from photogram.surface.views import Views
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 STEP_PX = 0.7
 """Parallax, in pixels of the reduced picture, between neighbouring hypotheses."""
@@ -258,3 +255,17 @@ def median_of_known(z: Float32Array) -> Float32Array:
     smooth = median_filter(filled, 3, mode="nearest")
     whole = minimum_filter(has.astype(np.uint8), 3, mode="nearest") > 0
     return np.where(whole, smooth, z).astype(np.float32)
+
+
+CELL_GSD = 2.0
+"""Cell of the surface where none is asked for, in ground sampling distances."""
+
+MINIMUM_RAYS = 2
+
+_ROUND_CELLS = np.array([1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+
+
+def round_cell_m(cell_m: float) -> float:
+    """Return the round length, in m, that is nearest to ``cell_m``."""
+    power = 10.0 ** np.floor(np.log10(cell_m))
+    return float(np.round(_ROUND_CELLS[np.argmin(np.abs(np.log(_ROUND_CELLS * power / cell_m)))] * power, 9))

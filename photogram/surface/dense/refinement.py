@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.correlation import (
     FAST,
@@ -36,10 +37,6 @@ from photogram.surface.dense.correlation import (
     share_of,
     window_at,
 )
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""

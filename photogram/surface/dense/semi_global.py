@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array, IntArray
 from photogram.compilation import njit
-
-FloatArray = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 
 FULL_COST = 254
 """Cost of the worst hypothesis; that of the best is 0."""
@@ -37,7 +35,7 @@ class CostVolume:
     cost: NDArray[np.uint8]
     start: IntArray
     first: NDArray[np.int32]
-    guide: FloatArray
+    guide: Float32Array
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -51,7 +49,7 @@ def _along_path(
     cost: NDArray[np.uint8],
     start: IntArray,
     first: NDArray[np.int32],
-    guide: FloatArray,
+    guide: Float32Array,
     row: int,
     column: int,
     step: tuple[int, int],
@@ -100,7 +98,7 @@ def _all_paths(
     cost: NDArray[np.uint8],
     start: IntArray,
     first: NDArray[np.int32],
-    guide: FloatArray,
+    guide: Float32Array,
     directions: IntArray,
     penalties: tuple[float, float, float],
     most: int,
@@ -131,7 +129,7 @@ def _best(
     first: NDArray[np.int32],
     rows: int,
     columns: int,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Float32Array, Float32Array]:
     """Return the best hypothesis of each cell, with its fraction, and its own cost."""
     best = np.full((rows, columns), np.nan, np.float32)
     own = np.full((rows, columns), np.nan, np.float32)
@@ -156,7 +154,7 @@ def _best(
 
 def regularised(
     volume: CostVolume, small_step: float, large_step: float, contrast: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Float32Array, Float32Array]:
     """Return the best hypothesis (rows, columns) of each cell, to a fraction, and what it costs by itself.
 
     ``small_step`` and ``large_step`` are penalties in units of cost; the large one falls with the change of the guide,

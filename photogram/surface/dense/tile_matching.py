@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
@@ -29,9 +30,6 @@ from photogram.surface.dense.refinement import refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.views import Views, places_in_view
 
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 Picture = Callable[[int, int], NDArray[np.generic]]
 """Gives the grey values (height, width) of a view, by its number, reduced by a factor: pixel (u, v) lies at (u, v) /
 factor of it."""

@@ -12,19 +12,17 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
+from photogram.projection import seen_at
 from photogram.surface.ortho.seamlines import Seams
-from photogram.surface.views import Views, seen_at
+from photogram.surface.views import Views
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-ByteArray = NDArray[np.uint8]
 PixelsOf = Callable[[int], ByteArray]
 """Gives the pixels (H, W, 3), red, green, blue, of a view by its number."""
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
@@ -35,9 +36,9 @@ from photogram.surface.ortho.visibility import NARROW, STRICT, Relief, Terrain, 
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int32]
+LEAST_HELD = 4
+"""Decoded photographs that are kept, however little memory there is."""
+
 
 TILE_CELLS = 512
 TILES_AHEAD = 4
@@ -178,7 +179,7 @@ def plan_orthophoto(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _shares(row: int, column: int, block: int, label: IntArray, found: IntArray, share: FloatArray) -> None:
+def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Array, share: FloatArray) -> None:
     """Fill the labels (4,) of the blocks around the centre of a cell of the grid, each once, else −1, and how much of a
     bilinear mean they make."""
     y, x = (row + 0.5) / block - 0.5, (column + 0.5) / block - 0.5
@@ -205,9 +206,9 @@ def _choose(
     cells: tuple[FloatArray, FloatArray],
     lines: tuple[float, FloatArray, FloatArray],
     corner: tuple[int, int],
-    lattice: tuple[IntArray, IntArray],
+    lattice: tuple[Int32Array, Int32Array],
     widths: tuple[int, float],
-    out: tuple[IntArray, NDArray[np.float32], FloatArray],
+    out: tuple[Int32Array, NDArray[np.float32], FloatArray],
 ) -> None:
     """Fill which photographs every cell of a window is made of, with which weights (R, C, 4), and its height (R, C).
 
@@ -254,7 +255,7 @@ def _mix(
     X: FloatArray,
     place: tuple[float, float, float],
     feather: float,
-    found: IntArray,
+    found: Int32Array,
     share: FloatArray,
 ) -> bool:
     """Turn shares into weights of the photographs that see a place; False where none does."""
@@ -285,8 +286,8 @@ def _second_best(
     X: FloatArray,
     place: tuple[float, float, float],
     edge: bool,
-    candidate: IntArray,
-    found: IntArray,
+    candidate: Int32Array,
+    found: Int32Array,
     share: FloatArray,
 ) -> None:
     """Give all weight to the first candidate that sees a place by the strict test, at a height edge else by the

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.surface.views import seen_at
-
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int32]
+from photogram.projection import seen_at
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -65,7 +62,7 @@ def add_photograph(
     log_gain: FloatArray,
     falloff: FloatArray,
     places: tuple[FloatArray, FloatArray, FloatArray],
-    label: IntArray,
+    label: Int32Array,
     weight: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:

@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Verticals, Window, verticals
+from photogram.projection import seen_at
 from photogram.surface.ortho.visibility import STRICT, Relief, Terrain, height_at, is_hidden
-from photogram.surface.views import Views, seen_at
-
-FloatArray = NDArray[np.float64]
-CostArray = NDArray[np.float32]
-IntArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
+from photogram.surface.views import Views
 
 CANDIDATES = 12
 """Photographs that a block may be taken from."""
@@ -62,10 +59,10 @@ class Seams:
     """
 
     block_cells: int
-    label: IntArray
-    candidate: IntArray
+    label: Int32Array
+    candidate: Int32Array
     clear: BoolArray
-    height_map_m: CostArray
+    height_map_m: Float32Array
 
 
 def block_cells(grid: MapGrid) -> int:
@@ -123,7 +120,7 @@ def bundled_lines(lines: Verticals) -> tuple[float, FloatArray, FloatArray]:
     return lines.base_map_m, lines.foot_world_m, lines.up
 
 
-def _prices(height: CostArray, side_m: float, flying_m: float) -> tuple[CostArray, CostArray]:
+def _prices(height: Float32Array, side_m: float, flying_m: float) -> tuple[Float32Array, Float32Array]:
     """Return what a seam costs between blocks and their neighbours to the right, and below (R, C)."""
     low = np.where(np.isnan(height[..., 1]), np.inf, height[..., 1])
     high = np.where(np.isnan(height[..., 2]), -np.inf, height[..., 2])
@@ -192,7 +189,7 @@ def _costs_at(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _insert(number: int, value: float, candidate: IntArray, cost: CostArray) -> None:
+def _insert(number: int, value: float, candidate: Int32Array, cost: Float32Array) -> None:
     """Put a photograph into a list sorted by cost, the last falls out."""
     k = len(cost) - 1
     if not value < cost[k]:
@@ -230,7 +227,7 @@ def _rate(
     cells: tuple[FloatArray, FloatArray],
     lines: tuple[float, FloatArray, FloatArray],
     sides: tuple[int, float],
-    out: tuple[IntArray, CostArray, BoolArray, CostArray],
+    out: tuple[Int32Array, Float32Array, BoolArray, Float32Array],
 ) -> None:
     """Fill candidates, costs, whether all of a block is seen, and heights of the blocks of a window; ``sides`` of a
     block are in cells and in m."""
@@ -276,7 +273,7 @@ def _rate(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _order_again(
-    candidate: IntArray, cost: CostArray, clear: BoolArray, seen: FloatArray, count: float, order: CostArray
+    candidate: Int32Array, cost: Float32Array, clear: BoolArray, seen: FloatArray, count: float, order: Float32Array
 ) -> None:
     """Add the cost of what is hidden to that of each candidate, and sort the lists by cost."""
     for k in range(len(order)):
@@ -295,7 +292,7 @@ def _order_again(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _send(
-    belief: FloatArray, back: CostArray, mine: IntArray, yours: IntArray, price: float, message: CostArray
+    belief: FloatArray, back: Float32Array, mine: Int32Array, yours: Int32Array, price: float, message: Float32Array
 ) -> None:
     """Pass a message over an edge of the lattice: ``belief`` (K,) of the sender, already weighted, less what came back
     over the edge; different photographs cost ``price``."""
@@ -322,7 +319,12 @@ def _send(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _sweep(
-    candidate: IntArray, cost: CostArray, right: CostArray, below: CostArray, message: CostArray, step: int
+    candidate: Int32Array,
+    cost: Float32Array,
+    right: Float32Array,
+    below: Float32Array,
+    message: Float32Array,
+    step: int,
 ) -> None:
     """Pass messages through the lattice, row by row from the north-west (step 1) or from the south-east (step −1).
 
@@ -354,7 +356,9 @@ def _sweep(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def chosen_labels(candidate: IntArray, cost: CostArray, right: CostArray, below: CostArray, sweeps: int) -> IntArray:
+def chosen_labels(
+    candidate: Int32Array, cost: Float32Array, right: Float32Array, below: Float32Array, sweeps: int
+) -> Int32Array:
     """Return labels (R, C) out of lists ``candidate`` (R, C, K) with costs, sorted, that make small the sum of costs
     and of what differing neighbours pay: ``right`` and ``below`` (R, C); −1 where a list is empty."""
     rows, columns, k = candidate.shape

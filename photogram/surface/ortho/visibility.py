@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from photogram.arrays import FloatArray
 from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
@@ -20,7 +21,6 @@ from photogram.grid import MapGrid, Window
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
-FloatArray = NDArray[np.float64]
 Heights = NDArray[np.float32]
 
 BLOCK_CELLS = 16

@@ -1,0 +1,37 @@
+"""Array types, and checks of shapes and ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+NMAD_FACTOR = 1.4826
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
+1).
+"""
+
+
+FloatArray = NDArray[np.float64]
+
+BoolArray = NDArray[np.bool_]
+
+IntArray = NDArray[np.int64]
+
+ByteArray = NDArray[np.uint8]
+
+Float32Array = NDArray[np.float32]
+
+Int32Array = NDArray[np.int32]
+
+
+def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless ``array`` has ``shape``, where None stands for any length."""
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
+
+
+def check_range(name: str, value: float, low: float, high: float = float("inf")) -> None:
+    """Raise ValueError unless ``low`` ≤ ``value`` ≤ ``high``."""
+    if not low <= value <= high:
+        limits = f"at least {low:g}" if high == float("inf") else f"from {low:g} to {high:g}"
+        raise ValueError(f"{name} is {value:g}; it must be {limits}")

@@ -1,0 +1,104 @@
+"""JSON and npz files, records of arrays, and fingerprints of what they hold."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import WorkspaceError
+from photogram.files.arrays import read_npz
+from photogram.files.atomic import replacing
+
+FORMAT = 7
+"""Raised when the meaning of files in a workspace changes; older stages are then made again."""
+
+
+RecordT = TypeVar("RecordT")
+
+
+def _plain(value: object) -> object:
+    """Return a value that JSON can hold, with the same value for the same content."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(v) for name, v in asdict(value).items()}
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, Path):
+        return value.as_posix()
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None if np.isnan(value) else ("inf" if value > 0 else "-inf")
+    return value
+
+
+def fingerprint(*parts: object) -> str:
+    """Return the SHA-256, in hex, of values made of dataclasses, arrays, mappings, sequences, text and numbers."""
+    text = json.dumps([FORMAT, _plain(parts)], sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def file_fingerprint(path: Path) -> str:
+    """Return the SHA-256, in hex, of a file's content. Raises WorkspaceError when it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as fault:
+        raise WorkspaceError(f"{path}: cannot be read: {fault.strerror}") from fault
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON, whole or not at all; NaN becomes null."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(_plain(value), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
+    """Read JSON. Raises WorkspaceError when the file is missing or damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as fault:
+        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write arrays as uncompressed npz, whole or not at all, the same bytes for the same arrays."""
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz. Raises WorkspaceError when the file is missing or damaged."""
+    try:
+        return read_npz(path)
+    except OSError as fault:
+        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+
+
+def record_arrays(record: object) -> dict[str, NDArray[Any]]:
+    """Return the fields of a dataclass of arrays and numbers; fields that are None are left out."""
+    values = {f.name: getattr(record, f.name) for f in fields(record)}  # type: ignore[arg-type]
+    return {name: np.asarray(value) for name, value in values.items() if value is not None}
+
+
+def write_record(path: Path, record: object) -> None:
+    """Write a dataclass whose fields are arrays, or None, as npz."""
+    write_arrays(path, record_arrays(record))
+
+
+def read_record(path: Path, kind: type[RecordT]) -> RecordT:
+    """Read a dataclass of arrays that ``write_record`` wrote; scalars come back as Python's own."""
+    return kind(**{name: (a if a.ndim else a.item()) for name, a in read_arrays(path).items()})

@@ -1,0 +1,224 @@
+"""Positions of photographs that a project file takes from other files: matched to their photographs, brought to the
+project's CRS.
+
+Faults are noted in the document under the entry that names the file, and carry that file's own line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.crs import plan_of, projected_crs
+from photogram.errors import FrameError, ProjectError
+from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
+from photogram.files.tables.position_tables import read_positions
+from photogram.frames import map_from_crs
+from photogram.gnss import Sigma3, Solution
+from photogram.height_systems import DeclaredHeights, HeightSystem
+from photogram.project.cross_checks import Located
+from photogram.project.document import Document, Key
+from photogram.project.heights import in_map
+from photogram.project.positions.matching import Matching, match_rows
+from photogram.project.schema import PhotographEntry, PositionFileEntry, PositionOf, ProjectFile
+
+WGS84 = "EPSG:4326"
+
+
+@dataclass(frozen=True, eq=False)
+class FilePosition:
+    """The position of one photograph as a file gives it, ``position_map_m`` (3,) in the project's CRS.
+
+    ``source`` is the file as the project names it, ``heights`` the system that its heights were given in,
+    ``position_of`` whether it is the camera's or the antenna's;
+    ``lever_arm_m`` from the antenna to the camera along true east, true north and up, ``attitude_deg`` yaw, pitch and
+    roll of the aircraft, None where no file gives them. ``by_order`` says that nothing but the order of the file told
+    which photograph it is of.
+    """
+
+    source: str
+    position_map_m: FloatArray
+    heights: HeightSystem | None
+    sigma_m: Sigma3 | None
+    solution: Solution
+    position_of: PositionOf
+    gps_time: datetime | None = None
+    attitude_deg: Triple | None = None
+    lever_arm_m: Triple | None = None
+    by_order: bool = False
+
+
+def read_position_files(
+    document: Document,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    folder: Path | None,
+    base: Path,
+    heights: DeclaredHeights,
+) -> tuple[dict[str, FilePosition], list[Located]]:
+    """Return the positions of all files by the names of the photographs, and where they lie, for the checks.
+
+    Relative paths are taken from ``base``; ``photographs`` in ``folder`` are None where they are not known. What is
+    wrong is noted in the document.
+    """
+    found: dict[str, FilePosition] = {}
+    located: list[Located] = []
+    for i, entry in enumerate(file.photographs.positions):
+        key: Key = ("photographs", "positions", i)
+        read = None if entry.path is None else _read(document, key, entry.path, base, entry)
+        _check_entry(document, key, entry)
+        if read is None or photographs is None:
+            continue
+        matching = _matched(document, key, entry, read, _scope(entry, read.path, photographs, folder))
+        placed = _placed(document, file, key, entry, read, heights)
+        if placed is None:
+            continue
+        *places, system = placed
+        arms = _lever_arms(document, key, entry, base, photographs, folder)
+        number = {row.line: n for n, row in enumerate(read.rows)}
+        for name, row in matching.rows.items():
+            place, turned = (array[number[row.line]] for array in places)
+            located.append(Located(key, f"{entry.path}:{row.line}: {name}: ", place, turned))
+            if name in found:
+                text = (
+                    f"{entry.path}:{row.line}: {name} has a position in {found[name].source} too: keep one of the two"
+                )
+                document.fault(key, text)
+            else:
+                found[name] = _position(entry, read, row, place, system, arms.get(name, row.lever_arm_m))
+    return found, located
+
+
+def _position(
+    entry: PositionFileEntry,
+    read: PositionFile,
+    row: PositionRow,
+    place: FloatArray,
+    heights: HeightSystem | None,
+    arm: Triple | None,
+) -> FilePosition:
+    whose: PositionOf = entry.position_of or ("antenna" if read.format == "pos" else "camera")
+    return FilePosition(
+        str(entry.path), place, heights, row.sigma_m, row.solution, whose, row.gps_time, row.attitude_deg,
+        arm if whose == "antenna" else None, read.format == "pos",
+    )  # fmt: skip
+
+
+def _read(
+    document: Document, key: Key, written: str, base: Path, entry: PositionFileEntry | None = None
+) -> PositionFile | None:
+    """Return what a file holds, None where it cannot be read; its faults name the file as the project does."""
+    path = base / written
+    try:
+        return read_positions(path, None if entry is None else entry.format)
+    except ProjectError as fault:
+        for line in str(fault).splitlines():
+            document.fault(key, line.replace(f"{path}:", f"{written}:", 1))
+        return None
+
+
+def _check_entry(document: Document, key: Key, entry: PositionFileEntry) -> None:
+    if entry.path is None:
+        return
+    kind = entry.format or format_of(Path(entry.path))
+    if kind == "csv" and entry.position_of is None:
+        document.fault(
+            key,
+            "whose positions are these? give position_of: camera, or position_of: antenna where the program that wrote "
+            f"{entry.path} left the lever arm out",
+        )
+    if entry.lever_arms is not None and (kind == "mrk" or entry.position_of == "camera"):
+        document.fault(
+            (*key, "lever_arms"), "lever arms from another file are for positions of the antenna: remove this key"
+        )
+
+
+def _scope(
+    entry: PositionFileEntry, path: Path, photographs: Sequence[PhotographEntry], folder: Path | None
+) -> list[str]:
+    """Return the photographs that a file may be about: those of its flight, and of an MRK those in its own folder
+    where there are any."""
+    named = [p for p in photographs if p.name is not None and entry.flight in (None, p.flight)]
+    names = [p.name for p in named if p.name is not None]
+    if path.suffix.lower() != ".mrk" or folder is None:
+        return names
+    here = path.parent.resolve()
+    beside = [name for name in names if (folder / name).parent.resolve() == here]
+    return beside or names
+
+
+def _matched(
+    document: Document, key: Key, entry: PositionFileEntry, read: PositionFile, names: Sequence[str]
+) -> Matching:
+    matching = match_rows(read, names)
+    if matching.fault:
+        document.fault(key, f"{entry.path}: {matching.fault}")
+    return matching
+
+
+def _lever_arms(
+    document: Document,
+    key: Key,
+    entry: PositionFileEntry,
+    base: Path,
+    photographs: Sequence[PhotographEntry],
+    folder: Path | None,
+) -> dict[str, Triple]:
+    """Return the lever arms by photograph that an MRK gives for the positions of another file."""
+    if entry.lever_arms is None:
+        return {}
+    place: Key = (*key, "lever_arms")
+    if format_of(Path(entry.lever_arms)) != "mrk":
+        document.fault(place, f"{entry.lever_arms} is no MRK file: only these hold a lever arm for each photograph")
+        return {}
+    read = _read(document, place, entry.lever_arms, base)
+    if read is None:
+        return {}
+    matching = match_rows(read, _scope(entry, read.path, photographs, folder))
+    if matching.fault:
+        document.fault(place, f"{entry.lever_arms}: {matching.fault}")
+    return {name: row.lever_arm_m for name, row in matching.rows.items() if row.lever_arm_m is not None}
+
+
+def _placed(
+    document: Document,
+    file: ProjectFile,
+    key: Key,
+    entry: PositionFileEntry,
+    read: PositionFile,
+    heights: DeclaredHeights,
+) -> tuple[FloatArray, FloatArray, HeightSystem | None] | None:
+    """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
+    heights were given in: above the ellipsoid in an MRK or .pos file."""
+    target = file.crs
+    try:
+        projected_crs(target or "")
+    except FrameError:
+        return None  # noted where the project names its CRS
+    if target is None:
+        return None
+    if read.format != "csv" and entry.crs is not None:
+        document.fault((*key, "crs"), f"a {read.format.upper()} file is in WGS 84 longitude and latitude: remove this")
+        return None
+    if read.format != "csv" and entry.heights == "orthometric":
+        document.fault((*key, "heights"), f"a {read.format.upper()} file is above the ellipsoid: remove this")
+        return None
+    given = np.array([row.position for row in read.rows]).reshape(-1, 3)
+    crs = entry.crs or (WGS84 if read.geographic else target)
+    declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
+    try:
+        place, system = in_map(crs, target, declared, heights.gnss_given, heights, given)
+    except FrameError as fault:
+        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
+        return None
+    try:
+        swapped = given[:, [1, 0, 2]]
+        turned = swapped if crs == target else map_from_crs(crs, plan_of(target), swapped)
+    except FrameError:
+        turned = np.full_like(place, np.nan)
+    return place, turned, system

@@ -1,0 +1,42 @@
+"""Ground points intersected from their marks alone, in an oriented block, and which marks agree on each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.arrays import FloatArray
+from photogram.camera import image_plane_or_nan, models_of
+from photogram.survey import Block
+from photogram.triangulation import consensus_intersections
+
+AGREE_PX = 5.0
+"""What marks may miss each other by beside their own sigma: cameras are not calibrated yet."""
+
+_LIMIT = 4.0
+
+
+def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the ground points (G, 3) of an oriented block from the marks that agree, in the world, NaN with fewer than
+    two, and which marks do."""
+    points = block.control_points
+    order = np.lexsort((points.mark_photograph, points.mark_point))
+    oriented = np.array([pose is not None for pose in block.poses])
+    order = order[oriented[points.mark_photograph[order]] & np.isfinite(points.mark_sigma_px[order])]
+    photograph, pixel = points.mark_photograph[order], points.mark_pixel[order]
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    ideal = np.empty_like(pixel)
+    for c, camera in enumerate(block.cameras):
+        own = camera_of[photograph] == c
+        ideal[own] = image_plane_or_nan(camera, pixel[own])
+    nowhere = np.full((3, 3), np.nan)
+    position, agreed = consensus_intersections(
+        np.searchsorted(points.mark_point[order], np.arange(len(points) + 1)).astype(np.int64),
+        photograph, camera_of, pixel, ideal, AGREE_PX + _LIMIT * points.mark_sigma_px[order], models_of(block.cameras),
+        np.array([c.parameters for c in block.cameras]),
+        np.array([nowhere if p is None else p.rotation_world_from_camera for p in block.poses]),
+        np.array([nowhere[0] if p is None else p.position_world_m for p in block.poses]),
+    )  # fmt: skip
+    inlier = np.zeros(len(points.mark_point), dtype=bool)
+    inlier[order] = agreed
+    return position, inlier

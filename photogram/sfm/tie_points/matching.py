@@ -1,0 +1,145 @@
+"""Candidate matches of pairs of photographs, and their verification by epipolar geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.arrays import FloatArray, IntArray, check_range
+from photogram.camera import Camera, image_plane_or_nan, undistort
+from photogram.compilation import njit
+from photogram.projection import SIDEWAYS
+from photogram.survey import Features, Matches
+
+
+@dataclass(frozen=True)
+class MatchingSettings:
+    """How key points are matched and verified."""
+
+    ratio: float = 0.8  # nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1)
+    threshold_px: float = 1.5  # distance from the epipolar line
+    minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
+
+    def __post_init__(self) -> None:
+        check_range("ratio", self.ratio, 0.01, 1.0)
+        check_range("threshold_px", self.threshold_px, 0.01, 100.0)
+        check_range("minimum_inliers", self.minimum_inliers, 8)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _two_smallest(score: NDArray[np.float32], index: IntArray, value: NDArray[np.float32]) -> None:
+    """For each row of ``score``: the column of the smallest entry, and the two smallest entries."""
+    for i in range(score.shape[0]):
+        best, second, column = np.float32(np.inf), np.float32(np.inf), 0
+        for j in range(score.shape[1]):
+            s = score[i, j]
+            if s < second:
+                if s < best:
+                    second, best, column = best, s, j
+                else:
+                    second = s
+        index[i], value[i, 0], value[i, 1] = column, best, second
+
+
+def _two_nearest(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[IntArray, NDArray[np.float32]]:
+    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two
+    nearest.
+
+    Descriptors are whole numbers up to 255, so every product is exact in float32 and the result is the same on any
+    machine.
+    """
+    nearest = np.empty(len(first), dtype=np.int64)
+    distance = np.empty((len(first), 2), dtype=np.float32)
+    norm = np.einsum("ij,ij->i", second, second)
+    doubled = np.ascontiguousarray(-2.0 * second.T)
+    for start in range(0, len(first), 1024):
+        rows = slice(start, start + 1024)
+        score = first[rows] @ doubled
+        score += norm
+        _two_smallest(score, nearest[rows], distance[rows])
+    distance += np.einsum("ij,ij->i", first, first)[:, None]
+    return nearest, distance
+
+
+def candidate_matches(first: Features, second: Features, settings: MatchingSettings) -> IntArray:
+    """Match descriptors by ratio test, mutually: returns the indices (M, 2) of candidate matches."""
+    if len(first) < 2 or len(second) < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    a, b = first.descriptor.astype(np.float32), second.descriptor.astype(np.float32)
+    forward, distance = _two_nearest(a, b)
+    distinct = np.flatnonzero(distance[:, 0] < settings.ratio**2 * distance[:, 1])
+    if not len(distinct):
+        return np.zeros((0, 2), dtype=np.int64)
+    backward, _ = _two_nearest(b[forward[distinct]], a)
+    mutual = distinct[backward == distinct]
+    return np.column_stack([mutual, forward[mutual]]).astype(np.int64)
+
+
+def verified_matches(
+    cameras: tuple[Camera, Camera],
+    features: tuple[Features, Features],
+    candidates: IntArray,
+    settings: MatchingSettings,
+    coarseness: float = 1.0,
+) -> NDArray[np.bool_]:
+    """Return which candidates (M, 2) obey one fundamental matrix, estimated on undistorted pixels.
+
+    MAGSAC++ (Barath et al. 2020) as OpenCV implements it, with its fixed seed; all False when no matrix is supported by
+    ``minimum_inliers``. ``coarseness`` (features.coarseness) multiplies the threshold.
+    """
+    rejected = np.zeros(len(candidates), dtype=bool)
+    if len(candidates) < max(8, settings.minimum_inliers):
+        return rejected
+    first = _undistorted(cameras[0], features[0].pixel[candidates[:, 0]])
+    second = _undistorted(cameras[1], features[1].pixel[candidates[:, 1]])
+    seen = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    if np.count_nonzero(seen) < max(8, settings.minimum_inliers):
+        return rejected
+    inlier = rejected.copy()
+    inlier[seen] = _on_epipolar_lines(first[seen], second[seen], coarseness * settings.threshold_px)
+    return inlier if int(inlier.sum()) >= settings.minimum_inliers else rejected
+
+
+def _undistorted(camera: Camera, pixel: FloatArray) -> FloatArray:
+    """Return pixels (N, 2) as a pinhole would see them, NaN where a fisheye looks sideways: at the edge of its circle,
+    or into the black around it."""
+    if camera.model != "fisheye":
+        return undistort(camera, pixel)
+    ideal = image_plane_or_nan(camera, pixel)
+    ideal[~(np.linalg.norm(ideal, axis=1) < SIDEWAYS)] = np.nan
+    return ideal * camera.focal_px + camera.principal_point_px
+
+
+def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: float) -> NDArray[np.bool_]:
+    """Return which undistorted pixels (N, 2) of two photographs obey one fundamental matrix, within ``threshold_px``.
+
+    OpenCV's MAGSAC++ gives up with a failed assertion on some small sets of points that lie nearly in one plane; its
+    plain RANSAC (Fischler & Bolles 1981) takes those.
+    """
+    for method in (cv2.USAC_MAGSAC, cv2.FM_RANSAC):
+        try:
+            matrix, mask = cv2.findFundamentalMat(first, second, method, threshold_px, 0.9999, 10000)
+        except cv2.error as fault:
+            if "model.empty()" not in str(fault):
+                raise
+            continue
+        if matrix is not None and mask is not None:
+            return np.asarray(mask.ravel().astype(bool))
+        break
+    return np.zeros(len(first), dtype=bool)
+
+
+def match_pair(
+    pair: tuple[int, int],
+    cameras: tuple[Camera, Camera],
+    features: tuple[Features, Features],
+    settings: MatchingSettings,
+    coarseness: float = 1.0,
+) -> tuple[Matches, NDArray[np.bool_]]:
+    """Match one pair of photographs: returns the candidates and which of them are verified, as ``verified_matches``."""
+    candidates = candidate_matches(*features, settings)
+    verified = verified_matches(cameras, features, candidates, settings, coarseness)
+    return Matches(pair[0], pair[1], candidates), verified

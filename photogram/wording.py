@@ -1,0 +1,61 @@
+"""Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+MOST_SHOWN = 60
+
+
+def printable(text: str) -> str:
+    """Return ``text`` with whatever a terminal would obey written out: ``\\x1b`` for an escape, ``\\udcff`` for a byte
+    that is no UTF-8. Line breaks are kept."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def shortened(text: str, most: int = MOST_SHOWN) -> str:
+    """Return at most so many characters of ``text``, and how many there are where that is not all."""
+    return text if len(text) <= most else f"{text[:most]}… ({len(text)} characters)"
+
+
+def file_stem(number: int, name: str) -> str:
+    """Return a short name for a file about the thing ``name``, unlike that of any other ``number``.
+
+    Plain letters, digits, - and _ alone, whatever the name holds: a path, a device's name or 200 characters.
+    """
+    stem = name.rpartition("/")[2].rpartition(".")[0] or name.rpartition("/")[2]
+    return f"{number:04d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', stem)[:40]}"
+
+
+def table_cell(text: str) -> str:
+    """Return ``text`` as a cell that no spreadsheet takes for a formula: with an apostrophe before ``=`` and its like.
+
+    Spreadsheets reckon what begins with =, +, -, @, a tab or a carriage return (OWASP, CSV Injection). Plain numbers
+    are left as they are.
+    """
+    if text[:1] in tuple("=+-@\t\r") and text and not is_number(text):
+        return f"'{text}"
+    return text
+
+
+def is_number(text: str) -> bool:
+    """Return whether Python reads ``text`` as a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def some(names: Sequence[str], most: int = 5) -> str:
+    """Return the first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def things(count: int, one: str, several: str = "") -> str:
+    """Return a count with its noun, ``several`` where adding an s will not do."""
+    return f"{count} {one if count == 1 else several or one + 's'}"

@@ -1,0 +1,160 @@
+"""Variance components of the groups of observations: exact sums, a second implementation, known scatter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.reliability import reliability
+from photogram.adjustment.variance_components import NO_OBSERVATION, scatters, variance_components
+from photogram.factors.covariance import covariances
+from photogram.factors.graph import ground_graph, linearise_all
+from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
+from photogram.report.numbers.statistics import component_numbers
+from photogram.results import VarianceComponents
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.survey import Block
+
+PLAN = SurveyPlan(
+    strips=2, photographs_per_strip=4, control_points=6, check_points=2, flights=2,
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, np.inf),
+)  # fmt: skip
+
+
+def simulated(seed: int, mismatches: float = 0.0) -> Block:
+    return simulate_block(
+        PLAN, seed, tie_points=150, mismatches=mismatches, start_position_sigma_m=0.05,
+        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.05,
+    ).block  # fmt: skip
+
+
+def with_unknown_headings(block: Block) -> Block:
+    photographs = tuple(replace(p, heading_known=i % 3 != 1) for i, p in enumerate(block.photographs))
+    return replace(block, photographs=photographs)
+
+
+@pytest.mark.parametrize("loss", ["none", "huber"])
+def test_redundancy_numbers_of_all_groups_are_those_of_the_dense_system(loss: str) -> None:
+    """The referee knows nothing of the elimination: the hat matrix of GTSAM's whole linear graph, row by row."""
+    survey = with_unknown_headings(simulated(1, mismatches=0.05))
+    problem = make_problem(survey, AdjustmentSettings(robust_loss=loss))  # type: ignore[arg-type]
+    state = start_state(survey, problem.flights)
+    graph = ground_graph(problem)
+    system = linearise_all(problem, graph, state, 1.0)
+    ordering = gtsam.Ordering()
+    for variable in system.variables:
+        ordering.push_back(variable)
+    J, b = (np.array(part) for part in system.graph.jacobian(ordering))
+    J, b = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), b.ravel()
+    redundancy, squares = 1.0 - np.einsum("ij,ji->i", J, np.linalg.pinv(J)), b**2
+    expected: dict[str, list[float]] = {}
+    row = 0
+
+    def count(name: str, rows: int) -> None:
+        nonlocal row
+        found = expected.setdefault(name, [0.0, 0.0, 0.0])
+        mine = slice(row, row + rows)
+        for k, value in enumerate((rows, redundancy[mine].sum(), squares[mine].sum())):
+            found[k] += value
+        row += rows
+
+    measured = {
+        POSE: "attitude", CONTROL_POINT: "control", GNSS_OFFSET: "gnss_offset", CALIBRATION: "calibration",
+    }  # fmt: skip
+    for i in range(graph.size()):
+        kinds = {kind_and_index(v)[0] for v in graph.at(i).keys()}  # noqa: SIM118
+        count("gnss" if len(kinds) == 2 else measured[kinds.pop()], graph.at(i).dim())
+    count("marks", 2 * len(problem.marks))
+    count("tie_points", 2 * len(problem.tie))
+    assert row == len(J)
+    whole = len(J) - J.shape[1]
+    found = covariances(problem, state)
+    c = variance_components(problem, state, found, reliability(problem, state, found), whole)
+    assert c.redundancy.sum() == pytest.approx(whole, abs=1e-9)
+    mine: dict[str, list[float]] = {}
+    for k, name in enumerate(c.group.tolist()):
+        name = "attitude" if name == NO_OBSERVATION else name.removesuffix("_plan").removesuffix("_height")
+        values = mine.setdefault(name, [0.0, 0.0, 0.0])
+        for m, value in enumerate((c.observations[k], c.redundancy[k], c.squares[k])):
+            values[m] += float(value)
+    assert set(mine) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(mine[name], values, rtol=1e-6, atol=1e-6, err_msg=name)
+    assert c.squares.sum() == pytest.approx(squares.sum(), rel=1e-9)
+
+
+def test_all_groups_make_sigma0_and_the_redundancy_of_the_adjustment() -> None:
+    result = adjust(with_unknown_headings(simulated(2, mismatches=0.03)), AdjustmentSettings())
+    c = result.components
+    assert c.redundancy.sum() == pytest.approx(result.redundancy, abs=1e-9)
+    assert c.squares.sum() == pytest.approx(result.sigma0**2 * result.redundancy, rel=1e-9)
+    assert np.all(c.redundancy > 0)
+    assert np.all(c.redundancy <= c.observations)
+
+
+def mis_stated(block: Block, group: str, times: float) -> Block:
+    """The survey with sigmas of a group stated so that it scatters ``times`` as much."""
+    points, photographs = block.control_points, block.photographs
+    if group == "marks":
+        return replace(block, control_points=replace(points, mark_sigma_px=points.mark_sigma_px / times))
+    if group == "attitude":
+        stated = tuple(replace(p, attitude_sigma_rad=p.attitude_sigma_rad / times) for p in photographs)  # type: ignore[operator]
+        return replace(block, photographs=stated)
+    return replace(block, tie_points=replace(block.tie_points, sigma_px=block.tie_points.sigma_px / times))
+
+
+@pytest.mark.parametrize("group", ["tie_points", "marks", "attitude"])
+@pytest.mark.parametrize("times", [0.5, 2.0])
+def test_a_group_that_scatters_otherwise_than_stated_is_found(group: str, times: float) -> None:
+    """The other groups bear a little of it, so the factor is met to a fifth by this first step."""
+    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
+    factors, sds = [], []
+    for seed in range(8):
+        found = scatters(adjust(mis_stated(simulated(20 + seed), group, times), settings).components)[group]
+        factors.append(found.sigma_factor)
+        sds.append(found.sigma_factor_sd)
+    assert np.mean(factors) == pytest.approx(times, rel=0.2)
+    assert 0.4 < np.std(factors) / np.mean(sds) < 2.0
+
+
+def test_sigmas_that_are_right_are_not_refuted() -> None:
+    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
+    groups = [scatters(adjust(simulated(1000 + seed), settings).components) for seed in range(30)]
+    refuted = [name for found in groups for name, g in found.items() if g.significant]
+    tests = sum(np.isfinite(g.sigma_factor) for found in groups for g in found.values())
+    assert tests >= 180
+    assert len(refuted) <= 8  # 2 or 3 of them, at 1 %
+    for name in ("tie_points", "marks", "control_plan", "gnss_height", "attitude"):
+        factor = np.array([found[name].sigma_factor for found in groups])
+        sd = np.array([found[name].sigma_factor_sd for found in groups])
+        assert np.mean(factor**2) == pytest.approx(1.0, abs=4.0 * np.mean(2.0 * sd) / np.sqrt(len(groups)))
+
+
+def test_what_is_said_of_a_group() -> None:
+    components = VarianceComponents(
+        np.array(["tie_points", "marks", "attitude", "calibration", NO_OBSERVATION]),
+        np.array([4000, 60, 24, 8, 3]),
+        np.array([2000.0, 50.0, 20.0, 0.2, 3.0]),
+        np.array([500.0, 200.0, 21.0, 0.1, 0.0]),
+        np.array([0.5, 0.4, np.deg2rad(1.0), 3.0, 10.0]),
+    )
+    result = replace(adjust(simulated(3), AdjustmentSettings()), components=components)
+    said = component_numbers(result)
+    assert list(said) == ["tie_points", "marks", "attitude", "calibration"]
+    assert said["tie_points"]["sigma_factor"] == pytest.approx(0.5)
+    assert said["tie_points"]["sigma_factor_sd"] == pytest.approx(0.5 / np.sqrt(4000.0))
+    assert said["tie_points"]["sentence"] == (
+        "tie points scatter 0.5 ± 0.008 times as much as stated (0.5 px): about 0.25 px; their sigma is too large"
+    )
+    assert said["marks"]["sentence"] == (
+        "marks scatter 2 ± 0.2 times as much as stated (0.4 px): about 0.8 px; a wrong one among them, "
+        "or a sigma too small"
+    )
+    assert said["attitude"]["sentence"] is None
+    assert said["attitude"]["stated_sigma"] == pytest.approx(1.0)
+    assert said["calibration"]["sigma_factor"] is None
+    assert said["calibration"]["significant"] is False

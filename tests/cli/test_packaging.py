@@ -1,0 +1,117 @@
+"""The wheel: one name at its top level, everything in it, and the same from a clone that has lost its links."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import photogram
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("photogram", "factors", "cli", "pyproject.toml", "README.md", "LICENSE")
+
+
+def build(source: Path, target: Path) -> Path:
+    """Build the wheel of a source tree as pip does for a user."""
+    command = [sys.executable, "-m", "pip", "wheel", str(source), "--no-deps", "--wheel-dir", str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    if done.returncode and "No matching distribution found for setuptools" in done.stdout + done.stderr:
+        pytest.skip("pip cannot fetch setuptools: no network")
+    assert done.returncode == 0, done.stdout + done.stderr
+    wheels = list(target.iterdir())
+    assert [w.name for w in wheels] == [f"photogram-{photogram.__version__}-py3-none-any.whl"]
+    return wheels[0]
+
+
+def copy_sources(target: Path) -> Path:
+    """Copy what a clone holds of the package, so that building leaves nothing behind in the repository."""
+    target.mkdir()
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / name, target / name, symlinks=True, ignore=ignored)
+        else:
+            shutil.copy(ROOT / name, target / name)
+    return target
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("packaging")
+    return build(copy_sources(folder / "clone"), folder / "wheel")
+
+
+def contents(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def test_links_stand_in_the_repository() -> None:
+    for name in ("factors", "cli"):
+        assert (ROOT / "photogram" / name).readlink() == Path("..") / name
+
+
+def test_top_level_is_photogram_alone(wheel: Path) -> None:
+    information = f"photogram-{photogram.__version__}.dist-info"
+    assert {name.split("/")[0] for name in contents(wheel)} == {"photogram", information}
+
+
+def test_every_module_is_in_the_wheel(wheel: Path) -> None:
+    own = {p.relative_to(ROOT).as_posix() for p in (ROOT / "photogram").rglob("*.py") if "__pycache__" not in p.parts}
+    below = [p for folder in ("factors", "cli") for p in (ROOT / folder).rglob("*.py")]
+    linked = {f"photogram/{p.relative_to(ROOT).as_posix()}" for p in below}
+    assert len(linked) > 10
+    modules = {name for name in contents(wheel) if name.endswith(".py")}
+    assert modules == own | linked
+    assert "photogram/py.typed" in contents(wheel)
+
+
+def test_wheel_holds_the_templates_of_the_report(wheel: Path) -> None:
+    own = {f"photogram/report/templates/{p.name}" for p in (ROOT / "photogram/report/templates").iterdir()}
+    assert {"report.html.jinja", "page.css"} <= {Path(name).name for name in own}
+    assert own <= contents(wheel)
+
+
+def test_wheel_names_its_licence_and_its_command(wheel: Path) -> None:
+    information = f"photogram-{photogram.__version__}.dist-info"
+    with zipfile.ZipFile(wheel) as archive:
+        metadata = archive.read(f"{information}/METADATA").decode()
+        entry_points = archive.read(f"{information}/entry_points.txt").decode()
+        assert archive.read(f"{information}/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
+    assert "License-Expression: Apache-2.0" in metadata
+    assert "photogram = photogram.cli.main:main" in entry_points
+
+
+def test_clone_without_links_builds_the_same(wheel: Path, tmp_path: Path) -> None:
+    clone = copy_sources(tmp_path / "clone")
+    for name in ("factors", "cli"):
+        (clone / "photogram" / name).unlink()
+    other = build(clone, tmp_path / "wheel")
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(other) as two:
+        assert sorted(one.namelist()) == sorted(two.namelist())
+        modules = [name for name in one.namelist() if name.endswith((".py", "py.typed"))]
+        assert all(one.read(name) == two.read(name) for name in modules)
+
+
+@pytest.mark.survey
+def test_wheel_runs_outside_the_repository(wheel: Path, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    install = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-index", "--target", str(site), str(wheel)]
+    subprocess.run(install, check=True, capture_output=True, timeout=300)
+    environment = {"PYTHONPATH": str(site), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+
+    def run(*command: str) -> str:
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    where = "import photogram, photogram.factors, photogram.cli as c; print(photogram.__file__, c.__file__, sep='\\n')"
+    assert all(Path(line).is_relative_to(site) for line in run(sys.executable, "-c", where).split())
+    command = str(site / "bin" / "photogram")
+    assert run(sys.executable, command, "--version") == f"photogram {photogram.__version__}\n"
+    assert "adjust" in run(sys.executable, command, "--help")

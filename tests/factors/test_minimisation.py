@@ -1,0 +1,172 @@
+"""The fast engine against the reference graph and against itself: equal minima, from anywhere, on any machine."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photogram.adjustment.adjustment import (
+    AdjustmentSettings,
+    adjust,
+    make_problem,
+    minimise,
+    sigma0_and_redundancy,
+    start_state,
+)
+from photogram.factors.covariance import covariances
+from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
+from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
+
+ROOT = Path(__file__).resolve().parents[2]
+LADYBUG = ROOT.parent / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
+EVERYTHING = SurveyPlan(
+    strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0002, np.inf),
+)  # fmt: skip
+TIGHT = AdjustmentSettings(relative_tolerance=1e-18, maximum_iterations=300)
+
+
+def block(seed: int, plan: SurveyPlan = EVERYTHING, tie_points: int = 80) -> tuple[Problem, State]:
+    made = simulate_block(
+        plan, seed, tie_points=tie_points, mismatches=0.02, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3,
+        start_point_sigma_m=0.3,
+    )  # fmt: skip
+    problem = make_problem(made.block, AdjustmentSettings())
+    return problem, start_state(made.block, problem.flights)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
+    problem, start = block(seed)
+    assert problem.flights
+    assert len(problem.control_world_m)
+    assert all(p.gnss_world_m is not None and p.attitude_sigma_rad is not None for p in problem.block.photographs)
+    known = covariances(problem, minimise(problem, start, TIGHT).state)
+    sigma = {
+        "position": np.sqrt(np.einsum("naa->na", known.poses)[:, 3:].max(axis=1))[:, None],
+        "rotation": np.sqrt(np.einsum("naa->na", known.poses)[:, :3].max(axis=1))[:, None, None],
+        "parameters": np.sqrt(np.diag(known.calibration(0)))[None],
+        "tie_point": np.sqrt(np.einsum("naa->na", known.tie_point)),
+        "control": np.sqrt(np.einsum("naa->na", known.control_point)),
+        "offset": np.sqrt([np.diag(known.offset(f)) for f in range(2)]),
+    }
+    fast = {s: minimise(problem, start, replace(TIGHT, solver=s)) for s in ("banded", "gtsam")}  # type: ignore[arg-type]
+    rng, near = np.random.default_rng(seed), fast["banded"].state  # the reference is slow from afar
+    moved = {
+        n: getattr(near, n) + 0.3 * unit * rng.standard_normal(getattr(near, n).shape) for n, unit in sigma.items()
+    }
+    moved["rotation"] = near.rotation
+    reference = minimise(problem, replace(near, **moved), replace(TIGHT, engine="reference"))
+    assert reference.converged
+    for solver, found in fast.items():
+        for name, unit in sigma.items():
+            error = np.abs(getattr(found.state, name) - getattr(reference.state, name))
+            assert np.all(error <= 1e-6 * unit), (solver, name, float((error / np.maximum(unit, 1e-30)).max()))
+        expected, redundancy = sigma0_and_redundancy(problem, reference.state)
+        assert sigma0_and_redundancy(problem, found.state) == (pytest.approx(expected, rel=1e-6), redundancy)
+
+
+def test_solvers_take_the_same_steps_on_a_band() -> None:
+    plan = SurveyPlan(strips=1, photographs_per_strip=40, control_points=6, check_points=0, forward_overlap=0.7)
+    problem, start = block(3, plan, 400)
+    costs: dict[str, list[float]] = {}
+    for solver in ("banded", "gtsam"):
+        settings = AdjustmentSettings(solver=solver)  # type: ignore[arg-type]
+        costs[solver] = []
+        minimise(problem, start, settings, lambda text, of=costs[solver]: of.append(float(text.split()[-1])))  # type: ignore[misc]
+    assert len(costs["banded"]) > 3
+    np.testing.assert_allclose(costs["gtsam"], costs["banded"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.5, 0.9])
+def test_what_remains_is_the_rest_of_a_geometric_series(ratio: float) -> None:
+    saved = 100.0 * ratio ** np.arange(1, 400)
+    assert remaining(float(saved[0]), 100.0) == pytest.approx(float(saved[1:].sum()), rel=1e-12)
+
+
+def test_decreases_that_grow_are_no_sign_of_a_minimum() -> None:
+    assert remaining(2.0, 1.0) == np.inf
+
+
+GROSS = replace(
+    whole_survey_plan(), strips=3, photographs_per_strip=4, check_points=0, calibration_source="maker",
+    calibration_sigmas=(50.0, 5.0, 5.0, 0.01, 0.01, 0.0, 0.0005, 0.0005),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seeds", [range(n, n + 10) for n in range(0, 100, 10)])
+def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds: range) -> None:
+    """Poses off by 5 m and 5°, the focal length by 5 %, 2 % mismatches, points unknown: 100 blocks, all of them."""
+    for seed in seeds:
+        made = simulate_block(
+            GROSS, seed, tie_points=500, mismatches=0.02, start_position_sigma_m=5.0, start_attitude_sigma_deg=5.0
+        )
+        tie, truth = made.block.tie_points, made.truth
+        camera = truth.camera.parameters.copy()
+        camera[0] *= 1.05
+        unknown = replace(tie, position_world_m=np.full_like(tie.position_world_m, np.nan))
+        found = adjust(replace(made.block, tie_points=unknown), AdjustmentSettings(), start=[camera])
+        expected = adjust(replace(made.block, poses=truth.poses, tie_points=unknown), AdjustmentSettings())
+        assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
+        kept = found.block.tie_points
+        problem = make_problem(replace(made.block, tie_points=kept), AdjustmentSettings())
+        start = replace(
+            start_state(replace(made.block, poses=truth.poses, tie_points=kept), problem.flights),
+            parameters=truth.camera.parameters[None],
+        )
+        minimum = minimise(problem, start, AdjustmentSettings())
+        assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed
+        sigma = np.sqrt(np.einsum("naa->na", found.position_covariance_m2))
+        position = np.array([pose.position_world_m for pose in found.block.poses if pose is not None])
+        assert np.all(np.abs(position - minimum.state.position) <= 1e-2 * sigma), seed
+
+
+def test_ladybug_of_bundle_adjustment_in_the_large() -> None:
+    """The published problem, plain least squares, f k1 k2 of every photograph: ½ Σ r² by its own formula."""
+    if not LADYBUG.is_file():
+        pytest.skip("shared/data/bal is not beside the project")
+    bal = runpy.run_path(str(ROOT / "benchmarks" / "bal.py"))
+    observations, start = bal["read_bal"](LADYBUG)
+    assert bal["half_squares"](observations, start) == pytest.approx(850_912.46, abs=0.01)
+    found = bal["solve"](observations, start)
+    assert found.converged
+    assert bal["half_squares"](observations, found) == pytest.approx(13_344.24, abs=0.5)
+    assert found.cost == pytest.approx(bal["half_squares"](observations, found), rel=1e-9)
+
+
+@pytest.mark.parametrize("lost", [-5.0, np.nan])
+def test_a_step_to_a_focal_length_that_cannot_be_is_refused(lost: float) -> None:
+    """An undamped step leads to a smaller cost with a negative focal length, or out of the numbers."""
+    start = state_of(100.0)
+
+    class Slope:
+        def cost(self, state: State) -> float:
+            return float((state.parameters[0, 0] - 20.0) ** 2)
+
+        def linearise(self, state: State, near: bool) -> Callable[[float], Trial]:  # noqa: ARG002
+            f = state.parameters[0, 0]
+
+            def step(damping: float) -> Trial:
+                moved = state_of(lost if damping < 1e-3 else f + (20.0 - f) / (1.0 + damping))
+                return Trial(moved, -1.0 if damping < 1e-3 else self.cost(moved), self.cost(state))
+
+            return step
+
+    found = levenberg_marquardt(Slope(), start, 50, 1e-9)
+    assert found.state.parameters[0, 0] == pytest.approx(20.0, abs=1.0)
+
+
+def state_of(focal_px: float) -> State:
+    """One camera and nothing else."""
+    none = np.zeros((0, 3))
+    parameters = np.zeros((1, 11))
+    parameters[0, 0] = focal_px
+    return State(np.zeros((0, 3, 3)), none, parameters, none, none, none)

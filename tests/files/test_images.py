@@ -1,0 +1,573 @@
+from __future__ import annotations
+
+import io
+import json
+import zlib
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import ExifTags, Image
+from scipy.spatial.transform import Rotation
+
+from photogram.camera import rotation_from_gimbal
+from photogram.errors import ImageError, WorkspaceError
+from photogram.files.atomic import replacing
+from photogram.files.photographs.images import (
+    Dewarp,
+    PhotographTags,
+    check_photograph,
+    inspect_photograph,
+    read_grey,
+    read_pixels,
+    read_tags,
+    thumbnail,
+    write_photograph,
+)
+from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
+
+DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
+READERS = (read_pixels, read_grey, check_photograph)
+
+TAGS = PhotographTags(
+    make="DJI",
+    model="FC6310R",
+    serial="ce3ccab369970d29",
+    lens="DL 24mm",
+    lens_serial="0123",
+    band="RGB",
+    width_px=160,
+    height_px=96,
+    focal_mm=8.8,
+    focal_35mm_mm=24.0,
+    pixels_per_mm=416.25,
+    calibrated_focal_mm=8.81,
+    calibrated_radial=(-0.26, 0.11, -0.03),
+    time=datetime(2019, 5, 9, 10, 0, 7, 250000, timezone(timedelta(hours=-3, minutes=-30))),
+    longitude_deg=-74.1855840912,
+    latitude_deg=-11.2246986034,
+    height_m=-40.524,
+    height_is_ellipsoidal=True,
+    height_above_take_off_m=25.05,
+    gnss_sigma_m=(0.01568, 0.01101, 0.03329),
+    gnss_horizontal_error_m=0.021,
+    rtk_flag=50,
+    gimbal_yaw_deg=-162.9,
+    gimbal_pitch_deg=-89.9,
+    gimbal_roll_deg=180.0,
+    flight_yaw_deg=17.0,
+    flight_pitch_deg=4.6,
+    flight_roll_deg=-1.1,
+    dewarp=Dewarp(
+        "2019-02-04",
+        (1943.4300537, 1934.9899902),
+        (8.1140137, -2.197998),
+        (-0.408528, 0.360104, -0.414649),
+        (0.0013461, 1e-7),
+        (1600.0, 960.0),
+        applied=True,
+    ),
+)
+
+
+def data_file(name: str) -> Path:
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"shared data {name} is not here")
+    return path
+
+
+@pytest.fixture
+def photograph(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(5)
+    rows, columns = np.mgrid[0:96, 0:160]
+    smooth = np.stack([rows, columns, rows + columns], axis=2)
+    path = tmp_path / "DJI_0001.JPG"
+    write_photograph(path, (smooth % 200 + rng.integers(0, 40, smooth.shape)).astype(np.uint8), TAGS)
+    return path
+
+
+def damaged(photograph: Path, content: bytes) -> Path:
+    path = photograph.with_name("DJI_0002.JPG")
+    path.write_bytes(content)
+    return path
+
+
+def test_tags_survive_writing_and_reading(photograph: Path) -> None:
+    assert read_tags(photograph) == TAGS
+
+
+@pytest.mark.parametrize("kind", ["thermal", "panorama", "fisheye"])
+@pytest.mark.parametrize("ellipsoidal", [True, False])
+def test_kind_and_heights_survive_writing_and_reading(tmp_path: Path, kind: Kind, ellipsoidal: bool) -> None:
+    tags = replace(TAGS, kind=kind, height_is_ellipsoidal=ellipsoidal)
+    write_photograph(tmp_path / "a.jpg", np.zeros((96, 160, 3), np.uint8), tags)
+    assert inspect_photograph(tmp_path / "a.jpg") == tags
+
+
+def test_tags_are_none_where_nothing_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "bare.jpg"
+    Image.new("RGB", (7, 5)).save(path)
+    assert read_tags(path) == PhotographTags(width_px=7, height_px=5)
+    write_photograph(path, np.zeros((5, 7, 3), np.uint8), PhotographTags())
+    assert read_tags(path) == PhotographTags(width_px=7, height_px=5)
+
+
+def test_position_without_fix_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "nofix.jpg"
+    tags = PhotographTags(longitude_deg=0.0, latitude_deg=0.0, height_m=0.0, gnss_sigma_m=(0.0, 0.0, 0.0), rtk_flag=0)
+    write_photograph(path, np.zeros((5, 7, 3), np.uint8), tags)
+    assert read_tags(path) == PhotographTags(width_px=7, height_px=5, rtk_flag=0)
+
+
+def test_exif_position_stands_alone_without_xmp(photograph: Path) -> None:
+    picture = Image.open(photograph)
+    path = photograph.with_name("exif_only.jpg")
+    picture.save(path, exif=picture.getexif(), xmp=b"")
+    tags = read_tags(path)
+    assert tags.longitude_deg == pytest.approx(TAGS.longitude_deg, abs=1e-9)
+    assert tags.latitude_deg == pytest.approx(TAGS.latitude_deg, abs=1e-9)
+    assert tags.height_m == TAGS.height_m
+    assert tags.time == TAGS.time
+    assert tags.gimbal_yaw_deg is None
+
+
+def test_clock_that_was_never_set_is_no_time(photograph: Path) -> None:
+    content = photograph.read_bytes().replace(b"2019:05:09 10:00:07", b"0000:00:00 00:00:00")
+    assert read_tags(damaged(photograph, content)).time is None
+
+
+def test_pixels_and_grey_of_a_lossless_photograph(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (11, 17, 3)).astype(np.uint8)
+    path = tmp_path / "lossless.png"
+    Image.fromarray(pixels).save(path)
+    assert np.array_equal(read_pixels(path, (17, 11)), pixels)
+    luminance = pixels @ np.array([0.299, 0.587, 0.114])
+    assert np.abs(read_grey(path).astype(float) - luminance).max() <= 1.0
+
+
+def test_jpeg_keeps_its_pixels_and_its_luminance(photograph: Path) -> None:
+    pixels, grey = read_pixels(photograph, (160, 96)), read_grey(photograph, (160, 96))
+    assert pixels.shape == (96, 160, 3)
+    assert grey.shape == (96, 160)
+    assert pixels.dtype == grey.dtype == np.uint8
+    assert pixels.flags.writeable
+    assert grey.flags.c_contiguous
+    inside = ((pixels > 0) & (pixels < 255)).all(axis=2)
+    luminance = pixels @ np.array([0.299, 0.587, 0.114])
+    assert np.abs(grey - luminance)[inside].max() <= 2.0
+    assert check_photograph(photograph, (160, 96)) == (160, 96)
+
+
+def test_orientation_tag_does_not_turn_the_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "turned.jpg"
+    exif = Image.Exif()
+    exif[274] = 6
+    Image.new("RGB", (40, 24)).save(path, exif=exif)
+    assert read_pixels(path).shape == (24, 40, 3)
+    assert check_photograph(path) == (40, 24)
+
+
+@pytest.mark.parametrize("read", [*READERS, inspect_photograph])
+@pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.9, -100, -2, -1])
+def test_truncated_jpeg_is_refused(photograph: Path, read: object, kept: float) -> None:
+    whole = photograph.read_bytes()
+    length = int(kept * len(whole)) if isinstance(kept, float) else kept
+    path = damaged(photograph, whole[:length])
+    with pytest.raises(ImageError, match=r"DJI_0002\.JPG.*copy it again"):
+        read(path)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("share", [0.7, 0.98])
+def test_jpeg_that_ends_in_lost_clusters_is_refused(photograph: Path, read: object, share: float) -> None:
+    whole = photograph.read_bytes()
+    kept = int(share * len(whole))
+    path = damaged(photograph, whole[:kept] + bytes(len(whole) - kept))
+    with pytest.raises(ImageError, match="truncated or damaged"):
+        read(path)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
+def test_sound_jpeg_of_every_kind_is_accepted(tmp_path: Path, options: dict[str, object]) -> None:
+    pixels = np.random.default_rng(2).integers(0, 256, (64, 80, 3)).astype(np.uint8)
+    path = tmp_path / "sound.jpg"
+    Image.fromarray(pixels).save(path, **options)
+    assert check_photograph(path) == (80, 64)
+    path.write_bytes(path.read_bytes() + bytes(1000))
+    assert check_photograph(path) == (80, 64)
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_wrong_size_is_refused(photograph: Path, read: object) -> None:
+    with pytest.raises(ImageError, match=r"DJI_0001\.JPG: 160 × 96 px, but its camera has 96 × 160 px"):
+        read(photograph, (96, 160))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("read", [*READERS, read_tags])
+def test_missing_photograph_is_refused(tmp_path: Path, read: object) -> None:
+    with pytest.raises(ImageError, match=r"gone\.jpg: there is no such file"):
+        read(tmp_path / "gone.jpg")  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("read", [read_pixels, inspect_photograph])
+def test_deep_pixels_are_refused(tmp_path: Path, read: object) -> None:
+    path = tmp_path / "deep.tif"
+    Image.fromarray(np.zeros((4, 4), np.uint16)).save(path)
+    with pytest.raises(ImageError, match="8-bit"):
+        read(path)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"-162.900", b"somewhat", "GimbalYawDegree is 'somewhat'"),
+        (b"-11.2246986034", b"-91.2246986034", "no globe"),
+        (b"2019-02-04;1943", b"2019-02-04,1943", "DewarpData"),
+    ],
+)
+def test_nonsense_in_tags_is_named(photograph: Path, old: bytes, new: bytes, message: str) -> None:
+    content = photograph.read_bytes()
+    assert content.count(old) == 1
+    with pytest.raises(ImageError, match=message):
+        read_tags(damaged(photograph, content.replace(old, new)))
+
+
+def test_xmp_that_is_not_xml_leaves_exif_and_is_named(photograph: Path) -> None:
+    content = photograph.read_bytes()
+    broken = damaged(photograph, content.replace(b"</rdf:RDF>", b"</rdf:RDX>"))
+    tags = read_tags(broken)
+    (said,) = tags.damage
+    assert said.startswith("the XMP tags are not valid XML (")
+    assert said.endswith("only EXIF is used")
+    assert (tags.model, tags.focal_mm, tags.time) == (TAGS.model, TAGS.focal_mm, TAGS.time)
+    assert tags.latitude_deg == pytest.approx(TAGS.latitude_deg, abs=1e-8)
+    assert (tags.gimbal_pitch_deg, tags.rtk_flag, tags.dewarp) == (None, None, None)
+    assert inspect_photograph(broken) == tags
+
+
+@pytest.mark.filterwarnings("error")
+def test_damaged_exif_is_said_in_words_and_not_printed(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Model], exif[ExifTags.Base.Make] = "a camera with a long name", "a maker with a long name"
+    path = tmp_path / "cut.jpg"
+    Image.new("L", (32, 24)).save(path, exif=exif.tobytes()[:-70])
+    (said,) = read_tags(path).damage
+    assert said.startswith("the EXIF tags are damaged (")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [(11_000, 9_000), (20_000, 9_500)])
+def test_frames_of_aerial_cameras_are_read_without_a_warning(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = tmp_path / "frame.jpg"
+    Image.new("L", size, 90).save(path, quality=50)
+    assert check_photograph(path, size) == size
+    assert inspect_photograph(path).width_px == size[0]
+    assert read_grey(path).shape == size[::-1]
+    assert thumbnail(path) == pytest.approx(90.0, abs=2.0)
+
+
+def test_more_than_a_gigapixel_is_refused_in_words(tmp_path: Path) -> None:
+    content = io.BytesIO()
+    Image.new("L", (16, 16)).save(content, "PNG")
+    head = bytearray(content.getvalue())
+    head[16:24] = (40_000).to_bytes(4, "big") + (30_000).to_bytes(4, "big")
+    head[29:33] = zlib.crc32(bytes(head[12:29])).to_bytes(4, "big")
+    (tmp_path / "mosaic.png").write_bytes(head)
+    for read in (*READERS, inspect_photograph, read_tags):
+        with pytest.raises(ImageError, match=r"40000 × 30000 px are 1200 megapixels, photogram reads up to 1000"):
+            read(tmp_path / "mosaic.png")
+
+
+def test_photograph_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    pixels = np.zeros((5, 7, 3), np.uint8)
+    with pytest.raises(WorkspaceError, match="cannot be written"):
+        write_photograph(tmp_path / "nowhere" / "a.jpg", pixels, PhotographTags())
+    with pytest.raises(ValueError, match="7 × 5"):
+        write_photograph(tmp_path / "a.jpg", pixels, replace(TAGS, width_px=8))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_keeps_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), replacing(path) as partial:  # noqa: PT012
+        partial.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_same_photograph_gives_the_same_bytes(photograph: Path) -> None:
+    pixels = read_pixels(photograph)
+    first, second = photograph.with_name("a.jpg"), photograph.with_name("b.jpg")
+    write_photograph(first, pixels, TAGS)
+    write_photograph(second, pixels, TAGS)
+    assert first.read_bytes() == second.read_bytes()
+
+
+EAST, NORTH, UP = np.eye(3)
+
+
+@pytest.mark.parametrize(
+    ("angles", "right", "down", "forward"),
+    [
+        ((0.0, -90.0, 0.0), EAST, -NORTH, -UP),
+        ((90.0, -90.0, 0.0), -NORTH, -EAST, -UP),
+        ((0.0, 0.0, 0.0), EAST, -UP, NORTH),
+        ((90.0, 0.0, 0.0), -NORTH, -UP, EAST),
+        ((0.0, 0.0, 90.0), -UP, -EAST, NORTH),
+        ((180.0, -90.0, 180.0), EAST, -NORTH, -UP),
+    ],
+)
+def test_obvious_attitudes(
+    angles: tuple[float, float, float], right: np.ndarray, down: np.ndarray, forward: np.ndarray
+) -> None:
+    expected = np.column_stack([right, down, forward])
+    np.testing.assert_allclose(rotation_from_gimbal(*angles), expected, atol=1e-15)
+
+
+@given(st.floats(-360, 360), st.floats(-90, 90), st.floats(-180, 180))
+def test_attitude_is_a_rotation_that_looks_where_the_angles_say(yaw: float, pitch: float, roll: float) -> None:
+    R = rotation_from_gimbal(yaw, pitch, roll)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    forward = R[:, 2]
+    assert forward[2] == pytest.approx(np.sin(np.radians(pitch)), abs=1e-12)
+    level = np.cos(np.radians(pitch))
+    assert forward[:2] == pytest.approx([level * np.sin(np.radians(yaw)), level * np.cos(np.radians(yaw))], abs=1e-12)
+
+
+def test_survey_photographs_look_where_the_truth_says() -> None:
+    folder = data_file("dtu_phantom4")
+    truth = json.loads((folder / "truth.json").read_text())["cameras"]
+    convergence_deg = 2.9
+    for name, camera in truth.items():
+        tags = read_tags(folder / "images" / name)
+        assert tags.gimbal_yaw_deg is not None
+        assert tags.gimbal_pitch_deg is not None
+        assert tags.gimbal_roll_deg is not None
+        R = rotation_from_gimbal(tags.gimbal_yaw_deg - convergence_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
+        difference = R @ np.array(camera["rotation_camera_from_world"])
+        angle_deg = np.degrees(np.arccos(min(1.0, (np.trace(difference) - 1.0) / 2.0)))
+        assert angle_deg < 6.0
+
+
+def test_rtk_tags_of_a_real_drone() -> None:
+    folder = data_file("p4m_rtk_xmp")
+    tags = {path.name: read_tags(path) for path in sorted(folder.glob("*.JPG"))}
+    fixed = tags["DJI_0010.JPG"]
+    assert fixed == PhotographTags(
+        make="DJI",
+        model="FC6360",
+        serial="ce3ccab369970d2995b38aac35c75ff8",
+        width_px=1600,
+        height_px=1300,
+        focal_mm=5.74,
+        focal_35mm_mm=40.0,
+        time=datetime(2023, 6, 1, 9, 48, 4),
+        longitude_deg=-74.18558409,
+        latitude_deg=11.2246986,
+        height_m=40.52,
+        height_is_ellipsoidal=True,
+        height_above_take_off_m=25.05,
+        gnss_sigma_m=(0.01568, 0.01101, 0.03329),
+        rtk_flag=50,
+        gimbal_yaw_deg=17.1,
+        gimbal_pitch_deg=-89.9,
+        gimbal_roll_deg=0.0,
+        flight_yaw_deg=17.0,
+        flight_pitch_deg=4.6,
+        flight_roll_deg=-1.1,
+        dewarp=Dewarp(
+            "2019-02-04",
+            (1943.4300537, 1934.9899902),
+            (8.1140137, 2.197998),
+            (-0.408528, 0.360104, -0.414649),
+            (0.0013461, 0.0013461),
+            (1600.0, 1300.0),
+        ),
+    )
+    floats = [t for t in tags.values() if t.rtk_flag == 34]
+    assert len(floats) == 1
+    assert floats[0].gnss_sigma_m is not None
+    assert 0.15 < min(floats[0].gnss_sigma_m) < max(floats[0].gnss_sigma_m) < 0.5
+    assert all(check_photograph(path, (1600, 1300)) for path in folder.glob("*.JPG"))
+
+
+def test_tags_of_a_drone_without_rtk() -> None:
+    tags = read_tags(data_file("brighton_beach") / "images" / "DJI_0018.JPG")
+    assert tags.model == "FC300S"
+    assert tags.rtk_flag is None
+    assert tags.gnss_sigma_m is None
+    assert tags.longitude_deg == pytest.approx(-91.9945599, abs=1e-7)
+    assert tags.latitude_deg == pytest.approx(46.8426071, abs=1e-7)
+    assert (tags.gimbal_yaw_deg, tags.height_m) == (45.0, 198.31)
+
+
+def test_tags_of_an_ordinary_camera() -> None:
+    tags = read_tags(data_file("exif") / "gps_exif.jpg")
+    assert tags.make == "Canon"
+    assert tags.longitude_deg == pytest.approx(-(116 + 18 / 60 + 5.83056640625 / 3600))
+    assert tags.latitude_deg == pytest.approx(33 + 52 / 60 + 31.658935546875 / 3600)
+    assert tags.height_m == 304.0
+    assert tags.gimbal_pitch_deg is None
+
+
+def test_height_below_sea_level_is_negative() -> None:
+    tags = read_tags(data_file("sheffield_cross") / "images" / "DJI_0054.JPG")
+    assert tags.height_m == -5.677
+
+
+# ---- the conventions of other makers ---------------------------------------------------------------------------------
+
+PIX4D, SENSEFLY = "http://pix4d.com/camera/1.0/", "http://ns.sensefly.com/Camera/1.0/"
+AUTEL, PARROT = "http://www.autelrobotics.com/drone/1.0/", "http://www.parrot.com/drone-parrot/1.0/"
+MICASENSE = "http://micasense.com/DLS/1.0/"
+
+
+def with_xmp(path: Path, namespaces: dict[str, str], attributes: str, elements: str = "", before: str = "") -> Path:
+    declared = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in namespaces.items())
+    packet = (
+        f'{before}<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
+        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description rdf:about="" {declared} {attributes}>{elements}</rdf:Description>'
+        '</rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
+    )
+    Image.new("RGB", (16, 12)).save(path, xmp=packet.encode())
+    return path
+
+
+def camera_angles(tags: PhotographTags) -> tuple[float | None, float | None, float | None]:
+    return tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg
+
+
+def rotation_of(tags: PhotographTags) -> np.ndarray:
+    assert tags.gimbal_yaw_deg is not None
+    assert tags.gimbal_pitch_deg is not None
+    assert tags.gimbal_roll_deg is not None
+    return rotation_from_gimbal(tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
+
+
+@given(st.floats(-180, 180), st.floats(-85, 85), st.floats(-80, 80))
+def test_camera_angles_turn_a_camera_that_looks_down(yaw: float, pitch: float, roll: float) -> None:
+    body = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()  # north, east, down from the body
+    nose, right, down = body[[1, 0, 2]].T * np.array([1.0, 1.0, -1.0])  # east, north, up
+    expected = np.column_stack([right, -nose, down])
+    R = rotation_from_gimbal(*gimbal_from_camera_angles(yaw, pitch, roll))
+    np.testing.assert_allclose(R, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, -135.0])
+def test_camera_that_looks_straight_down_has_its_yaw(yaw: float) -> None:
+    assert gimbal_from_camera_angles(yaw, 0.0, 0.0) == pytest.approx((yaw, -90.0, 0.0), abs=1e-9)
+    assert gimbal_from_camera_angles(yaw, 90.0, 0.0) == pytest.approx((yaw, 0.0, 0.0), abs=1e-9)
+    straight_up = rotation_from_gimbal(*gimbal_from_camera_angles(yaw, 180.0, 0.0))
+    np.testing.assert_allclose(straight_up, rotation_from_gimbal(yaw, 90.0, 0.0), atol=1e-9)
+
+
+def test_sensefly_tags(tmp_path: Path) -> None:
+    attributes = 'Camera:Yaw="31.5" Camera:Pitch="4" Camera:Roll="0" Camera:GPSXYAccuracy="0.021"'
+    attributes += ' Camera:GPSZAccuracy="0.035" Camera:PerspectiveFocalLength="10.6"'
+    attributes += ' Camera:PerspectiveDistortion="0.01,-0.08,0.07,0.0004,-0.0002" Camera:ModelType="perspective"'
+    attributes += ' Camera:VerticCS="ellipsoidal" crs:Version="7.0"'
+    spaces = {"Camera": SENSEFLY, "crs": "http://ns.adobe.com/camera-raw-settings/1.0/"}
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", spaces, attributes))
+    assert camera_angles(tags) == pytest.approx((31.5, -86.0, 0.0), abs=1e-9)
+    assert tags.gnss_sigma_m == (0.021, 0.021, 0.035)
+    assert tags.calibrated_focal_mm == 10.6
+    assert tags.calibrated_radial == (0.01, -0.08, 0.07)
+    assert tags.kind == "frame"
+    assert tags.height_is_ellipsoidal is None  # of no position
+
+
+def test_parrot_sequoia_tags_as_elements_with_fractions(tmp_path: Path) -> None:
+    elements = (
+        "<Camera:Yaw>1250/100</Camera:Yaw><Camera:Pitch>-300/100</Camera:Pitch><Camera:Roll>0/1</Camera:Roll>"
+        "<Camera:AboveGroundAltitude>8025/100</Camera:AboveGroundAltitude>"
+        "<Camera:GPSXYAccuracy>0</Camera:GPSXYAccuracy><Camera:GPSZAccuracy>1/0</Camera:GPSZAccuracy>"
+        "<Camera:BandName><rdf:Seq><rdf:li>Green</rdf:li></rdf:Seq></Camera:BandName>"
+        "<Camera:ModelType>fisheye</Camera:ModelType>"
+    )
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", {"Camera": PIX4D}, "", elements))
+    assert rotation_of(tags) == pytest.approx(rotation_from_gimbal(12.5, -93.0, 0.0), abs=1e-9)
+    assert tags.height_above_take_off_m == 80.25
+    assert tags.gnss_sigma_m is None
+    assert tags.band == "Green"
+    assert tags.kind == "fisheye"
+
+
+def test_autel_tags_old_and_new(tmp_path: Path) -> None:
+    old = read_tags(
+        with_xmp(
+            tmp_path / "old.jpg",
+            {"Camera": PIX4D},
+            'Camera:Pitch="66.04" Camera:Yaw="2.42" Camera:Roll="0.000000" Camera:ModelType="perspective"',
+        )
+    )
+    assert camera_angles(old) == pytest.approx((2.42, -23.96, 0.0), abs=1e-9)
+    attributes = 'drone:GimbalPitchDegree="-89.5" drone:GimbalYawDegree="12.0" drone:GimbalRollDegree="0.0"'
+    attributes += ' drone:RtkFlag="50" drone:GpsLatitude="47.5" drone:GpsLongtitude="8.25"'
+    attributes += ' drone:AbsoluteAltitude="+502.1" drone:RelativeAltitude="+60.0"'
+    new = read_tags(with_xmp(tmp_path / "new.jpg", {"drone": AUTEL}, attributes))
+    assert camera_angles(new) == (12.0, -89.5, 0.0)
+    assert (new.longitude_deg, new.latitude_deg, new.height_m) == (8.25, 47.5, 502.1)
+    assert (new.rtk_flag, new.height_is_ellipsoidal, new.height_above_take_off_m) == (50, True, 60.0)
+
+
+def test_parrot_anafi_tags_come_before_its_camera_tags(tmp_path: Path) -> None:
+    attributes = 'p:CameraPitchDegree="-78.36" p:CameraRollDegree="-0.32" p:CameraYawDegree="176.31"'
+    attributes += ' Camera:Pitch="1" Camera:Yaw="2" Camera:Roll="3"'
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", {"p": PARROT, "Camera": PIX4D}, attributes))
+    assert camera_angles(tags) == (176.31, -78.36, -0.32)
+
+
+def test_light_sensor_and_missing_sensor_are_no_attitude(tmp_path: Path) -> None:
+    light = with_xmp(tmp_path / "a.jpg", {"DLS": MICASENSE}, 'DLS:Yaw="1" DLS:Pitch="2" DLS:Roll="3"')
+    zeros = with_xmp(
+        tmp_path / "b.jpg", {"Camera": PIX4D}, 'Camera:Yaw="0/100" Camera:Pitch="0/100" Camera:Roll="0/100"'
+    )
+    assert camera_angles(read_tags(light)) == camera_angles(read_tags(zeros)) == (None, None, None)
+
+
+def test_xmp_that_gdal_has_copied_is_read(tmp_path: Path) -> None:
+    path = with_xmp(tmp_path / "a.jpg", {"drone": AUTEL}, 'drone:RtkFlag="16"', before="xml:XMP=")
+    assert read_tags(path).rtk_flag == 16
+
+
+def test_wrong_camera_calibration_is_named(tmp_path: Path) -> None:
+    attributes = 'Camera:PerspectiveFocalLength="10" Camera:PerspectiveDistortion="0.1,0.2"'
+    path = with_xmp(tmp_path / "a.jpg", {"Camera": PIX4D}, attributes)
+    with pytest.raises(ImageError, match=r"PerspectiveDistortion is '0\.1,0\.2', expected"):
+        read_tags(path)
+
+
+@pytest.mark.parametrize(
+    ("unit", "resolution"), [(2, 25.4 * 166.0), (3, 1660.0), (4, 166.0), (5, 0.166), (None, 4216.4)]
+)
+def test_camera_with_geotags_and_exif_alone(tmp_path: Path, unit: int | None, resolution: float) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Make], exif[ExifTags.Base.Model] = "SONY", "ILCE-7RM4"
+    inner, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
+    inner[ExifTags.Base.FocalLength], inner[ExifTags.Base.FocalLengthIn35mmFilm] = 35.0, 35
+    inner[ExifTags.Base.LensModel], inner[ExifTags.Base.BodySerialNumber] = "FE 35mm F1.8", "S01"
+    inner[ExifTags.Base.FocalPlaneXResolution] = resolution
+    if unit is not None:
+        inner[ExifTags.Base.FocalPlaneResolutionUnit] = unit
+    gps[ExifTags.GPS.GPSLatitudeRef], gps[ExifTags.GPS.GPSLatitude] = "S", (33.0, 30.0, 0.0)
+    gps[ExifTags.GPS.GPSLongitudeRef], gps[ExifTags.GPS.GPSLongitude] = "W", (70.0, 45.0, 0.0)
+    gps[ExifTags.GPS.GPSAltitudeRef], gps[ExifTags.GPS.GPSAltitude] = b"\x02", 812.5
+    gps[ExifTags.GPS.GPSHPositioningError] = 0.04
+    path = tmp_path / "DSC00001.JPG"
+    Image.new("RGB", (24, 16)).save(path, exif=exif)
+    tags = inspect_photograph(path)
+    assert tags.pixels_per_mm == pytest.approx(166.0, rel=1e-6)
+    assert (tags.longitude_deg, tags.latitude_deg, tags.height_m) == (-70.75, -33.5, 812.5)
+    assert tags.height_is_ellipsoidal
+    assert tags.gnss_horizontal_error_m == pytest.approx(0.04)
+    assert (tags.lens, tags.serial, tags.focal_35mm_mm) == ("FE 35mm F1.8", "S01", 35.0)
+    assert camera_angles(tags) == (None, None, None)

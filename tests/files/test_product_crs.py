@@ -1,0 +1,134 @@
+"""The CRS of rasters with ellipsoidal heights, as rasterio, GDAL and PROJ read it; units, descriptions and colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+import rasterio.shutil
+import rasterio.warp
+from pyproj.crs import ProjectedCRS
+from pyproj.crs.coordinate_operation import TransverseMercatorConversion
+from rio_cogeo import cog_validate
+
+from photogram.crs import height_system_of, product_crs
+from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
+from photogram.files.maps.geo_keys import set_vertical_key
+from photogram.files.maps.rasters import read_raster
+from photogram.grid import MapGrid
+from photogram.height_systems import DeclaredHeights, Geoid
+
+LOCAL = ProjectedCRS(TransverseMercatorConversion(50.0, 9.0), "grid of the site", geodetic_crs="EPSG:4258").to_wkt()
+PLACES = {
+    "EPSG:25832": (602_300.0, 5_794_140.0),
+    "EPSG:32632": (602_300.0, 5_794_140.0),
+    "EPSG:28356": (334_000.0, 6_252_000.0),
+    "EPSG:7856": (334_000.0, 6_252_000.0),
+    "EPSG:6339": (550_000.0, 4_180_000.0),
+    "EPSG:2193": (1_749_000.0, 5_428_000.0),
+}
+
+
+def grid_at(place: tuple[float, float]) -> MapGrid:
+    return MapGrid(place[0], place[1], 0.5, 300, 280)
+
+
+def write(path: Path, crs: str, place: tuple[float, float]) -> None:
+    grid = grid_at(place)
+    write_cog(path, grid, crs, [(grid.whole, np.full((grid.rows, grid.columns), 100.0, np.float32))], True, "height")
+
+
+@pytest.mark.parametrize("plan", PLACES)
+def test_ellipsoidal_heights_are_a_third_axis_that_leads_to_the_globe(tmp_path: Path, plan: str) -> None:
+    path, (easting, northing) = tmp_path / "dsm.tif", PLACES[plan]
+    crs = product_crs(plan, DeclaredHeights(output="ellipsoidal"))
+    write(path, crs, (easting, northing))
+    assert list(tmp_path.iterdir()) == [path], "nothing stands in a file beside"
+    assert cog_validate(path, strict=True) == (True, [], [])
+    with rasterio.open(path) as dataset:
+        written = dataset.crs
+        assert dataset.read(1).max() == 100.0
+    found = pyproj.CRS.from_wkt(written.to_wkt(version="WKT2_2019"))
+    assert not found.is_compound
+    assert [axis.direction for axis in found.axis_info][-1] == "up"
+    expected = pyproj.Transformer.from_crs(pyproj.CRS(plan).to_3d(), "EPSG:4979", always_xy=True)
+    longitude, latitude, height = expected.transform(easting, northing, 100.0)
+    of_proj = pyproj.Transformer.from_crs(found, "EPSG:4979", always_xy=True).transform(easting, northing, 100.0)
+    xs, ys, zs = rasterio.warp.transform(written, "EPSG:4979", [easting], [northing], [100.0])
+    for lon, lat, h in (of_proj, (xs[0], ys[0], zs[0])):
+        assert abs(h - height) < 1e-3
+        assert abs(lon - longitude) * 111_320 < 1e-3
+        assert abs(lat - latitude) * 111_320 < 1e-3
+    back = pyproj.Transformer.from_crs("EPSG:4979", found, always_xy=True).transform(*of_proj)
+    assert np.abs(np.array(back) - [easting, northing, 100.0]).max() < 1e-3
+    _, name = read_raster(path)
+    assert height_system_of(name) == ("ellipsoidal", None)
+
+
+def test_orthometric_heights_stay_compound(tmp_path: Path) -> None:
+    heights = DeclaredHeights(output="orthometric", geoid=Geoid("EPSG:5799"))
+    write(tmp_path / "dsm.tif", product_crs("EPSG:25832", heights), PLACES["EPSG:25832"])
+    with rasterio.open(tmp_path / "dsm.tif") as dataset:
+        found = pyproj.CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+    assert found.sub_crs_list[1].name == "DVR90 height"
+
+
+def test_a_map_without_a_code_keeps_a_vertical_crs_that_says_ellipsoidal(tmp_path: Path) -> None:
+    for plan, name in ((LOCAL, "GRS 1980"), ("+proj=tmerc +lat_0=50 +lon_0=9 +datum=WGS84 +units=m", "WGS 84")):
+        write(tmp_path / "dsm.tif", product_crs(plan, DeclaredHeights(output="ellipsoidal")), (0.0, 0.0))
+        with rasterio.open(tmp_path / "dsm.tif") as dataset:
+            found = pyproj.CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+        assert found.sub_crs_list[1].name == f"ellipsoidal height ({name})"
+
+
+def test_a_file_without_the_key_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "dsm.tif", "EPSG:25832", PLACES["EPSG:25832"])
+    with pytest.raises(OSError, match="no vertical geo key"):
+        set_vertical_key(tmp_path / "dsm.tif", 4937)
+
+
+@pytest.mark.parametrize("big", ["YES", "NO"])
+@pytest.mark.parametrize("endianness", ["LITTLE", "BIG"])
+def test_the_key_is_found_in_every_kind_of_tiff(tmp_path: Path, big: str, endianness: str) -> None:
+    path = tmp_path / "dsm.tif"
+    compound = rasterio.crs.CRS.from_wkt(pyproj.CRS("EPSG:25832+5773").to_wkt())
+    shape = {"width": 16, "height": 16, "count": 1, "dtype": "uint8", "transform": rasterio.Affine(1, 0, 5, 0, -1, 9)}
+    with rasterio.open(path, "w", driver="GTiff", crs=compound, bigtiff=big, endianness=endianness, **shape) as dataset:
+        dataset.write(np.ones((1, 16, 16), np.uint8))
+    set_vertical_key(path, 4937)
+    with rasterio.open(path) as dataset:
+        found = pyproj.CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+    assert (found.is_compound, len(found.axis_info)) == (False, 3)
+
+
+def test_bands_have_units_and_descriptions(tmp_path: Path) -> None:
+    grid = grid_at(PLACES["EPSG:25832"])
+    for crs in ("EPSG:25832", "EPSG:25832+5799", product_crs("EPSG:25832", DeclaredHeights(output="ellipsoidal"))):
+        write(tmp_path / "dsm.tif", crs, PLACES["EPSG:25832"])
+        with rasterio.open(tmp_path / "dsm.tif") as dataset:
+            assert (dataset.units, dataset.descriptions) == (("m",), ("height",))
+    picture = np.full((grid.rows, grid.columns, 4), 255, np.uint8)
+    write_cog_rgba(tmp_path / "picture.tif", grid, "EPSG:25832", [(grid.whole, picture)])
+    with rasterio.open(tmp_path / "picture.tif") as dataset:
+        assert dataset.descriptions == ("red", "green", "blue", "alpha")
+
+
+def test_codes_have_colours_and_names(tmp_path: Path) -> None:
+    grid, path = grid_at(PLACES["EPSG:25832"]), tmp_path / "source.tif"
+    codes = (np.arange(grid.rows * grid.columns) % 3).reshape(grid.rows, grid.columns).astype(np.uint8)
+    kinds = (Category(0, "hole", (255, 255, 255)), Category(2, "filled", (230, 120, 20)))
+    write_cog_codes(path, grid, "EPSG:25832", [(grid.whole, codes)], categories=kinds)
+    assert cog_validate(path, strict=True) == (True, [], [])
+    assert {p.name for p in tmp_path.iterdir()} == {path.name, path.name + CATEGORY_SUFFIX}
+    with rasterio.open(path) as dataset:
+        colours = dataset.colormap(1)
+        assert (colours[0], colours[2]) == ((255, 255, 255, 255), (230, 120, 20, 255))
+        assert dataset.descriptions == ("0 hole, 2 filled",)
+        np.testing.assert_array_equal(dataset.read(1), codes)
+    rasterio.shutil.copy(path, tmp_path / "view.vrt", driver="VRT")  # GDAL copies what it has read of the names
+    text = (tmp_path / "view.vrt").read_text(encoding="utf-8")
+    assert "<Category>hole</Category>" in text
+    assert "<Category>filled</Category>" in text

@@ -1,0 +1,435 @@
+"""Ground points that project.yaml takes from files, and the other keys of whole surveys."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from photogram.camera import Camera
+from photogram.errors import FrameError, ProjectError
+from photogram.frames import map_from_crs, map_from_geodetic
+from photogram.project.project import Project, ProjectControlPoint, photograph_paths, read_project
+from photogram.sfm.orientation import OrientationSettings
+
+SHEFFIELD = Path(__file__).parents[3] / "shared" / "data" / "sheffield_cross"
+
+GOOD = """\
+photogram: 1
+crs: EPSG:25832
+quality: medium
+cameras:
+  big: {width_px: 800, height_px: 600, focal_px: 500, principal_point_px: [400, 299], source: EXIF, calibration: auto}
+  small: {width_px: 400, height_px: 300, focal_px: 250, principal_point_px: [199.5, 149.5]}
+photographs:
+  folder: images
+  camera: big
+  height_above_ground_m: 50
+  list:
+    - {name: a.jpg, height_above_ground_m: 40.5}
+    - {name: b.jpg}
+    - {name: c.jpg, camera: small}
+control_points:
+  sigma_m: [0.02, 0.02, 0.03]
+  mark_sigma_px: 1
+  files:
+    - path: gcp_list.txt
+      picture_size_px: [4000, 3000]
+    - path: control.csv
+      marks: marks.csv
+      sigma_m: [0.1, 0.2, 0.3]
+      mark_sigma_px: 0.5
+    - path: check.csv
+      role: check
+      marks: marks.csv
+      crs: EPSG:4326
+  list:
+    - {name: L1, position_m: [720000, 6192000, 60], marks: {a.jpg: [1, 2]}}
+orientation: {method: growth}
+"""
+GCP_LIST = """\
+EPSG:25832
+720000 6192010 61 99.5 199.5 a.jpg G1
+720000 6192010 61 2000 1500 c.jpg G1
+720020 6192010 62 3000 100 b.jpg
+"""
+CONTROL = """\
+name,easting,northing,height,sigma_plan,role
+C1,720010,6192000,63,,
+C2,720010,6192020,64,0.01,check
+"""
+CHECK = """\
+name;lon;lat;h
+K1;12.5116;55.8231;65
+"""
+MARKS = """\
+name,photograph,u,v,sigma_px
+C1,a.jpg,10,20,
+K1,a.jpg,30,40,
+K1,b.jpg,50,60,2
+C2,c.jpg,399,299,
+"""
+FILES = {"gcp_list.txt": GCP_LIST, "control.csv": CONTROL, "check.csv": CHECK, "marks.csv": MARKS}
+
+
+def no_matlab(path: Path, *_: object) -> Camera:
+    raise AssertionError(f"nothing to read from {path}")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "images").mkdir()
+    for name in "abc":
+        (tmp_path / "images" / f"{name}.jpg").touch()
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "project.yaml").write_text(GOOD)
+    return tmp_path
+
+
+def read(folder: Path) -> Project:
+    return read_project(folder / "project.yaml", read_matlab_camera=no_matlab)
+
+
+def change(folder: Path, name: str, *changes: tuple[str, str]) -> None:
+    path = folder / name
+    for old, new in changes:
+        text = path.read_text()
+        assert text.count(old) >= 1, old
+        path.write_text(text.replace(old, new, 1))
+
+
+def faults(folder: Path) -> list[str]:
+    """The faults of the project file as ``line: message``."""
+    with pytest.raises(ProjectError) as raised:
+        read(folder)
+    path = folder / "project.yaml"
+    lines = [line for line in str(raised.value).splitlines() if not line.endswith("faults:")]
+    assert all(line.startswith(f"{path}:") for line in lines)
+    return [line.removeprefix(f"{path}:") for line in lines]
+
+
+def points_of(project: Project) -> dict[str, ProjectControlPoint]:
+    return {point.name: point for point in project.control_points}
+
+
+# -- what is read -----------------------------------------------------------------------------------------------------
+
+
+def test_keys_of_whole_surveys_arrive(folder: Path) -> None:
+    project = read(folder)
+    assert (project.quality, project.calibration, project.camera_source) == ("medium", ("auto", "given"), ("EXIF", ""))
+    assert [p.height_above_ground_m for p in project.photographs] == [40.5, 50.0, 50.0]
+    assert project.orientation == OrientationSettings(method="growth")
+
+
+def test_their_defaults(folder: Path) -> None:
+    change(folder, "project.yaml", ("quality: medium\n", ""), (", source: EXIF, calibration: auto", ""))
+    change(folder, "project.yaml", ("  height_above_ground_m: 50\n", ""), (", height_above_ground_m: 40.5", ""))
+    change(folder, "project.yaml", (GOOD[GOOD.index("  files:") : GOOD.index("  list:\n    - {name: L1")], ""))
+    project = read(folder)
+    assert (project.quality, project.calibration, project.camera_source) == ("high", ("given", "given"), ("", ""))
+    assert [p.height_above_ground_m for p in project.photographs] == [None] * 3
+    assert [p.name for p in project.control_points] == ["L1"]
+
+
+def test_points_of_files_follow_those_of_the_list(folder: Path) -> None:
+    project = read(folder)
+    assert [(p.name, p.role) for p in project.control_points] == [
+        ("L1", "control"),
+        ("G1", "control"),
+        ("p1", "control"),
+        ("C1", "control"),
+        ("C2", "check"),
+        ("K1", "check"),
+    ]
+    points = points_of(project)
+    assert points["G1"].position_map_m.tolist() == [720000.0, 6192010.0, 61.0]
+    assert points["C1"].position_map_m.tolist() == [720010.0, 6192000.0, 63.0]
+    expected = map_from_geodetic("EPSG:25832", np.array([[12.5116, 55.8231, 65.0]]))[0]
+    np.testing.assert_allclose(points["K1"].position_map_m, expected, atol=1e-6)
+
+
+def test_sigmas_of_column_entry_and_all_points(folder: Path) -> None:
+    points = points_of(read(folder))
+    assert points["G1"].sigma_m.tolist() == [0.02, 0.02, 0.03]
+    assert points["C1"].sigma_m.tolist() == [0.1, 0.2, 0.3]
+    assert points["C2"].sigma_m.tolist() == [0.01, 0.01, 0.3]
+    assert points["K1"].sigma_m.tolist() == [0.02, 0.02, 0.03]
+    assert points["G1"].mark_sigma_px.tolist() == [1.0, 1.0]
+    assert points["C1"].mark_sigma_px.tolist() == [0.5]
+    assert points["K1"].mark_sigma_px.tolist() == [1.0, 2.0]
+
+
+def test_marks_of_another_picture_size_keep_pixel_centres(folder: Path) -> None:
+    points = points_of(read(folder))
+    assert points["G1"].mark_photograph.tolist() == [0, 2]
+    # 4000 px to 800 px and to 400 px: edges stay edges
+    expected = [[(99.5 + 0.5) / 5 - 0.5, (199.5 + 0.5) / 5 - 0.5], [(2000 + 0.5) / 10 - 0.5, (1500 + 0.5) / 10 - 0.5]]
+    np.testing.assert_allclose(points["G1"].mark_pixel, expected, atol=1e-12)
+    assert points["C2"].mark_pixel.tolist() == [[399.0, 299.0]]
+
+
+def test_origin_of_the_marks_holds_for_files_too(folder: Path) -> None:
+    change(folder, "project.yaml", ("  mark_sigma_px: 1\n", "  mark_sigma_px: 1\n  pixel_origin: matlab\n"))
+    points = points_of(read(folder))
+    np.testing.assert_allclose(points["G1"].mark_pixel[0], [(98.5 + 0.5) / 5 - 0.5, (198.5 + 0.5) / 5 - 0.5])
+    assert points["C1"].mark_pixel.tolist() == [[9.0, 19.0]]
+
+
+def test_sheffield(tmp_path: Path) -> None:
+    if not SHEFFIELD.is_dir():
+        pytest.skip("the survey of Sheffield is not beside the repository")
+    camera = "{width_px: 800, height_px: 600, focal_px: 463, principal_point_px: [399.5, 299.5]}"
+    text = (
+        f"photogram: 1\ncrs: EPSG:32617\ncameras: {{p3: {camera}}}\n"
+        f"photographs: {{folder: {SHEFFIELD / 'images'}}}\n"
+        "control_points:\n  sigma_m: [0.5, 0.5, 0.5]\n  mark_sigma_px: 1\n  files:\n"
+        f"    - path: {SHEFFIELD / 'gcp_file.txt'}\n"
+    )
+    (tmp_path / "project.yaml").write_text(text)
+    (fault,) = faults(tmp_path)
+    assert fault.startswith("9: control_points.files[")
+    assert fault.endswith(
+        "gcp_file.txt:2: 25 of 25 marks are outside their photographs, which are 800 × 600 px: they would fit "
+        "a picture of 4000 × 3000 px: give picture_size_px: [4000, 3000]"
+    )
+    (tmp_path / "project.yaml").write_text(text + "      picture_size_px: [4000, 3000]\n")
+    project = read(tmp_path)
+    assert len(project.photographs) == 41
+    first = project.control_points[0]
+    np.testing.assert_allclose(first.position_map_m, [333158.20, 3102916.18, 3.0], atol=1e-6)
+    assert project.photographs[first.mark_photograph[0]].name == "DJI_0065.JPG"
+    np.testing.assert_allclose(first.mark_pixel[0], [(2699.43 + 0.5) / 5 - 0.5, (1668.72 + 0.5) / 5 - 0.5], atol=1e-9)
+    assert sum(len(p.mark_photograph) for p in project.control_points) == 25
+
+
+def test_marks_of_photographs_that_take_no_part_are_left_out_with_a_warning(folder: Path) -> None:
+    change(folder, "gcp_list.txt", ("a.jpg", "a.JPG"))
+    change(folder, "marks.csv", ("K1,b.jpg", "K1,IMG_9.png"))
+    project = read(folder)
+    assert [len(p.mark_photograph) for p in project.control_points] == [1, 1, 1, 1, 1, 1]
+    first, second = project.warnings
+    assert (first.severity, first.where) == ("warning", "project.yaml:19")
+    assert first.text == (
+        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that take no part in the project and are left out: "
+        "a.JPG (1)"
+    )
+    assert first.remedy == "did you mean 'a.jpg'?"
+    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that take no part")
+    assert second.text.endswith("IMG_9.png (1)")
+    assert second.remedy == "add the photographs to the project, or remove their marks"
+
+
+def test_photograph_paths_in_spite_of_faults(folder: Path) -> None:
+    change(folder, "project.yaml", ("quality: medium", "quality: best"), ("crs: EPSG:25832", "crs: none"))
+    assert [p.name for p in photograph_paths(folder / "project.yaml")] == ["a.jpg", "b.jpg", "c.jpg"]
+    assert photograph_paths(folder / "project.yaml", folder)[0] == folder / "a.jpg"
+
+
+# -- faults -----------------------------------------------------------------------------------------------------------
+
+Change = tuple[str, str, str]
+G, C, K = (f"control_points.files[{name}]" for name in ("gcp_list.txt", "control.csv", "check.csv"))
+FAULTS: dict[str, tuple[list[Change], list[str]]] = {
+    "quality": (
+        [("project.yaml", "quality: medium", "quality: hihg")],
+        ["3: quality: must be high, medium or low, found the text 'hihg': did you mean 'high'?"],
+    ),
+    "calibration": (
+        [("project.yaml", "calibration: auto", "calibration: free")],
+        ["5: cameras.big.calibration: must be given or auto, found the text 'free'"],
+    ),
+    "height above ground": (
+        [("project.yaml", "height_above_ground_m: 40.5", "height_above_ground_m: 0")],
+        ["12: photographs.list[a.jpg].height_above_ground_m: must be from 0.1 to 50000 m, found 0"],
+    ),
+    "no path": (
+        [("project.yaml", "- path: gcp_list.txt\n     ", "-")],
+        ["19: control_points.files[#1].path: is missing: give the file with the points, relative to this file"],
+    ),
+    "no file": (
+        [("project.yaml", "path: control.csv", "path: contrl.csv")],
+        ["21: control_points.files[contrl.csv]: contrl.csv:1: cannot be read (No such file or directory): check its"],
+    ),
+    "no file of marks": (
+        [("project.yaml", "marks: marks.csv", "marks: mark.csv")],
+        [
+            f"21: {C}: mark.csv:1: cannot be read (No such file or directory): check its name and folder",
+            # nobody else has the points whose marks the other entry shares
+            f"25: {K}: marks.csv:2: there is no point 'C1' in check.csv",
+            f"25: {K}: marks.csv:5: there is no point 'C2' in check.csv",
+        ],
+    ),
+    "every fault of a file, with its lines": (
+        [("gcp_list.txt", "720000 6192010 61 2000", "720000 6192010 6l 2000"), ("gcp_list.txt", " b.jpg", "")],
+        [
+            f"19: {G}: gcp_list.txt:3: z must be a number, found '6l'",
+            f"19: {G}: gcp_list.txt:4: 5 fields, needed are x y z u v photograph [name]",
+        ],
+    ),
+    "picture size": (
+        [("project.yaml", "[4000, 3000]", "[4000, 3000.5]")],
+        [
+            f"19: {G}: gcp_list.txt:3: 2 of 3 marks are outside their photographs, which are 400 × 300 px: they would",
+            f"20: {G}.picture_size_px: needs 2 whole numbers [width, height] from 1 to 200000 px, found [4000, 3000.5]",
+        ],
+    ),
+    "shape of the picture": (
+        [("project.yaml", "[4000, 3000]", "[4000, 2250]")],
+        [
+            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another shape than the photographs of camera b",
+            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another shape than the photographs of camera s",
+        ],
+    ),
+    "mark outside the picture": (
+        [("gcp_list.txt", "3000 100 b.jpg", "3000 3100 b.jpg")],
+        [
+            f"19: {G}: gcp_list.txt:4: the mark of p1 in b.jpg at pixel (3000, 3100) is outside a picture of 4000 × "
+            "3000 px: check the order (u right, v down)"
+        ],
+    ),
+    "mark outside its photograph": (
+        [("marks.csv", "399,299", "399,300")],
+        [f"21: {C}: marks.csv:5: the mark of C2 in c.jpg at pixel (399, 300) is outside the photograph, which is 400 "],
+    ),
+    "no photograph of any mark": (
+        [("project.yaml", ", marks: {a.jpg: [1, 2]}", "")]
+        + [("gcp_list.txt", f" {name}", f" x_{name}") for name in ("a.jpg", "b.jpg", "c.jpg")]
+        + [("marks.csv", f",{name}", f",x_{name}") for name in ("a.jpg", "a.jpg", "b.jpg", "c.jpg")],
+        [
+            f"19: {G}: gcp_list.txt:2: 3 of 3 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+            f"21: {C}: marks.csv:2: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+            f"25: {K}: marks.csv:3: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+        ],
+    ),
+    "name of list and file": (
+        [("project.yaml", "name: L1", "name: G1")],
+        [f"19: {G}: gcp_list.txt:2: 'G1' is used twice, first in line 30 of project.yaml: give each point its own"],
+    ),
+    "name of two files": (
+        [("control.csv", "C1", "G1"), ("marks.csv", "C1", "G1")],
+        [f"21: {C}: control.csv:2: 'G1' is used twice, first in gcp_list.txt:2: give each point its own name"],
+    ),
+    "mark of no point": (
+        [("marks.csv", "C1,a", "C11,a")],
+        [
+            f"21: {C}: marks.csv:2: there is no point 'C11' in control.csv: did you mean 'C1'?",
+            f"25: {K}: marks.csv:2: there is no point 'C11' in check.csv",
+        ],
+    ),
+    "no sigma": (
+        [("project.yaml", "  sigma_m: [0.02, 0.02, 0.03]\n", ""), ("project.yaml", "  mark_sigma_px: 1\n", "")],
+        [
+            f"17: {G}: 2 points (G1, p1) without a standard deviation: give sigma_m here or for all points",
+            f"17: {G}: marks without a standard deviation (3): give mark_sigma_px here or for all points",
+            f"23: {K}: 1 point (K1) without a standard deviation: give sigma_m here or for all points, or a column",
+            f"23: {K}: marks without a standard deviation (3): give mark_sigma_px here or for all points, or a column",
+            "28: control_points.list[L1]: the point has no standard deviation: give sigma_m",
+            "28: control_points.list[L1]: the point has no standard deviation of its marks",
+        ],
+    ),
+    "no crs of a gcp list": (
+        [("gcp_list.txt", "EPSG:25832\n", "")],
+        [f"19: {G}: gcp_list.txt:1: the first line must name the CRS, EPSG:32617 for example: add it, or give crs"],
+    ),
+    "two crs": (
+        [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      crs: EPSG:25833\n")],
+        [f"20: {G}.crs: gcp_list.txt says EPSG:25832 in its first line: keep one of the two"],
+    ),
+    "crs that is none": (
+        [("gcp_list.txt", "EPSG:25832", "UTM zone 32")],
+        [f"19: {G}: gcp_list.txt: 'UTM zone 32' is no coordinate reference system that PROJ knows"],
+    ),
+    "longitude in a grid": (
+        [("project.yaml", "      crs: EPSG:4326\n", "")],
+        [f"25: {K}: the columns are longitude and latitude, but EPSG:25832 is a map grid: give crs: EPSG:4326"],
+    ),
+    "marks beside a gcp list": (
+        [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      marks: marks.csv\n")],
+        [
+            f"20: {G}.marks: gcp_list.txt holds its marks itself: remove this key",
+        ],
+    ),
+    "swapped": (
+        [("control.csv", "720010,6192000", "6192000,720010")],
+        [f"21: {C}: control.csv:2: C1: easting and northing look swapped: found easting 6192000.00, northing "],
+    ),
+    "latitude before longitude": (
+        [("check.csv", "12.5116;55.8231", "55.8231;12.5116")],
+        [f"25: {K}: check.csv:2: K1: longitude and latitude look swapped: found easting "],
+    ),
+    "swapped in a whole file": (
+        [("gcp_list.txt", "720000 6192010", "6192010 720000")] * 2
+        + [("gcp_list.txt", "720020 6192010", "6192010 720020")],
+        [f"19: {G}: gcp_list.txt:2: G1: easting and northing look swapped in all 2, the first: found easting 6192010"],
+    ),
+    "height of another kind": (
+        [("control.csv", "6192000,63", "6192000,-9999")],
+        [f"21: {C}: control.csv:2: C1: height -9999 m is no height on Earth or a placeholder"],
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_each_fault_names_line_file_and_remedy(folder: Path, kind: str) -> None:
+    changes, expected = FAULTS[kind]
+    for name, old, new in changes:
+        change(folder, name, (old, new))
+    found = faults(folder)
+    assert len(found) == len(expected), "\n".join(found)
+    for start in expected:
+        assert any(line.startswith(start) for line in found), (start, "\n".join(found))
+
+
+def test_points_in_another_crs_are_moved_exactly(folder: Path) -> None:
+    text = "EPSG:25833\n344470.7 6192600.1 61 100 100 a.jpg G1\n"
+    (folder / "gcp_list.txt").write_text(text)
+    expected = map_from_crs("EPSG:25833", "EPSG:25832", np.array([[344470.7, 6192600.1, 61.0]]))[0]
+    np.testing.assert_allclose(points_of(read(folder))["G1"].position_map_m, expected, atol=1e-9)
+    assert abs(expected[0] - 344470.7) > 300_000
+
+
+# -- positions of any CRS ---------------------------------------------------------------------------------------------
+
+
+def test_utm_neighbours_agree_through_longitude_and_latitude() -> None:
+    geodetic = np.array([[12.5, 55.8, 10.0], [11.0, 56.5, -3.0]])
+    west, east = (map_from_crs("EPSG:4258", zone, geodetic) for zone in ("EPSG:25832", "EPSG:25833"))
+    np.testing.assert_allclose(map_from_crs("EPSG:25833", "EPSG:25832", east), west, atol=1e-6)
+    np.testing.assert_allclose(map_from_crs("EPSG:25832", "EPSG:25832", west), west, atol=1e-6)
+    # an independent formula: on its central meridian a transverse Mercator has its false easting
+    on_meridian = map_from_crs("EPSG:4258", "EPSG:25832", np.array([[9.0, 55.0, 0.0]]))[0]
+    assert abs(on_meridian[0] - 500_000.0) < 1e-6
+
+
+def test_heights_go_through_but_for_their_unit() -> None:
+    point = np.array([[6480000.0, 1840000.0, 300.0]])
+    moved = map_from_crs("EPSG:2229+6360", "EPSG:32611", point)[0]
+    np.testing.assert_allclose(moved[2], 300.0 * 1200 / 3937, rtol=1e-12)
+    assert map_from_crs("EPSG:25833+7837", "EPSG:25832+7837", np.array([[319958.0, 6191969, 70]]))[0, 2] == 70.0
+    assert map_from_crs("EPSG:4326", "EPSG:25832", np.zeros((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "point", "message"),
+    [
+        ("EPSG:99999", "EPSG:25832", [1, 2, 3], "'EPSG:99999' is no coordinate reference system"),
+        ("EPSG:4978", "EPSG:25832", [1, 2, 3], "has no easting and northing, nor longitude and latitude"),
+        ("EPSG:5773", "EPSG:25832", [1, 2, 3], "has no easting and northing"),
+        ("EPSG:4326", "EPSG:4326", [1, 2, 3], "is not a map grid"),
+        ("EPSG:2229", "EPSG:32611", [6480000, 1840000, 300], "in US survey foot and says nothing of heights"),
+        ("EPSG:4326", "EPSG:25832", [12.5, 155.8, 3], "cannot be brought to EPSG:25832: check the CRS, and that"),
+    ],
+)
+def test_positions_that_cannot_be_moved(source: str, target: str, point: list[float], message: str) -> None:
+    with pytest.raises(FrameError, match=message):
+        map_from_crs(source, target, np.array([point], dtype=np.float64))
+
+
+def test_datum_unknown_is_taken_as_the_other_and_a_known_one_never() -> None:
+    point = np.array([[719958.0, 6191969.0, 1.0]])
+    np.testing.assert_allclose(map_from_crs("+proj=utm +zone=32 +ellps=GRS80 +units=m", "EPSG:25832", point), point)
+    with pytest.raises(FrameError, match="has no transformation from EPSG:4979"):
+        map_from_crs("EPSG:4979", "EPSG:25832+7837", np.array([[12.0, 55.0, 70.0]]))

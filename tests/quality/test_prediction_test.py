@@ -1,0 +1,140 @@
+"""Check points and points left out against what was predicted of them, on simulated surveys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.quality.prediction_test import leave_one_out, predicted_against_achieved, shares
+from photogram.report.numbers.statistics import consistency_numbers
+from photogram.results import Adjustment
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.survey import Block
+
+PLAN = SurveyPlan(
+    strips=2, photographs_per_strip=4, control_points=5, check_points=6, control_sigma_m=(0.005, 0.005, 0.008),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0), gnss_sigma_m=(0.1, 0.1, 0.15),
+)  # fmt: skip
+
+# nothing but satellites of 2 m: all points err together
+ADRIFT = replace(
+    PLAN, control_points=0, gnss_sigma_m=(2.0, 2.0, 3.0), gnss_offset_sigma_m=(0.0, 0.0, 0.0), mark_sigma_px=0.2
+)
+
+
+def simulated(seed: int, plan: SurveyPlan = PLAN) -> Block:
+    return simulate_block(
+        plan, seed, tie_points=120, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05,
+        start_point_sigma_m=0.05,
+    ).block  # fmt: skip
+
+
+@cache
+def adjusted(seed: int, plan: SurveyPlan) -> Adjustment:
+    return adjust(simulated(seed, plan), AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+
+
+def test_shares_known_by_hand() -> None:
+    found = shares(np.array([0.5, -1.5, 2.5, -3.5, np.nan, 0.0]))
+    assert (found.n, found.within_1, found.within_2, found.within_3) == (5, 0.4, 0.6, 0.8)
+    assert found.mean_z == pytest.approx(-0.4)
+    assert found.rms_z == pytest.approx(np.sqrt((0.25 + 2.25 + 6.25 + 12.25) / 5))
+    nothing = shares(np.full(3, np.nan))
+    assert nothing.n == 0
+    assert np.isnan([nothing.mean_z, nothing.rms_z, nothing.within_1]).all()
+
+
+@pytest.mark.parametrize(("plan", "control"), [(PLAN, 5), (ADRIFT, 0)])
+def test_differences_of_check_points_follow_their_joint_covariance(plan: SurveyPlan, control: int) -> None:
+    """p is uniform. It would not be, were the check points taken for independent: they share their photographs."""
+    p, z, apart = [], [], []
+    for seed in range(40):
+        found = predicted_against_achieved(adjusted(seed, plan))
+        assert found is not None
+        assert (found.n, found.dof) == (6, 18)
+        p.append(found.p)
+        z.append(found.z[control:])
+        apart.append(float(np.nansum(found.distance2)))
+        assert np.isnan(found.z[:control]).all()
+    assert kstest(p, "uniform").pvalue > 0.01
+    assert np.sqrt(np.mean(np.array(z) ** 2)) == pytest.approx(1.0, abs=0.12 if control else 0.3)
+    if not control:
+        assert np.std(apart) > 2.0 * np.sqrt(2 * 18)
+
+
+def test_a_survey_that_is_worse_than_it_says_is_told_so() -> None:
+    good = adjusted(7, PLAN)
+    found = predicted_against_achieved(good)
+    assert found is not None
+    assert found.consistent
+    assert found.sentence.startswith("6 check points: the differences are as large as predicted")
+    points = good.block.control_points
+    bent = points.position_world_m.copy()
+    bent[5:] += np.random.default_rng(0).normal(0, 0.15, (6, 3))
+    worse = replace(good, block=replace(good.block, control_points=replace(points, position_world_m=bent)))
+    found = predicted_against_achieved(worse)
+    assert found is not None
+    assert not found.consistent
+    assert found.p < 0.001
+    assert "times as large as predicted (χ² =" in found.sentence
+    assert "p below 0.001" in found.sentence
+    modest = replace(good, block=replace(good.block, control_points=replace(points, sigma_m=20.0 * points.sigma_m)))
+    found = predicted_against_achieved(modest)
+    assert found is not None
+    assert not found.consistent
+    assert "only" in found.sentence
+    assert "too large" in found.sentence
+
+
+def test_what_the_report_holds() -> None:
+    result = adjusted(7, PLAN)
+    points = [{"name": name} for name in result.block.control_points.name]
+    numbers = consistency_numbers(result, points)
+    achieved = numbers["predicted_against_achieved"]
+    assert achieved["n"] == 6
+    assert achieved["chi2"]["dof"] == 18
+    assert set(achieved["axes"]) == {"easting", "northing", "height"}
+    assert achieved["axes"]["height"]["n"] == 6
+    assert achieved["axes"]["height"]["rms_z"] == pytest.approx(np.sqrt(np.mean([p["z"][2] ** 2 for p in points[5:]])))
+    assert all(p["z"] is None and p["mahalanobis"] is None for p in points[:5])
+    assert all(p["mahalanobis"] > 0 for p in points[5:])
+    assert set(numbers) == {"predicted_against_achieved", "leave_one_out", "variance_components"}
+    assert set(numbers["leave_one_out"]) == {"n", "rmse_m", "mean_m", "rmse_h_m", "rmse_v_m", "rms_z", "max"}
+
+
+def test_leave_one_out_summarises_every_control_point() -> None:
+    result = adjusted(7, PLAN)
+    found = leave_one_out(result)
+    off = result.reliability.ground_left_out_m[:5]
+    assert found is not None
+    assert found.n == 5
+    assert found.rmse_h_m == pytest.approx(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
+    assert found.rmse_v_m == pytest.approx(np.sqrt(np.mean(off[:, 2] ** 2)))
+    assert found.mean_m == pytest.approx(tuple(off.mean(axis=0)))
+    worst = int(np.argmax(np.linalg.norm(off, axis=1)))
+    assert found.worst == f"G0{worst + 1}"
+    assert found.worst_m == pytest.approx(tuple(off[worst]))
+
+
+def test_points_left_out_scatter_as_predicted() -> None:
+    z = []
+    for seed in range(40):
+        found = leave_one_out(adjusted(seed, PLAN))
+        assert found is not None
+        z.append(found.rms_z)
+    assert np.sqrt(np.mean(np.array(z) ** 2)) == pytest.approx(1.0, abs=0.12)
+
+
+def test_without_points_nothing_is_said() -> None:
+    plan = replace(PLAN, control_points=0, check_points=0, gnss_offset_sigma_m=(0.0, 0.0, 0.0))
+    result = adjust(simulated(1, plan), AdjustmentSettings())
+    assert predicted_against_achieved(result) is None
+    assert leave_one_out(result) is None
+    numbers = consistency_numbers(result, [])
+    assert numbers["predicted_against_achieved"] is None
+    assert numbers["leave_one_out"] is None

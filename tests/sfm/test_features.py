@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from photogram.errors import ImageError
+from photogram.sfm.tie_points.features import FeatureSettings, find_features
+from photogram.survey import Features
+
+ALL = FeatureSettings(maximum=10**6, cells_per_side=1)
+
+
+def textured(width: int, height: int, seed: int) -> np.ndarray:
+    """Noise with detail from one pixel up to 32, in colour."""
+    rng = np.random.default_rng(seed)
+    layers = []
+    for wavelength in (1, 2, 4, 8, 16, 32):
+        layer = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), wavelength)
+        layers.append(layer / layer.std())
+    total = np.sum(layers, axis=0)
+    grey = np.clip(128 + 35 * total / total.std(), 0, 255).astype(np.uint8)
+    return np.dstack([grey, np.roll(grey, 1, axis=1), 255 - grey])
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    return textured(760, 520, 1)
+
+
+@pytest.fixture(scope="module")
+def whole(picture: np.ndarray) -> Features:
+    return find_features("whole", picture, replace(ALL, tile_px=4096))
+
+
+def places(features: Features) -> np.ndarray:
+    """Position, size and direction of key points as rows that can be compared by their distance."""
+    direction = np.column_stack([np.cos(features.angle_rad), np.sin(features.angle_rad)])
+    return np.column_stack([features.pixel, features.size_px, 50 * direction])
+
+
+def blobs(width: int, height: int, centres: np.ndarray, sigma_px: float) -> np.ndarray:
+    row, column = np.mgrid[:height, :width]
+    picture = np.full((height, width), 60.0)
+    for u, v in centres:
+        picture += 150 * np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * sigma_px**2))
+    return np.repeat(np.round(picture).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def test_blobs_are_found_where_they_are_in_photograms_pixel_frame() -> None:
+    rng = np.random.default_rng(4)
+    grid = np.stack(np.meshgrid(np.arange(40.0, 460.0, 60.0), np.arange(40.0, 300.0, 60.0)), axis=-1).reshape(-1, 2)
+    centres = grid + rng.uniform(-0.5, 0.5, grid.shape)
+    found = find_features("blobs", blobs(500, 340, centres, 3.0), replace(ALL, tile_px=256))
+    nearest, which = cKDTree(found.pixel).query(centres)
+    # Half a pixel would show: the centre of the top-left pixel is (0, 0).
+    assert np.abs(np.mean(found.pixel[which] - centres, axis=0)).max() < 0.03
+    assert nearest.max() < 0.15
+    assert np.all(np.abs(found.size_px[which] / (2 * 3.0) - np.sqrt(2)) < 0.7)
+
+
+def test_key_points_are_sorted_within_the_picture_and_complete(picture: np.ndarray, whole: Features) -> None:
+    assert len(whole) > 5000
+    order = np.lexsort((whole.pixel[:, 0], whole.pixel[:, 1]))
+    np.testing.assert_array_equal(order, np.arange(len(whole)))
+    assert whole.pixel.min() >= 0
+    assert np.all(whole.pixel.max(axis=0) <= [759, 519])
+    column, row = np.round(whole.pixel).astype(int).T
+    np.testing.assert_array_equal(whole.colour, picture[row, column])
+    assert (whole.descriptor.dtype, whole.descriptor.shape[1]) == (np.uint8, 128)
+
+
+def test_descriptors_are_the_square_roots_of_sifts(picture: np.ndarray, whole: Features) -> None:
+    sift = cv2.SIFT_create(contrastThreshold=0.02, enable_precise_upscale=True)
+    key_points, descriptor = sift.detectAndCompute(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), None)
+    own = places(whole)
+    table = np.array(
+        [(*k.pt, k.size, 50 * np.cos(np.deg2rad(k.angle)), 50 * np.sin(np.deg2rad(k.angle))) for k in key_points]
+    )
+    distance, which = cKDTree(table).query(own)
+    assert distance.max() < 1e-9
+    share = descriptor[which] / descriptor[which].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(whole.descriptor, np.minimum(512 * np.sqrt(share), 255), atol=0.5001)
+    length = np.linalg.norm(whole.descriptor.astype(float), axis=1)
+    assert np.abs(length / 512 - 1).max() < 0.02
+
+
+@pytest.mark.parametrize("tile_px", [256, 333])
+def test_tiles_make_neither_gaps_nor_duplicates(picture: np.ndarray, whole: Features, tile_px: int) -> None:
+    tiled = find_features("tiled", picture, replace(ALL, tile_px=tile_px))
+    expected, actual = places(whole), places(tiled)
+    # Key points of the first octaves are the same; coarser octaves are sampled from another corner of the picture.
+    fine = whole.size_px < 6
+    assert fine.sum() > 0.9 * len(whole)
+    assert cKDTree(actual).query(expected[fine])[0].max() < 1e-3
+    assert cKDTree(expected).query(actual[tiled.size_px < 6])[0].max() < 1e-3
+    assert np.count_nonzero(tiled.size_px < 6) == np.count_nonzero(fine)
+    assert len(tiled) == pytest.approx(len(whole), rel=0.005)
+    assert np.mean(cKDTree(tiled.pixel).query(whole.pixel)[0] < 1) > 0.99
+
+
+def test_rows_and_columns_of_tiles_are_not_confused() -> None:
+    picture = textured(700, 200, 6)
+    whole = find_features("whole", picture, replace(ALL, tile_px=4096))
+    tiled = find_features("tiled", picture, replace(ALL, tile_px=256))
+    turned = find_features("turned", np.ascontiguousarray(np.rot90(picture)), replace(ALL, tile_px=256))
+    assert len(tiled) == pytest.approx(len(whole), rel=0.005)
+    assert len(turned) == pytest.approx(len(whole), rel=0.02)
+    back = np.column_stack([699 - turned.pixel[:, 1], turned.pixel[:, 0]])
+    assert np.mean(cKDTree(back).query(tiled.pixel)[0] < 0.1) > 0.97
+
+
+def test_the_same_picture_gives_the_same_key_points(picture: np.ndarray) -> None:
+    settings = FeatureSettings(maximum=900, tile_px=300)
+    one, other = (find_features("same", picture, settings) for _ in range(2))
+    for name in ("pixel", "size_px", "angle_rad", "descriptor", "colour"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_key_points_spread_over_a_picture_whose_texture_does_not() -> None:
+    picture = textured(600, 400, 3).astype(float)
+    strength = np.where(np.arange(600) < 150, 1.0, 0.6)[None, :, None]
+    uneven = np.clip(128 + strength * (picture - 128), 0, 255).astype(np.uint8)
+    every = find_features("uneven", uneven, ALL)
+    even = find_features("uneven", uneven, replace(ALL, maximum=600, cells_per_side=10))
+    strongest = find_features("uneven", uneven, replace(ALL, maximum=600))
+    assert len(even) == len(strongest) == 600
+    cells = np.histogram2d(even.pixel[:, 0], even.pixel[:, 1], bins=10, range=((0, 600), (0, 400)))[0]
+    assert cells.min() >= 5
+    assert cells.max() <= 7
+    assert np.mean(even.pixel[:, 0] < 150) < 0.35
+    assert np.mean(strongest.pixel[:, 0] < 150) > 0.6
+    assert cKDTree(places(every)).query(places(even))[0].max() == 0.0
+
+
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_a_blank_photograph_is_refused_by_name(grey: int) -> None:
+    blank = np.full((120, 170, 3), grey, dtype=np.uint8)
+    with pytest.raises(ImageError, match=r"DJI_0007\.JPG: only 0 key points found in 170 x 120 px: .*leave it out"):
+        find_features("DJI_0007.JPG", blank, FeatureSettings())
+
+
+def test_a_nearly_blank_photograph_is_refused_too() -> None:
+    ramp = np.linspace(20.0, 230.0, 300) + np.linspace(-10.0, 10.0, 200)[:, None]
+    foggy = np.repeat(np.round(ramp).astype(np.uint8)[..., None], 3, axis=2)
+    with pytest.raises(ImageError, match=r"fog: only [0-7] key points found in 300 x 200 px"):
+        find_features("fog", foggy, FeatureSettings())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("maximum", 7), ("contrast_threshold", -0.01), ("tile_px", 255), ("overlap_px", 800), ("cells_per_side", 0)],
+)
+def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+        replace(FeatureSettings(), **{name: value})

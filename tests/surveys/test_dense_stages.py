@@ -1,0 +1,255 @@
+"""Heights and surfaces of a survey are the same bytes whatever the workers, the order, the tiles, the interruptions."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from photogram.pipeline.pipeline.stages import dense_stages, surface_stages
+
+from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.dense import match_surface
+from photogram.pipeline.stages.surface import model_surface
+from photogram.pipeline.store.stage_files import keep_whole_files
+from photogram.pipeline.store.workspace import Workspace
+from photogram.surface.dense import tile_matching as dense_matching
+from photogram.surface.dense.pyramid import round_cell_m
+
+Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
+BLOCK_CELLS, CELL_M = 96, 0.15
+OWN_NOTES = ("stage.json", "files.sha256", "made-by-photogram.txt")
+SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.tif", "dsm_source.tif")
+
+KILLED = f"""
+import os, signal, sys
+from pathlib import Path
+from photogram.pipeline.pipeline.stages import dense_stages
+from photogram.pipeline.pipeline import load_project, run_pipeline
+
+dense_stages.BLOCK_CELLS = {BLOCK_CELLS}
+project, place, number = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+rename, seen = os.replace, 0
+
+def counted(source, target):
+    global seen
+    seen += Path(target).parent == project.parent / "work/dense.stage.partial" / place
+    if seen == number:
+        os.kill(os.getpid(), signal.SIGKILL)
+    rename(source, target)
+
+os.replace = counted
+run_pipeline(load_project(project), until="dense")
+"""
+
+
+class AnyOrder(Executor):
+    """One worker that does what waits in an order of its own; a future is done when something is, not what it is of."""
+
+    def __init__(self, seed: int) -> None:
+        self._pool, self._random = ThreadPoolExecutor(1), random.Random(seed)
+        self._waiting: list[tuple[int, Callable[[], Any]]] = []
+        self._count = 0
+        self.order: list[int] = []
+
+    def submit(self, function: Callable[..., Any], /, *values: Any, **named: Any) -> Future[Any]:
+        self._waiting.append((self._count, partial(function, *values, **named)))
+        self._count += 1
+        return self._pool.submit(self._any)
+
+    def _any(self) -> Any:
+        time.sleep(0.01)  # the others come too
+        number, call = self._waiting.pop(self._random.randrange(len(self._waiting)))
+        self.order.append(number)
+        return call()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+@pytest.fixture(scope="module")
+def dense_survey(finished_survey: Path, edit: Edit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the adjusted survey, its cells of 15 cm in four blocks and more; not to be written to."""
+    folder = tmp_path_factory.mktemp("dense") / "survey"
+    shutil.copytree(finished_survey, folder)
+    edit(folder / "project.yaml", lambda v: v.update(surface={"cell_m": CELL_M}))
+    for part in (folder / "work/dense.stage").iterdir():
+        if part.name != "stage.json":
+            shutil.rmtree(part) if part.is_dir() else part.unlink()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dense_stages, "BLOCK_CELLS", BLOCK_CELLS)
+
+
+def match(survey: Path, folder: Path, executor: Executor, progress: Any = lambda *_: None) -> dict[str, bytes]:
+    """Run the stage in a folder and return the files that it has written."""
+    folder.mkdir(exist_ok=True)
+    with open_run(load_project(survey / "project.yaml"), executor) as run:
+        match_surface(run, folder, progress)
+    return contents(folder)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the files that a stage has written; the workspace's own note of what they are made from is left out."""
+    files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name not in OWN_NOTES]
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+@pytest.fixture(scope="module")
+def matched_once(dense_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """What one worker writes."""
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as one:
+        patch.setattr(dense_stages, "BLOCK_CELLS", BLOCK_CELLS)
+        return match(dense_survey, tmp_path_factory.mktemp("matched") / "dense", one)
+
+
+def test_heights_do_not_depend_on_workers(dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path) -> None:
+    assert sum(name.startswith("heights/") for name in matched_once) >= 4
+    assert set(matched_once) - {"grid.json"} == {n for n in matched_once if n.startswith("heights/")}
+    with ThreadPoolExecutor(3) as three:
+        assert match(dense_survey, tmp_path / "three", three) == matched_once
+
+
+def test_heights_do_not_depend_on_the_order_of_blocks(
+    dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the cost volume is never larger than that of a block with its margin."""
+    seen = []
+
+    def noted(volume: Any, *settings: float) -> Any:
+        seen.append(volume.shape)
+        return regularised(volume, *settings)
+
+    regularised = dense_matching.regularised
+    monkeypatch.setattr(dense_matching, "regularised", noted)
+    with AnyOrder(1) as order:
+        assert match(dense_survey, tmp_path / "any", order) == matched_once
+    assert order.order != sorted(order.order)
+    assert max(max(shape) for shape in seen) <= BLOCK_CELLS + 2 * dense_matching.MARGIN_CELLS
+
+
+class StoppedError(Exception):
+    pass
+
+
+def test_an_interrupted_run_goes_on(dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path) -> None:
+    """Interrupted again and again: what is whole stays as it is, and the end is the same."""
+    interruptions = 0
+    for limit in range(2, 100, 2):
+        before = contents(tmp_path / "dense")
+
+        def stop(done: int, total: int, text: str, limit: int = limit) -> None:  # noqa: ARG001
+            if text.startswith("cells") and done >= limit:
+                raise StoppedError
+
+        with ThreadPoolExecutor(1) as one:
+            try:
+                found = match(dense_survey, tmp_path / "dense", one, stop)
+                break
+            except StoppedError:
+                interruptions += 1
+        after = contents(tmp_path / "dense")
+        assert before.items() <= after.items(), f"after {limit} blocks"
+    assert interruptions > 2
+    assert found == matched_once
+
+
+@pytest.mark.parametrize("call", ["rmtree", "write_json"])
+def test_a_run_interrupted_while_it_tidies_up_goes_on(
+    dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """In place of the last folder that is removed, or of the note of the grid."""
+    calls, place = 0, dense_stages.shutil if call == "rmtree" else dense_stages
+    real = getattr(place, call)
+
+    def stop(*values: Any) -> None:
+        nonlocal calls
+        calls += 1
+        if call == "write_json" or calls == 2:
+            raise StoppedError
+        real(*values)
+
+    with ThreadPoolExecutor(2) as two:
+        with monkeypatch.context() as patch:
+            patch.setattr(place, call, stop)
+            with pytest.raises(StoppedError):
+                match(dense_survey, tmp_path / "dense", two)
+        assert match(dense_survey, tmp_path / "dense", two) == matched_once
+
+
+@pytest.mark.parametrize("moment", [("level0", 2), ("heights", 2)])
+def test_killed_and_resumed_it_writes_the_same(
+    dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path, moment: tuple[str, int]
+) -> None:
+    survey = tmp_path / "survey"
+    shutil.copytree(dense_survey, survey)
+    place, number = moment
+    command = [sys.executable, "-c", KILLED, str(survey / "project.yaml"), place, str(number)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    folder = survey / "work/dense.stage.partial"
+    times = {p: p.stat().st_mtime_ns for p in folder.glob("level0/*.npz")}
+    assert times
+    assert keep_whole_files(folder) == []
+    with ThreadPoolExecutor(2) as two:
+        kept: dict[Path, int] = {}
+
+        def look(done: int, total: int, text: str) -> None:  # noqa: ARG001
+            if text.startswith("cells"):
+                kept.update({p: p.stat().st_mtime_ns for p in times if p.exists()})
+
+        assert match(survey, folder, two, look) == matched_once
+    assert kept.items() >= times.items(), "blocks that were whole are kept"
+
+
+def test_surfaces_do_not_depend_on_tiles(
+    dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    survey = tmp_path / "survey"
+    shutil.copytree(dense_survey, survey)
+    workspace = Workspace(survey / "work")
+    folder = workspace.begin("dense", "matched once")
+    for name, content in matched_once.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    workspace.finish("dense", "matched once", {})
+    made: list[dict[str, bytes]] = []
+    for side, workers in ((1024, 2), (101, 3), (64, 1)):
+        monkeypatch.setattr(surface_stages, "TILE_CELLS", side)
+        folder = tmp_path / str(side)
+        folder.mkdir()
+        with (
+            ThreadPoolExecutor(workers) as pool,
+            open_run(load_project(survey / "project.yaml"), pool) as run,
+        ):
+            model_surface(run, folder, lambda *_: None)
+        made.append({name: (folder / name).read_bytes() for name in SURFACES})
+    assert made[1] == made[0]
+    assert made[2] == made[0]
+    with rasterio.open(tmp_path / "64/dsm.tif") as file:
+        height = file.read(1, masked=True).filled(np.nan)
+    with rasterio.open(survey / "truth_surface.tif") as file:
+        truth = file.read(1)
+    assert np.isfinite(height).mean() > 0.3
+    assert np.nanmin(truth) - 2.0 < np.nanmin(height) < np.nanmax(height) < np.nanmax(truth) + 2.0
+
+
+@pytest.mark.parametrize(
+    ("cell_m", "rounded"), [(0.0612, 0.06), (0.117, 0.125), (0.0099, 0.01), (1.04, 1.0), (23.0, 25.0), (0.07, 0.08)]
+)
+def test_cells_have_a_round_side(cell_m: float, rounded: float) -> None:
+    assert round_cell_m(cell_m) == pytest.approx(rounded)
