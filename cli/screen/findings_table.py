@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from photogram.project.findings import Finding, Severity
+from photogram.project.findings import WORDS, Finding, Severity
 from photogram.wording import printable, things
 
-WORDS: dict[Severity, str] = {"fault": "error", "warning": "warning", "note": "note"}
 _COLOUR: dict[Severity, str] = {"fault": "red", "warning": "yellow", "note": "dim"}
 
 

@@ -216,7 +216,7 @@ def adjust(
     *,
     start: Sequence[FloatArray] = (),
 ) -> Adjustment:
-    """Adjust a block jointly, reject mismatched observations, and compute covariances.
+    """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;

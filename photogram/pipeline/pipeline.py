@@ -239,6 +239,22 @@ def _present(run: Run, stage: Stage, mark: str) -> bool:
     return all((run.project.results / name).is_file() for name in products)
 
 
+def is_up_to_date(run: Run, name: str) -> bool:
+    """Return whether a stage and all before it are there as the project and its photographs now ask for them.
+
+    Reads the photographs whole, once in a run, for their checksums. Raises WorkspaceError where there is no such stage,
+    DamagedStageError where a file of one is missing or was changed.
+    """
+    last, marks = stage_named(name), dict[str, str]()
+    for stage in STAGES:
+        marks[stage.name] = _fingerprint(run, stage, marks)
+        if not _present(run, stage, marks[stage.name]):
+            return False
+        if stage is last:
+            break
+    return True
+
+
 @contextmanager
 def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run]:
     """Open a project's workspace, hold its lock, and give access to what its stages have written.

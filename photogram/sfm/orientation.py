@@ -62,6 +62,9 @@ class Orientation:
     reason: tuple[str, ...]
     parameters: tuple[FloatArray, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        return f"<Orientation by {self.method}: {int(self.registered.sum())} of {len(self.poses)} photographs>"
+
     @property
     def registered(self) -> BoolArray:
         """Return which photographs (N,) have a pose."""

@@ -38,7 +38,7 @@ from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.results import Adjustment, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
-from photogram.wording import some
+from photogram.wording import some, things
 
 BENT = 12.0
 """Sigmas by which the rest contradicts a measurement, from which a blunder in it may be laid to others too."""
@@ -73,6 +73,9 @@ class Verdict:
     check_before: CheckAccuracy
     check_after: CheckAccuracy
     focal_lengths: dict[str, FocalDecision]
+
+    def __repr__(self) -> str:
+        return f"<Verdict: {things(len(self.blunders), 'blunder')} left out, {self.result!r}>"
 
 
 def _outvoted(block: Block, result: Adjustment) -> bool:
@@ -204,11 +207,11 @@ def adjust_and_judge(
     progress: Progress = lambda _: None,
     readings_px: Sequence[Sequence[float]] = (),
 ) -> Verdict:
-    """Adjust a block without what contradicts the rest, and name that.
+    """Adjust a block without what contradicts the rest (data snooping; Baarda 1968), and name that.
 
     ``start`` holds the interior orientations (11,) of the cameras to start from, where they are not the given ones;
-    ``readings_px`` other readings of the source of each focal length. Raises AdjustmentError as adjust does where too
-    little is left, with what contradicts the rest by name.
+    ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
+    too little is left, with what contradicts the rest by name.
     """
 
     def adjuster(given: Block) -> Adjustment:
