@@ -21,32 +21,25 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from photogram import __version__
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
+from photogram.pipeline.stages.adjustment import adjust_block
+from photogram.pipeline.stages.comparison import compare_clouds
 from photogram.pipeline.stages.dense import match_surface
+from photogram.pipeline.stages.orientation import intersect_clouds, orient_photographs, transfer_tie_points
 from photogram.pipeline.stages.orthophoto import make_orthophoto
+from photogram.pipeline.stages.photographs import read_photographs
 from photogram.pipeline.stages.results import publish
-from photogram.pipeline.stages.stages import (
-    Stage,
-    adjust_block,
-    choose_pairs,
-    compare_clouds,
-    detect_features,
-    intersect_clouds,
-    join_tie_points,
-    match_photographs,
-    orient_photographs,
-    read_photographs,
-    transfer_tie_points,
-)
 from photogram.pipeline.stages.surface import model_surface, trace_relief
+from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
 from photogram.pipeline.store.memory import peak_memory
 from photogram.pipeline.store.run import Run, control_of, height_marks, measured_photographs
+from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
@@ -168,39 +161,6 @@ STAGES = (
         publish,
     ),
 )
-
-
-class Watcher(Protocol):
-    """Told by the pipeline what it does; the command line shows it."""
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
-
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
-        """End a stage; ``seconds`` is None when its result was already there."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful, in a sentence."""
-
-
-@dataclass(frozen=True)
-class Silent:
-    """A watcher that says nothing."""
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
-
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
-        """End a stage."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful."""
 
 
 def load_project(path: Path, photographs: Path | None = None) -> Project:

@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
-from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,

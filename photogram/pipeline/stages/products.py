@@ -27,8 +27,7 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.orthophoto import LEFT_OUT
-from photogram.pipeline.stages.stages import RELATIVE_SIGMA_FILE
-from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
+from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.report.figures.page_figures import PageFigure

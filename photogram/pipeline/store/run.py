@@ -6,7 +6,7 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,31 +16,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.camera import Pose, rotation_from_gimbal
-from photogram.errors import ProjectError
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record, record_arrays, write_arrays
+from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.frames import LocalFrame
 from photogram.height_systems import HeightSystem
+from photogram.pipeline.store.stored_results import adjustment_from, comparison_from, orientation_from
 from photogram.pipeline.store.workspace import Workspace
+from photogram.project.measured_block import measured_block
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.quality.cloud_comparison import CloudStatistics, Comparison
+from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured, without
-from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
+from photogram.quality.gross_errors.data_snooping import unmeasured
+from photogram.results import Adjustment, Deformation
 from photogram.sfm.orientation import Orientation
-from photogram.sfm.resection import Resection
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
-from photogram.survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
-
-NO_TIE_POINTS = TiePoints(
-    *(np.zeros(0, dtype=np.int64),) * 3,
-    np.zeros((0, 2)),
-    np.zeros(0),
-    np.zeros((0, 3)),
-    np.zeros((0, 3), dtype=np.uint8),
-)
+from photogram.survey import Block, ControlPoints, Features, Matches, PointCloud, Raster, TiePoints
 
 
 @dataclass(frozen=True)
@@ -189,227 +180,6 @@ class Run:
             name: comparison_from(read_arrays(self.workspace.file("comparison", f"{name}.npz")), statistics)
             for name, statistics in read_json(self.workspace.file("comparison", "statistics.json")).items()
         }
-
-
-def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
-    # not the check points: they take no part in anything, the origin of the frame included
-    positions = [p.control_map_m for p in project.control_points if p.role == "control"]
-    positions += [np.array(t["gnss_map_m"]) for t in tags if t["gnss_map_m"] is not None]
-    known = np.isfinite(positions).reshape(-1, 3)
-    if not known.any(axis=0).all():
-        raise ProjectError(
-            f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
-            "give control_points, or photographs with GNSS tags"
-        )
-    middle = np.nanmean(positions, axis=0)
-    return LocalFrame.near(
-        project.crs, np.where(known, positions, middle), project.world_kind, project.heights.map_geoid
-    )
-
-
-def _photograph(project: Project, frame: LocalFrame, index: int, tags: Mapping[str, Any]) -> Photograph:
-    source = project.photographs[index]
-    gnss = None if tags["gnss_map_m"] is None else frame.world_from_map(np.array([tags["gnss_map_m"]]))[0]
-    attitude = None
-    if tags["attitude_deg"] is not None:
-        place = np.zeros(3) if gnss is None else gnss
-        attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*tags["attitude_deg"])
-    if gnss is not None and tags.get("lever_arm_enu_m") is not None:
-        gnss = gnss + frame.rotation_world_from_true(gnss) @ np.array(tags["lever_arm_enu_m"])
-    arm = tags.get("lever_arm_camera_m")
-    return Photograph(
-        source.name,
-        source.camera,
-        source.path,
-        source.flight,
-        None,
-        gnss,
-        None if gnss is None else np.array(tags["gnss_sigma_m"]),
-        attitude,
-        None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
-        tags["height_above_ground_m"],
-        lever_arm_camera_m=None if arm is None else np.array(arm),
-    )
-
-
-def _on_originals(points: ControlPoints, project: Project, tags: Sequence[Mapping[str, Any]]) -> ControlPoints:
-    """Return ground points whose marks in copies of a photograph are moved to the photograph itself, unless the point
-    is marked there already."""
-    names = {photograph.name: i for i, photograph in enumerate(project.photographs)}
-    original = np.array([names[t.get("copy_of") or t["name"]] for t in tags], dtype=np.int64)
-    own = original[points.mark_photograph] == points.mark_photograph
-    order = np.argsort(~own, kind="stable")  # marks in the photograph itself come before those in its copies
-    place = np.column_stack([original[points.mark_photograph], points.mark_point])[order]
-    kept = np.sort(order[np.unique(place, axis=0, return_index=True)[1]])
-    return replace(
-        points,
-        mark_photograph=original[points.mark_photograph[kept]],
-        mark_point=points.mark_point[kept],
-        mark_pixel=points.mark_pixel[kept],
-        mark_sigma_px=points.mark_sigma_px[kept],
-    )
-
-
-def measured_block(project: Project, tags: Sequence[Mapping[str, Any]]) -> Block:
-    """Return the block as the project and the photographs' tags give it: no poses, no tie points. A photograph that is
-    there twice has its marks once."""
-    frame = _frame(project, tags)
-    photographs = tuple(_photograph(project, frame, i, t) for i, t in enumerate(tags))
-    points = project.control_points_in(frame)
-    if any(t.get("copy_of") for t in tags):
-        points = _on_originals(points, project, tags)
-    return Block(
-        frame,
-        project.cameras,
-        photographs,
-        (None,) * len(photographs),
-        NO_TIE_POINTS,
-        points,
-        project.gnss_offset_sigma_m,
-    )
-
-
-def pose_to(pose: Pose) -> dict[str, object]:
-    """Return a pose as JSON."""
-    return {
-        "position_world_m": pose.position_world_m.tolist(),
-        "rotation_world_from_camera": pose.rotation_world_from_camera.tolist(),
-    }
-
-
-def pose_from(value: Mapping[str, Any]) -> Pose:
-    """Return the pose that ``pose_to`` wrote."""
-    return Pose(np.array(value["rotation_world_from_camera"]), np.array(value["position_world_m"]))
-
-
-def resection_to(resection: Resection) -> dict[str, object]:
-    """Return a resection as JSON."""
-    return {
-        "p3p": pose_to(resection.p3p),
-        "points": list(resection.points),
-        "solutions": resection.solutions,
-        "check_px": resection.check_px,
-        "refined": pose_to(resection.refined),
-        "inliers": resection.inliers.tolist(),
-        "residual_px": resection.residual_px.tolist(),
-    }
-
-
-def resection_from(value: Mapping[str, Any]) -> Resection:
-    """Return the resection that ``resection_to`` wrote."""
-    a, b, c = value["points"]
-    return Resection(
-        pose_from(value["p3p"]),
-        (a, b, c),
-        value["solutions"],
-        float("nan") if value["check_px"] is None else value["check_px"],
-        pose_from(value["refined"]),
-        np.array(value["inliers"], dtype=bool),
-        np.array(value["residual_px"]).reshape(-1, 2),
-    )
-
-
-def orientation_to(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
-    """Return starting poses and resections as JSON."""
-    rows = zip(names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True)
-    return {
-        "method": orientation.method,
-        "photographs": [
-            {
-                "name": name,
-                "pose": None if pose is None else pose_to(pose),
-                "resection": None if resection is None else resection_to(resection),
-                "component": int(component),
-                "reason": reason,
-            }
-            for name, pose, resection, component, reason in rows
-        ],
-        "parameters": [q.tolist() for q in orientation.parameters],
-    }
-
-
-def orientation_from(value: Mapping[str, Any]) -> Orientation:
-    """Return the starting poses and resections that ``orientation_to`` wrote."""
-    rows = value["photographs"]
-    return Orientation(
-        tuple(None if v["pose"] is None else pose_from(v["pose"]) for v in rows),
-        tuple(None if v["resection"] is None else resection_from(v["resection"]) for v in rows),
-        np.array([v["component"] for v in rows], dtype=np.int64),
-        value["method"],
-        tuple(v["reason"] for v in rows),
-        tuple(np.array(q) for q in value["parameters"]),
-    )
-
-
-_WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
-
-
-def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(("block", *_WORDS, "reliability", "components", "deformation"))
-    arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
-    nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
-    poses = [pose or nowhere for pose in result.block.poses]
-    for name in _WORDS:
-        arrays[name] = np.array(getattr(result, name), dtype=np.str_)
-    arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
-    arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
-    arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
-    return arrays
-
-
-def adjustment_from(block: Block, file: Callable[[str], Path], accused: Sequence[Accusation] = ()) -> Adjustment:
-    """Return the adjustment of a measured block from its arrays, ``file`` giving their paths by name; what was
-    ``accused`` took no part."""
-    arrays = read_arrays(file("adjustment.npz"))
-    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    for name in _WORDS:
-        values[name] = tuple(str(word) for word in values[name])
-    parameters = values.pop("camera_parameters")
-    rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
-    adjusted = replace(
-        block,
-        cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
-        poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
-        tie_points=read_record(file("tie_points.npz"), TiePoints),
-    )
-    adjusted = without(adjusted, [a for a in accused if a.kind != "focal length"])
-    return Adjustment(
-        block=adjusted,
-        reliability=read_record(file("reliability.npz"), Reliability),
-        components=read_record(file("components.npz"), VarianceComponents),
-        deformation=read_record(file("deformation.npz"), Deformation),
-        **values,
-    )
-
-
-def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:
-    """Write the differences of a comparison as npz and return its statistics as JSON."""
-    write_arrays(
-        path,
-        {
-            "position_map_m": comparison.position_map_m,
-            "surface_difference_m": comparison.surface_difference_m,
-            "cloud_distance_m": comparison.cloud_distance_m,
-        },
-    )
-    return {
-        "removed": comparison.removed,
-        "cloud_to_surface": comparison.cloud_to_surface,
-        "cloud_to_cloud": comparison.cloud_to_cloud,
-    }
-
-
-def comparison_from(arrays: Mapping[str, NDArray[Any]], statistics: Mapping[str, Any]) -> Comparison:
-    """Return the comparison that ``write_comparison`` wrote."""
-    return Comparison(
-        arrays["position_map_m"],
-        arrays["surface_difference_m"],
-        arrays["cloud_distance_m"],
-        CloudStatistics(**statistics["cloud_to_surface"]),
-        CloudStatistics(**statistics["cloud_to_cloud"]),
-        statistics["removed"],
-    )
 
 
 def control_of(project: Project) -> ControlPoints:

@@ -1,0 +1,95 @@
+"""The stage `photographs`: decodes every photograph once and assembles what was measured before the tie points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import ImageError, PhotogramError, ProjectError
+from photogram.files.npz_json import write_json
+from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.images import check_photograph, read_tags
+from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
+from photogram.project.measured_positions import measured_position, position_note
+from photogram.project.positions.frozen import frozen_positions
+from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.validation.positions import time_findings
+
+
+def _described(
+    project: Project, photograph: ProjectPhotograph, sha256: str
+) -> tuple[dict[str, object], PhotographTags]:
+    """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose, and
+    its tags."""
+    camera = project.cameras[photograph.camera]
+    check_photograph(photograph.path, (camera.width_px, camera.height_px), sha256)
+    tags = read_tags(photograph.path)
+    angles = photograph.attitude_deg
+    gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
+    if angles is None and None not in gimbal:
+        angles = gimbal  # type: ignore[assignment]
+    note = {
+        "name": photograph.name,
+        **position_note(measured_position(project, photograph, tags)),
+        "height_is_ellipsoidal": tags.height_is_ellipsoidal,
+        "attitude_deg": None if angles is None else list(angles),
+        "time": tags.time.isoformat() if tags.time else None,
+        "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
+    }
+    return note, tags
+
+
+def _leave_out_copies(run: Run, notes: Sequence[dict[str, object]], tags: Sequence[PhotographTags]) -> int:
+    """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
+    there are."""
+    photographs = run.project.photographs
+    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], run.executor)
+    for original, *copies in groups:
+        for i in copies:
+            notes[i].update(position_note(None), attitude_deg=None, copy_of=photographs[original].name)
+    return sum(len(group) - 1 for group in groups)
+
+
+def _leave_out_frozen(notes: Sequence[dict[str, object]], times: Sequence[datetime | None]) -> int:
+    """Note which positions a receiver gave that had stopped; they are not used. Returns how many there are."""
+    nowhere = (np.nan,) * 3
+    stated = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
+    frozen = frozen_positions(stated, times)
+    for note, stopped in zip(notes, frozen, strict=True):
+        if stopped:
+            note.update(position_note(None), gnss_frozen=True)
+    return int(frozen.sum())
+
+
+def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Decode every photograph and note its GNSS position and attitude; every damaged one is named at once.
+
+    A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
+    """
+    photographs = run.project.photographs
+    known = zip(photographs, run.photograph_fingerprints, strict=True)
+    futures = [run.executor.submit(_described, run.project, photograph, sha256) for photograph, sha256 in known]
+    notes, tags, faults = list[dict[str, object]](), list[PhotographTags](), list[str]()
+    for done, future in enumerate(futures, 1):
+        try:
+            note, own = future.result()
+            notes.append(note)
+            tags.append(own)
+        except PhotogramError as fault:
+            faults.append(str(fault))
+        progress(done, len(futures), photographs[done - 1].name)
+    if faults:
+        raise ImageError("\n".join(faults))
+    times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
+    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "fault"]
+    if contradictions:
+        raise ProjectError("\n".join(map(str, contradictions)))
+    copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
+    write_json(folder / "tags.json", notes)
+    summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
+    return {name: count for name, count in summary.items() if count or name == "photographs"}
