@@ -336,6 +336,15 @@ class PointCloud:
         more = [word for word, value in (("colour", self.colour), ("sigma", self.sigma_m)) if value is not None]
         return f"<PointCloud: {things(len(self), 'point')}{', with ' if more else ''}{' and '.join(more)}>"
 
+    @classmethod
+    def from_world(
+        cls, frame: LocalFrame, position_world_m: FloatArray, colour: ByteArray, sigma_m: FloatArray | None = None
+    ) -> PointCloud:
+        """Return points (N, 3) of the world as a cloud in the map, without those where the geoid has no height."""
+        position = frame.map_from_world(position_world_m)
+        known = np.isfinite(position).all(axis=1)
+        return cls(position[known], colour[known], None if sigma_m is None else sigma_m[known])
+
 
 @dataclass(frozen=True, eq=False)
 class Raster:

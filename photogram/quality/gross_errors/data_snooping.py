@@ -11,6 +11,7 @@ rest in the end is taken back.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from photogram.survey import Block, ControlPoints, Photograph, Role
 
 Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset"]
 Adjuster = Callable[[Block], Adjustment]
+_LOG = logging.getLogger(__name__)
 
 MOST_BLUNDERS = 12
 INNOCENT = 0.001
@@ -383,9 +385,13 @@ def search(block: Block, result: Adjustment, adjust: Adjuster, accused: Sequence
             current = adjust(without(block, blamed))
         except PhotogramError:
             immune.append(blamed.pop())  # nothing is left that could say it is wrong
+            _LOG.debug("kept, since nothing is determined without it: %s", immune[-1].words)
+        else:
+            _LOG.debug("rejected: %s, T = %.1f", blamed[-1].words, blamed[-1].statistic)
     if accused or len(blamed) > 1:
         innocent = _innocent(blamed, block, current, adjust)
         if innocent:
+            _LOG.debug("reinstated: %s", ", ".join(a.words for a in innocent))
             rest = [a for a in blamed if a not in innocent]
             with suppress(PhotogramError):  # where the rest cannot be adjusted with them, they stay out
                 return min(
