@@ -15,8 +15,8 @@ from photogram.errors import ProjectError, WorkspaceError
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.report_files import NUMBERS
-from photogram.pipeline.stages.stages import Stage
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Stage
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
