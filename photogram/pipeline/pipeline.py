@@ -14,6 +14,7 @@ Matching depends on which pairs were chosen, not on why: other positions that le
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -37,27 +38,31 @@ from photogram.pipeline.stages.photographs import read_photographs
 from photogram.pipeline.stages.results import publish
 from photogram.pipeline.stages.surface import model_surface, trace_relief
 from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
+from photogram.pipeline.store.dependence import (
+    control_fingerprint,
+    orientation_as_made,
+    orientation_settings,
+    photographs_as_made,
+    photographs_settings,
+)
 from photogram.pipeline.store.memory import peak_memory
-from photogram.pipeline.store.run import Run, control_of, height_marks, measured_photographs
+from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
 
+_LOG = logging.getLogger(__name__)
+
 STAGES = (
     Stage(
         "photographs",
         "Photographs",
         (),
-        lambda run: [
-            run.photograph_fingerprints,
-            run.project.cameras,
-            measured_photographs(run.project),
-            run.project.crs,
-            height_marks(run.project),
-        ],
+        photographs_settings,
         read_photographs,
+        photographs_as_made,
     ),
     Stage(
         "features",
@@ -70,13 +75,7 @@ STAGES = (
         "pairs",
         "Pairs",
         ("photographs", "features"),
-        lambda run: [
-            run.project.pairs,
-            run.project.cameras,
-            run.project.world_kind,
-            # they place the origin of the world
-            [p.control_map_m for p in run.project.control_points if p.role == "control"],
-        ],
+        lambda run: [run.project.pairs, run.project.cameras],
         choose_pairs,
     ),
     Stage(
@@ -97,8 +96,9 @@ STAGES = (
         "orientation",
         "Orientation",
         ("photographs", "tie_points"),
-        lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
+        orientation_settings,
         orient_photographs,
+        orientation_as_made,
     ),
     Stage(
         "transfer",
@@ -117,6 +117,7 @@ STAGES = (
             run.project.gnss_offset_sigma_m,
             run.project.calibration,
             run.project.focal_readings_px,
+            control_fingerprint(run.project),
         ],
         adjust_block,
     ),
@@ -179,9 +180,19 @@ def stage_named(name: str) -> Stage:
     raise WorkspaceError(f"there is no stage {name!r}; the stages are {', '.join(s.name for s in STAGES)}")
 
 
-def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str]) -> str:
-    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete."""
-    return fingerprint(__version__, stage.name, stage.settings(run), [marks[name] for name in stage.needs])
+def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str], *, anew: bool = False) -> str:
+    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete.
+
+    A result that holds although it was made under other settings keeps its own, unless it is made ``anew``.
+    """
+
+    def under(settings: object) -> str:
+        return fingerprint(__version__, stage.name, settings, [marks[name] for name in stage.needs])
+
+    made = None if stage.as_made is None or anew else stage.as_made(run)
+    if made is not None and run.workspace.mark(stage.name) == under(made):
+        return under(made)
+    return under(stage.settings(run))
 
 
 def fingerprints(run: Run) -> dict[str, str]:
@@ -275,7 +286,12 @@ class _Progress:
 
     def _do(self, number: int, stage: Stage) -> None:
         done = stage.name in self.marks
-        mark = _fingerprint(self.run, stage, self.marks)
+        mark = _fingerprint(self.run, stage, self.marks, anew=number >= self.first and not done)
+        if done and mark != self.marks[stage.name]:
+            # what is made again is not what it was, since it was made under other settings: what follows is not done
+            for later in STAGES[number + 1 :]:
+                self.marks.pop(later.name, None)
+        _LOG.debug("stage %s: %.12s, there is %.12s", stage.name, mark, self.run.workspace.mark(stage.name))
         self.watcher.begin(stage)
         if number < self.first and _present(self.run, stage, mark):
             self.watcher.end(stage, None, self.run.workspace.summary(stage.name))

@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.self_calibration import held_parameters, with_priors
-from photogram.files.npz_json import write_arrays, write_json, write_record
+from photogram.files.npz_json import write_json, write_record
 from photogram.frames import LocalFrame
-from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage import Progress
-from photogram.pipeline.store.stored_results import adjustment_arrays
+from photogram.pipeline.store.stored_results import resection_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.quality.improvements import block_deformation
-from photogram.sfm.orientation import believed_attitudes
+from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
+from photogram.sfm.resection import Resection
 from photogram.survey import PointCloud
 
 
@@ -29,13 +32,25 @@ def _sigma_map_m(
     return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
 
 
+def _resections(run: Run) -> tuple[Resection | None, ...]:
+    """Return the resections from the control points as they are now; of copies of a photograph none."""
+    block = replace(run.block(), tie_points=run.tie_points())
+    original = np.array([note.get("copy_of") is None for note in run.notes()], dtype=bool)
+    part, kept = part_of_block(block, original)
+    found = dict(zip(kept.tolist(), confirmed_resections(part, run.project.orientation), strict=True))
+    return tuple(found.get(i) for i in range(len(block.photographs)))
+
+
 def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
     """Adjust the block jointly."""
-    orientation = run.orientation()
+    orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
+    resections = orientation.resections
+    if not as_placed:
+        block, resections = placed_again(block, orientation, run.project.orientation), _resections(run)
     measured = block
     if orientation.method != "control":
-        block = replace(block, photographs=believed_attitudes(block, orientation.poses))
+        block = replace(block, photographs=believed_attitudes(block, block.poses))
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
@@ -50,11 +65,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
-    write_record(folder / "tie_points.npz", tie_points)
-    write_arrays(folder / "adjustment.npz", adjustment_arrays(result))
-    write_record(folder / "reliability.npz", result.reliability)
-    write_record(folder / "components.npz", result.components)
-    write_record(folder / "deformation.npz", result.deformation)
+    write_adjustment(folder, result)
+    write_json(folder / RESECTIONS, [None if r is None else resection_to(r) for r in resections])
     write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(
         folder / "verdict.json",

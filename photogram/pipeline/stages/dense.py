@@ -75,7 +75,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     settings: DenseSettings = run.project.dense
     if not settings.enabled:
         return {}
-    block = run.adjustment().block
+    block = run.adjusted_block()
     frame, views = block.frame, Views.of(block)
     points = run.cloud("adjusted").position_map_m
     known = known_ground(points, frame.world_from_map(points), views, settings.photographs)

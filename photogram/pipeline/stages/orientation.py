@@ -10,9 +10,10 @@ import numpy as np
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.files.npz_json import write_json, write_record
-from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.store.run import PLACED_BY, Run
 from photogram.pipeline.store.stage import Progress
-from photogram.pipeline.store.stored_results import orientation_to
+from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.tie_points.guided_matching import Found, cut_patches, transfer_to, with_found
@@ -43,6 +44,7 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[st
     part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
     orientation = _with_copies(orient(part, run.project.orientation, progress), kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
+    write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
     return {
@@ -56,11 +58,8 @@ def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     """Return the tie points with positions, and those of their observations that agree with the oriented block."""
     block, tie_points = run.block(), run.tie_points()
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
-    structure = Structure.empty(tie_points, orientation.calibrated(block.cameras), camera_of, run.project.orientation)
-    for index, pose in enumerate(orientation.poses):
-        if pose is not None:
-            structure.register(index, pose)
-    structure.intersect()
+    cameras = orientation.calibrated(block.cameras)
+    structure = Structure.oriented(tie_points, cameras, camera_of, run.project.orientation, orientation.poses)
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
 
 

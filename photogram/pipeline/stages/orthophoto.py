@@ -82,7 +82,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
         return {}
-    block = run.adjustment().block
+    block = run.adjusted_block()
     reason = left_out_reason(block.poses)
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from photogram.errors import ImageError, PhotogramError, ProjectError
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import write_arrays, write_json
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import check_photograph, read_tags
 from photogram.files.photographs.tags import PhotographTags
-from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.dependence import placing_fingerprint
+from photogram.pipeline.store.run import FRAME, MEASURED, Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stored_results import measured_arrays
+from photogram.project.measured_block import measured_photographs, photograph_note
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
@@ -29,19 +32,7 @@ def _described(
     camera = project.cameras[photograph.camera]
     check_photograph(photograph.path, (camera.width_px, camera.height_px), sha256)
     tags = read_tags(photograph.path)
-    angles = photograph.attitude_deg
-    gimbal = (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg)
-    if angles is None and None not in gimbal:
-        angles = gimbal  # type: ignore[assignment]
-    note = {
-        "name": photograph.name,
-        **position_note(measured_position(project, photograph, tags)),
-        "height_is_ellipsoidal": tags.height_is_ellipsoidal,
-        "attitude_deg": None if angles is None else list(angles),
-        "time": tags.time.isoformat() if tags.time else None,
-        "height_above_ground_m": photograph.height_above_ground_m or tags.height_above_take_off_m,
-    }
-    return note, tags
+    return photograph_note(photograph, tags, measured_position(project, photograph, tags)), tags
 
 
 def _leave_out_copies(run: Run, notes: Sequence[dict[str, object]], tags: Sequence[PhotographTags]) -> int:
@@ -67,7 +58,8 @@ def _leave_out_frozen(notes: Sequence[dict[str, object]], times: Sequence[dateti
 
 
 def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
-    """Decode every photograph and note its GNSS position and attitude; every damaged one is named at once.
+    """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
+    damaged one is named at once.
 
     A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
     """
@@ -90,6 +82,10 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
     copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
+    measured = measured_photographs(run.project, notes)
     write_json(folder / "tags.json", notes)
+    write_arrays(folder / MEASURED, measured_arrays(measured))
+    placing = placing_fingerprint(run.project)
+    write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
     summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
     return {name: count for name, count in summary.items() if count or name == "photographs"}

@@ -94,7 +94,7 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     written."""
     if not matched(run):
         return []
-    layers, created = surface_layers(run), flight_date(run.notes(), run.adjustment().block.poses)
+    layers, created = surface_layers(run), flight_date(run.notes(), run.adjusted_block().poses)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
     chunks = _chunks(run, layers, picture)
@@ -140,9 +140,7 @@ def dense_surface(run: Run) -> DenseSurface | None:
     layers = surface_layers(run)
     source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
     names = tuple(
-        p.name
-        for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True)
-        if pose is not None
+        p.name for p, pose in zip(run.project.photographs, run.adjusted_block().poses, strict=True) if pose is not None
     )
     return DenseSurface(
         run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,

@@ -8,7 +8,7 @@ only when all of them are there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import nlargest
 from pathlib import Path
 
@@ -175,7 +175,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     clouds = {name: run.cloud(name) for name in CLOUDS}
     value = report_numbers(
         outcome.result,
-        run.orientation(),
+        replace(run.orientation(), resections=run.resections()),
         clouds,
         run.comparisons(),
         outcome.overlap,

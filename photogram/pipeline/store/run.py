@@ -8,9 +8,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,19 +18,31 @@ from numpy.typing import NDArray
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
-from photogram.frames import LocalFrame
 from photogram.height_systems import HeightSystem
-from photogram.pipeline.store.stored_results import adjustment_from, comparison_from, orientation_from
+from photogram.pipeline.store.stored_results import (
+    ADJUSTED,
+    COVARIANCES,
+    PlacedBy,
+    adjusted_block_from,
+    adjustment_from,
+    comparison_from,
+    measured_from,
+    orientation_from,
+    resection_from,
+)
 from photogram.pipeline.store.workspace import Workspace
-from photogram.project.measured_block import measured_block
-from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.measured_block import block_of
+from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import unmeasured
+from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured
 from photogram.results import Adjustment, Deformation
 from photogram.sfm.orientation import Orientation
+from photogram.sfm.resection import Resection
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
-from photogram.survey import Block, ControlPoints, Features, Matches, PointCloud, Raster, TiePoints
+from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
+
+FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
 
 
 @dataclass(frozen=True)
@@ -41,6 +52,7 @@ class Run:
     project: Project
     workspace: Workspace
     executor: Executor
+    _blocks: dict[str, Block] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def photograph_fingerprints(self) -> tuple[str, ...]:
@@ -64,8 +76,19 @@ class Run:
         return tuple(p.name for p in self.project.photographs)
 
     def block(self) -> Block:
-        """Return the block as measured: no poses, no tie points. Needs the stage `photographs`."""
-        return measured_block(self.project, self.notes())
+        """Return the block as measured: no poses, no tie points. Needs the stage `photographs`.
+
+        It is assembled once in a process for each state of that stage: from what the stage has stored of the
+        photographs, and from the project's ground points, which may have changed since.
+        """
+        mark = self.workspace.mark("photographs") or ""
+        if mark not in self._blocks:
+            file = self.workspace.file
+            measured = measured_from(
+                self.project, read_json(file("photographs", FRAME)), read_arrays(file("photographs", MEASURED))
+            )
+            self._blocks[mark] = block_of(self.project, measured)
+        return self._blocks[mark]
 
     def notes(self) -> list[dict[str, Any]]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
@@ -97,6 +120,16 @@ class Run:
         """Return starting poses and resections. Needs the stage `orientation`."""
         return orientation_from(read_json(self.workspace.file("orientation", "poses.json")))
 
+    def placed_by(self) -> PlacedBy:
+        """Return what the orientation owes to control points. Needs the stage `orientation`."""
+        return PlacedBy(**read_json(self.workspace.file("orientation", PLACED_BY)))
+
+    def resections(self) -> tuple[Resection | None, ...]:
+        """Return the resections from the control points as they are in the adjustment. Needs the stage
+        `adjustment`."""
+        stored = read_json(self.workspace.file("adjustment", RESECTIONS))
+        return tuple(None if value is None else resection_from(value) for value in stored)
+
     def tie_points(self) -> TiePoints:
         """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
         return read_record(self.workspace.file("tie_points", "tie_points.npz"), TiePoints)
@@ -110,17 +143,27 @@ class Run:
         stage = "adjustment" if name == "adjusted" else "intersection"
         return read_record(self.workspace.file(stage, f"{name}.npz"), PointCloud)
 
+    def adjusted_block(self) -> Block:
+        """Return the block that was adjusted: cameras, poses and tie points as they came out, without what was left
+        out. Needs the stage `adjustment`, of which no covariance is read."""
+        arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
+        tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
+        return adjusted_block_from(self.block(), arrays, tie_points, self._accused())
+
     def adjustment(self) -> Adjustment:
-        """Return the joint adjustment. Needs the stage `adjustment`."""
-        accused = [
+        """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
+        `adjustment`."""
+        return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
+
+    def _accused(self) -> list[Accusation]:
+        return [
             replace(unmeasured(kind, name, photograph), axes=tuple(axes))
             for kind, name, photograph, axes in self.verdict()["accused"]
         ]
-        return adjustment_from(self.block(), lambda name: self.workspace.file("adjustment", name), accused)
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
-        arrays = read_arrays(self.workspace.file("adjustment", "adjustment.npz"))
+        arrays = read_arrays(self.workspace.file("adjustment", COVARIANCES))
         R = self.block().frame.rotation_world_from_map(np.zeros(3))
         whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
         return PointPrecision(rays, whole - rays)
@@ -180,21 +223,3 @@ class Run:
             name: comparison_from(read_arrays(self.workspace.file("comparison", f"{name}.npz")), statistics)
             for name, statistics in read_json(self.workspace.file("comparison", "statistics.json")).items()
         }
-
-
-def control_of(project: Project) -> ControlPoints:
-    """Return the project's ground points in a frame at the origin of the map, for fingerprints only."""
-    return project.control_points_in(LocalFrame(project.crs, (0.0, 0.0, 0.0), "grid"))
-
-
-def measured_photographs(project: Project) -> list[ProjectPhotograph]:
-    """Return what the project says of its photographs but for where they lie, for fingerprints: a moved folder
-    changes nothing."""
-    return [replace(p, path=Path(p.name)) for p in project.photographs]
-
-
-def height_marks(project: Project) -> list[object]:
-    """Return the height systems as declared, for fingerprints: the grid of a geoid counts by what is in it."""
-    heights, geoid = project.heights, project.heights.geoid
-    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
-    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]

@@ -23,13 +23,19 @@ Work = Callable[[Run, Path, Progress], Mapping[str, object]]
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: what it is called, the stages whose results it reads, the settings it depends on, and its work."""
+    """One stage of a survey.
+
+    ``name`` is its folder's, ``title`` what is shown, ``needs`` the stages whose results it reads, ``settings`` what
+    else it depends on, ``work`` what it does. ``as_made`` returns the settings that its present result was made under
+    where it holds under today's too, None where it does not, or there is none.
+    """
 
     name: str
     title: str
     needs: tuple[str, ...]
     settings: Settings
     work: Work
+    as_made: Settings | None = None
 
 
 class Watcher(Protocol):

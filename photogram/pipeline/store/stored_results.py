@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.camera import Pose
-from photogram.files.npz_json import read_arrays, read_record, record_arrays, write_arrays
+from photogram.files.npz_json import read_arrays, read_record, record_arrays, write_arrays, write_record
+from photogram.frames import LocalFrame
+from photogram.project.measured_block import MeasuredPhotographs
+from photogram.project.project import Project
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.gross_errors.data_snooping import Accusation, without
 from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
-from photogram.survey import Block, TiePoints
+from photogram.survey import Block, Photograph, TiePoints
+
+
+@dataclass(frozen=True)
+class PlacedBy:
+    """What an orientation owes to control points: ``control`` is the fingerprint of those that it was made with,
+    ``poses`` whether any pose is a resection from them. Where none is, the block came from its tie points, and control
+    points have only placed it in the world."""
+
+    control: str
+    poses: bool
+
+
+_UNKNOWN, _NOWHERE, _UNTURNED = np.array(np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
+
+
+def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
+    """Return measured photographs as arrays, NaN or empty where nothing is known."""
+    photographs = measured.photographs
+
+    def column(name: str, nothing: NDArray[np.float64]) -> NDArray[Any]:
+        values = [getattr(photograph, name) for photograph in photographs]
+        known = np.array([nothing if value is None else value for value in values], dtype=np.float64)
+        return known.reshape(len(photographs), *nothing.shape)
+
+    return {
+        "original": measured.original,
+        "time": np.array(["" if p.time is None else p.time.isoformat() for p in photographs], dtype=np.str_),
+        "gnss_world_m": column("gnss_world_m", _NOWHERE),
+        "gnss_sigma_m": column("gnss_sigma_m", _NOWHERE),
+        "attitude_world_from_camera": column("attitude_world_from_camera", _UNTURNED),
+        "attitude_sigma_rad": column("attitude_sigma_rad", _UNKNOWN),
+        "height_above_ground_m": column("height_above_ground_m", _UNKNOWN),
+        "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
+    }
+
+
+def measured_from(
+    project: Project, frame: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> MeasuredPhotographs:
+    """Return the photographs that ``measured_arrays`` wrote, in the frame of the project that has the origin of
+    ``frame``."""
+    east, north, height = frame["origin_map_m"]
+    world = LocalFrame(project.crs, (east, north, height), project.world_kind, project.heights.map_geoid)
+
+    def known(name: str, i: int) -> Any:  # noqa: ANN401 - an array or a number, by the name
+        value = arrays[name][i]
+        return None if np.isnan(value).any() else value
+
+    photographs = tuple(
+        Photograph(
+            source.name,
+            source.camera,
+            source.path,
+            source.flight,
+            datetime.fromisoformat(str(arrays["time"][i])) if arrays["time"][i] else None,
+            known("gnss_world_m", i),
+            known("gnss_sigma_m", i),
+            known("attitude_world_from_camera", i),
+            None if (sigma := known("attitude_sigma_rad", i)) is None else float(sigma),
+            None if (above := known("height_above_ground_m", i)) is None else float(above),
+            lever_arm_camera_m=known("lever_arm_camera_m", i),
+        )
+        for i, source in enumerate(project.photographs)
+    )
+    return MeasuredPhotographs(world, photographs, arrays["original"])
 
 
 def pose_to(pose: Pose) -> dict[str, object]:
@@ -92,7 +161,9 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
     )
 
 
+ADJUSTED, COVARIANCES = "adjustment.npz", "covariances.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
+_OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m")
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
@@ -109,22 +180,38 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def adjustment_from(block: Block, file: Callable[[str], Path], accused: Sequence[Accusation] = ()) -> Adjustment:
-    """Return the adjustment of a measured block from its arrays, ``file`` giving their paths by name; what was
-    ``accused`` took no part."""
-    arrays = read_arrays(file("adjustment.npz"))
-    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
-    for name in _WORDS:
-        values[name] = tuple(str(word) for word in values[name])
-    parameters = values.pop("camera_parameters")
-    rotation, position = values.pop("pose_rotation"), values.pop("pose_position_world_m")
+def write_adjustment(folder: Path, result: Adjustment) -> None:
+    """Write an adjustment: covariances, which few read, in a file of their own."""
+    arrays = adjustment_arrays(result)
+    covariances = {name: array for name, array in arrays.items() if "covariance" in name}
+    write_arrays(folder / ADJUSTED, {name: array for name, array in arrays.items() if name not in covariances})
+    write_arrays(folder / COVARIANCES, covariances)
+    write_record(folder / "tie_points.npz", result.block.tie_points)
+    write_record(folder / "reliability.npz", result.reliability)
+    write_record(folder / "components.npz", result.components)
+    write_record(folder / "deformation.npz", result.deformation)
+
+
+def adjusted_block_from(
+    block: Block, arrays: Mapping[str, NDArray[Any]], tie_points: TiePoints, accused: Sequence[Accusation] = ()
+) -> Block:
+    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``accused`` took no part."""
+    parameters, rotation, position = (arrays[name] for name in _OF_BLOCK)
     adjusted = replace(
         block,
         cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
-        tie_points=read_record(file("tie_points.npz"), TiePoints),
+        tie_points=tie_points,
     )
-    adjusted = without(adjusted, [a for a in accused if a.kind != "focal length"])
+    return without(adjusted, [a for a in accused if a.kind != "focal length"])
+
+
+def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
+    """Return the adjustment of which the block is ``adjusted``, ``file`` giving the paths of its arrays by name."""
+    arrays = {**read_arrays(file(ADJUSTED)), **read_arrays(file(COVARIANCES))}
+    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in _OF_BLOCK}
+    for name in _WORDS:
+        values[name] = tuple(str(word) for word in values[name])
     return Adjustment(
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),
