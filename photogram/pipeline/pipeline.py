@@ -10,6 +10,8 @@
 Each stage has a fingerprint made of its settings and of the fingerprints of what it reads. A stage whose folder
 carries its present fingerprint is not run again, so changing a setting of the surface never repeats the adjustment.
 Matching depends on which pairs were chosen, not on why: other positions that lead to the same pairs do not repeat it.
+A block that was oriented from its tie points keeps its orientation whatever becomes of the control points: the
+adjustment places it again (``Stage.as_made``).
 """
 
 from __future__ import annotations
