@@ -203,14 +203,15 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.survey import Block, ControlPoints, Photograph, PointCloud, Raster, TiePoints
     from photogram.triangulation import intersect
 
+else:  # type checkers would take any name for one that this finds
 
-def __getattr__(name: str) -> object:
-    if name not in _PLACES:
-        raise AttributeError(f"module 'photogram' has no attribute {name!r}")
-    module, definition = _PLACES[name].split(":")
-    found: object = getattr(import_module(module), definition)
-    globals()[name] = found
-    return found
+    def __getattr__(name: str) -> object:
+        if name not in _PLACES:
+            raise AttributeError(f"module 'photogram' has no attribute {name!r}")
+        module, definition = _PLACES[name].split(":")
+        found: object = getattr(import_module(module), definition)
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:

@@ -77,9 +77,9 @@ class OpenedSurvey:
         stage that is done and for every warning. Raises a PhotogramError that says what can be mended.
         """
         watcher = None if progress is None else _Lines(progress)
+        self._current.clear()  # a run that fails may have made early stages anew
         run_pipeline(self.project, watcher=watcher, start=start, until=until)
         last = len(STAGE_NAMES) if until is None else STAGE_NAMES.index(until) + 1
-        self._current.clear()
         self._current.update(STAGE_NAMES[:last])  # type: ignore[arg-type]
         return self
 
