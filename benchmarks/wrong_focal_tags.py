@@ -1,6 +1,6 @@
 """Rendered surveys whose tags give a wrong focal length: what the check points say, and who is accused.
 
-    python benchmarks/wrong_focal_tags.py [SEEDS]               default: 5, some 20 minutes each on two cores
+    python benchmarks/wrong_focal_tags.py [SEEDS]               default: 5, some 12 minutes each on two cores
     python benchmarks/wrong_focal_tags.py 3 --readout 0.033 --off 0 10        a rolling shutter, at 5 m/s
 
 15 to 24 photographs straight down over buildings and trees, GNSS of 2 m, 4 to 6 control points of 3 to 5 cm, ten check
