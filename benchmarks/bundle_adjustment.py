@@ -317,7 +317,7 @@ def run_engine(folder: Path, engine: str, task: Path, processors: int, repeat: i
 
 
 def _first_run(path: str) -> None:
-    from photogram.factors.elimination.points import bundle  # noqa: F401 - what the clock must not count
+    from photogram.factors.elimination import bundle  # noqa: F401 - what the clock must not count
 
     task = make_task(20, 1, free=True)
     few, q = task.observations.select(task.observations.point < 50), task.start.parameters
