@@ -41,7 +41,7 @@ def test_code_is_kept_in_a_folder_of_the_user_s_own(tmp_path: Path) -> None:
     assert start(START, tmp_path) == "0"
     folder = tmp_path / f"photogram-{os.getuid()}"
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert list(folder.glob("photogram_*/resampling.catmull_rom*.nbc"))
+    assert list(folder.glob("ortho_*/resampling.catmull_rom*.nbc"))
     assert start(START, tmp_path) == "1"  # and found there
 
 

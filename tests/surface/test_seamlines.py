@@ -132,7 +132,7 @@ def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, 
         part = SimpleNamespace(
             project=settings,
             executor=run.executor,
-            adjustment=run.adjustment,
+            adjusted_block=run.adjusted_block,
             filled_surface=run.filled_surface,
             pixels=run.pixels,
         )

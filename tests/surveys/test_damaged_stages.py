@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import FORMAT, write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
 from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.stage_files import checksum, journalled
@@ -213,7 +213,7 @@ def test_every_file_stands_in_the_note_with_its_checksum(tmp_path: Path) -> None
     for name, path in files.items():
         assert note["files"][name]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
         assert note["files"][name]["bytes"] == path.stat().st_size
-    assert workspace.summary("features") == {"stage": "features", "fingerprint": "m", "format": 7, "pairs": 3}
+    assert workspace.summary("features") == {"stage": "features", "fingerprint": "m", "format": FORMAT, "pairs": 3}
     assert workspace.file("features", "inner", "deep.json") == files["inner/deep.json"]
     with pytest.raises(DamagedStageError, match=r"other\.json: was not written by the stage"):
         workspace.file("features", "other.json")
