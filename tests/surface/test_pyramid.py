@@ -19,6 +19,7 @@ from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, s
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
     DOUBTFUL_BETWEEN,
+    MOST_STEPS,
     KnownGround,
     Level,
     Prior,
@@ -167,7 +168,8 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     data: st.DataObject, rows: int, columns: int, odd: bool
 ) -> None:
     coarse = MapGrid(0.0, 0.0, 1.0, -(-rows // 2) + odd, -(-columns // 2) + odd)
-    fine = Level(MapGrid(0.0, 0.0, 0.5, rows, columns), 1, 0.5, 0.4)
+    step_m = data.draw(st.sampled_from([0.4, 0.2]))  # 250 and 500 steps in all
+    fine = Level(MapGrid(0.0, 0.0, 0.5, rows, columns), 1, 0.5, step_m)
     rng = np.random.default_rng(data.draw(st.integers(0, 999)))
     shape = (coarse.rows, coarse.columns)
     heights = np.where(rng.random(shape) < 0.2, np.nan, rng.normal(size=shape)).astype(np.float32)
@@ -176,7 +178,7 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     window = Window(row, column, data.draw(st.integers(row + 1, rows)), data.draw(st.integers(column + 1, columns)))
     half = Window(window.row // 2, window.column // 2, -(-window.row_end // 2), -(-window.column_end // 2))
     widely = data.draw(st.booleans())
-    at = coarse.around_window(half, 3 if widely else AROUND_CELLS + 3)
+    at = coarse.around_window(half, 3 if widely and step_m == 0.4 else AROUND_CELLS + 3)
     part = finer_prior(
         np.ascontiguousarray(heights[at.slices]), correlation[at.slices], at, fine, window, flat_prior(window.shape),
         widely=widely,
@@ -217,6 +219,21 @@ def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_the
     assert np.allclose(prior.low[20:26, 20:26], -beyond)
     # the ground is all there is around the other one
     assert np.allclose([prior.low[4, 54], prior.high[4, 54]], [-beyond, beyond])
+
+
+def test_a_range_of_too_many_steps_is_searched_between_confirmed_heights_alone() -> None:
+    """From a great flying height; a cell that agreed on a height of its own widens no search."""
+    level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.2)
+    assert MOST_STEPS * level.step_m < 100.0
+    heights, correlation = np.zeros((30, 30), np.float32), np.full((30, 30), 0.9, np.float32)
+    heights[10:20, 10:20] = 5.0
+    heights[10:13, 10:13], correlation[10:13, 10:13] = 0.0, 0.2
+    heights[27:29, 1:3] = 40.0
+    correlation[28, 5] = 0.2
+    prior = finer_prior(heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)))
+    beyond = 1.5 * level.step_m
+    assert np.allclose(prior.high[20:26, 20:26], 5.0 + beyond)
+    assert np.allclose([prior.low[57, 11], prior.high[57, 11]], [-beyond, beyond])
 
 
 def test_the_least_correlation_follows_the_ordinary_one() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from photogram.arrays import NMAD_FACTOR, Float32Array, FloatArray
@@ -31,6 +31,12 @@ DOUBTFUL_NMAD, DOUBTFUL_BETWEEN = 3.0, (0.3, 0.75)
 
 AROUND_CELLS = 8
 """How far around a doubtful cell, in cells of the coarser level, the finest one looks for heights to try."""
+
+MOST_STEPS = 400
+"""Hypotheses that the whole range of a doubtful cell may have; where it has more, only heights nearby are tried."""
+
+CONFIRMED_STEPS, CONFIRMED_SHARE = 6.0, 0.7
+"""A height is confirmed if those of the eight cells around differ by less than so many steps and so many agreed."""
 
 CORRELATION_BINS = 1000
 _LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
@@ -187,7 +193,9 @@ def finer_prior(
     Where the coarser level knows nothing, all of ``known`` is searched, and also where its photographs did not agree on
     a cell: a tree too small for it, a roof taken for the ground. ``widely`` False searches the latter only between the
     heights that were agreed on up to AROUND_CELLS cells away, for the finest level, where it would cost as much as all
-    the rest. ``at`` reaches at least AROUND_CELLS + 3 cells beyond the finer window, as far as the grid goes.
+    the rest. Where ``known`` has more than MOST_STEPS hypotheses, as from great flying heights, every level does so,
+    between heights that their neighbours confirm. ``at`` reaches at least AROUND_CELLS + 3 cells beyond the finer
+    window, as far as the grid goes.
     """
     rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
     r, c = rows // 2 - at.row, columns // 2 - at.column
@@ -199,7 +207,13 @@ def finer_prior(
     none = ~np.isfinite(low)
     least = least_correlation_of(correlation_histogram(correlation))
     doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
-    lowest, highest = (known.low, known.high) if widely else _agreed_around(smooth, correlation >= least, r, c, beyond)
+    agreed = correlation >= least
+    lowest, highest = (known.low, known.high) if widely else _agreed_around(smooth, agreed, r, c, beyond)
+    too_wide = known.high - known.low > np.float32(MOST_STEPS * level.step_m)
+    if too_wide.any():
+        agreed = _confirmed(smooth, agreed, CONFIRMED_STEPS * level.step_m)
+        nearby = _agreed_around(smooth, agreed, r, c, beyond)
+        lowest, highest = np.where(too_wide, nearby[0], lowest), np.where(too_wide, nearby[1], highest)
     low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
     place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
     weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")
@@ -210,6 +224,15 @@ def finer_prior(
         np.where(doubtful, np.maximum(high, highest), high).astype(np.float32),
         surface.astype(np.float32),
     )
+
+
+def _confirmed(smooth: Float32Array, agreed: NDArray[np.bool_], tolerance_m: float) -> NDArray[np.bool_]:
+    """Return which cells were ``agreed`` on, as most of the 3 × 3 around them, with heights within ``tolerance_m``."""
+    has = np.isfinite(smooth)
+    low = minimum_filter(np.where(has, smooth, np.float32(np.inf)), 3, mode="nearest")
+    high = maximum_filter(np.where(has, smooth, np.float32(-np.inf)), 3, mode="nearest")
+    share = uniform_filter(agreed.astype(np.float32), 3, mode="nearest")
+    return agreed & has & (high < low + np.float32(tolerance_m)) & (share > CONFIRMED_SHARE)
 
 
 def _agreed_around(
