@@ -11,6 +11,7 @@ import pytest
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import all_parameters
+from photogram.factors.elimination import points as elimination
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
 from photogram.factors.elimination.points import (
@@ -18,7 +19,6 @@ from photogram.factors.elimination.points import (
     Points,
     Rays,
     eliminate,
-    elimination,
     first_observations,
     lay_out,
     observation_cost,
