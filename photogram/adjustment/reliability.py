@@ -76,7 +76,7 @@ class _Known:
 
 def _pose_and_offsets(found: Covariances, photograph: int) -> FloatArray:
     joint, layout = found.joint(np.array([photograph])), found.layout
-    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.border)])
+    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.ground_column)])
     return np.asarray(joint[np.ix_(kept, kept)])
 
 
