@@ -459,6 +459,21 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
         "adjustment: fast",
         "adjustment: needs a block of keys, found the text 'fast'",
     ),
+    "settings that contradict each other": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\ndense:\n  large_step: 5\n  small_step: 9"),
+        "small_step: 9",
+        "dense.small_step: must be at least 0 and below large_step, 5, found 9",
+    ),
+    "setting out of a range that another one sets": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\nfeatures:\n  tile_px: 1024\n  overlap_px: 600"),
+        "overlap_px: 600",
+        "features.overlap_px: must be from 16 to 512, found 600",
+    ),
+    "setting narrower than what is possible": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\northophoto: {feather_cells: 9000}"),
+        "feather_cells: 9000",
+        "orthophoto.feather_cells: must be from 0 to 8, found 9000",
+    ),
     "role": (
         ("role: check", "role: chek"),
         "role: chek",
