@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.factors.calibration import calibration_prior
-from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
 from photogram.factors.elimination.reprojection import (
@@ -29,7 +27,13 @@ from photogram.factors.elimination.reprojection import (
     residuals,
 )
 from photogram.factors.elimination.state import State
-from photogram.factors.ground_control import surveyed_position
+from photogram.factors.priors import (
+    calibration_prior,
+    gnss_position,
+    measured_attitude,
+    offset_prior,
+    surveyed_position,
+)
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,

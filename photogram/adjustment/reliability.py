@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.factors.camera_position import position_jacobian
 from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.priors import position_jacobian
 from photogram.results import Reliability
 
 SIGNIFICANCE, POWER = 0.001, 0.80

@@ -17,7 +17,7 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
-from photogram.factors.camera_position import gnss_position, position_jacobian
+from photogram.factors.priors import gnss_position, position_jacobian
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.numbers import gnss_residual_m

@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import all_parameters, models_of
-from photogram.factors.calibration import calibration_prior
-from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.elimination.loss import robust_terms, steer
 from photogram.factors.elimination.reprojection import (
     Observations,
@@ -35,7 +33,13 @@ from photogram.factors.graph import (
     retract,
     variable_size,
 )
-from photogram.factors.ground_control import surveyed_position
+from photogram.factors.priors import (
+    calibration_prior,
+    gnss_position,
+    measured_attitude,
+    offset_prior,
+    surveyed_position,
+)
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
