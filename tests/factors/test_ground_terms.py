@@ -8,6 +8,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from makers import problem_of, simulated, whole_covariance
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.reliability import reliability
@@ -23,8 +24,6 @@ from photogram.factors.graph import (
     cost,
     ground_graph,
     ground_values,
-    linearise_all,
-    variable_size,
 )
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
 from photogram.factors.joint_covariance import joint_ground_covariance
@@ -38,14 +37,6 @@ PLAN = SurveyPlan(
 LONG = replace(
     PLAN, strips=1, flights=1, photographs_per_strip=14, control_points=8, check_points=0, forward_overlap=0.6
 )
-
-
-def small(plan: SurveyPlan = PLAN) -> tuple[Problem, State]:
-    made = simulate_block(
-        plan, 1, tie_points=150, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.3
-    )
-    problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
-    return problem, start_state(made.block, problem.flights)
 
 
 def noise(sigma: float, rows: int) -> gtsam.noiseModel.Base:
@@ -103,22 +94,9 @@ FACTORS = [difference, distance, two_poses, pose_to_point, point_and_offset, man
 
 
 def joined(making: Making, plan: SurveyPlan = PLAN) -> tuple[Problem, State]:
-    problem, state = small(plan)
+    problem, state = problem_of(simulated(plan, off=0.3).block)
     made = making(problem)
     return replace(problem, further=made if isinstance(made, tuple) else (made,)), state
-
-
-def whole_inverse(problem: Problem, state: State) -> tuple[FloatArray, dict[int, slice]]:
-    """The inverse of GTSAM's normal matrix of everything, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state, 1.0)
-    ordering, place, start = gtsam.Ordering(), {}, 0
-    for variable in system.variables:
-        ordering.push_back(variable)
-        place[variable] = slice(start, start + variable_size(problem, variable))
-        start = place[variable].stop
-    information, _ = system.graph.hessian(ordering)
-    scale = np.sqrt(np.diag(information))
-    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
 
 
 def assert_equal(found: FloatArray, expected: FloatArray) -> None:
@@ -152,7 +130,7 @@ def test_both_engines_reach_the_same_minimum_by_the_same_steps(making: Making, s
 def test_covariances_are_the_inverse_of_the_whole_normal_matrix(making: Making, plan: SurveyPlan) -> None:
     problem, start = joined(making, plan)
     state = minimise(problem, start, AdjustmentSettings()).state
-    expected, place = whole_inverse(problem, state)
+    expected, place = whole_covariance(problem, state)
     found = covariances(problem, state)
     for i in range(len(problem.block.photographs)):
         where = place[key(POSE, i)]
@@ -180,7 +158,7 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(making: Making, 
 def test_marks_of_coupled_points_have_the_covariance_of_the_whole_normal_matrix() -> None:
     problem, start = joined(many)
     state = minimise(problem, start, AdjustmentSettings()).state
-    expected, place = whole_inverse(problem, state)
+    expected, place = whole_covariance(problem, state)
     found, marks = covariances(problem, state), problem.marks
     adjusted = mark_covariances(problem, state, found)
     linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
@@ -248,7 +226,7 @@ def test_ground_terms_are_the_linear_graph_of_gtsam(making: Making) -> None:
 
 
 def test_nothing_is_coupled_where_every_factor_has_one_variable() -> None:
-    problem, state = small()
+    problem, state = problem_of(simulated(PLAN, off=0.3).block)
     layout = bundle_of(problem, state).layout
     assert len(layout.coupled) == 0
     assert layout.ground_column == layout.border
@@ -265,7 +243,7 @@ def test_a_factor_between_two_photographs_widens_the_band_to_both() -> None:
 
 
 def test_what_a_layout_has_no_place_for_is_an_error() -> None:
-    problem, state = small()
+    problem, state = problem_of(simulated(PLAN, off=0.3).block)
     layout = bundle_of(problem, state).layout
     with pytest.raises(ValueError, match="joins control point 0 to another variable"):
         GroundTerms(replace(problem, further=(difference(problem),)), layout)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import runpy
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import bal
 import numpy as np
 import pytest
+from makers import SharedData
 
 from photogram.adjustment.adjustment import (
     AdjustmentSettings,
@@ -26,7 +27,6 @@ from photogram.factors.graph import Problem
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 
 ROOT = Path(__file__).resolve().parents[2]
-LADYBUG = ROOT.parent / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
 EVERYTHING = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0002, np.inf),
@@ -129,17 +129,15 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         assert np.all(np.abs(position - minimum.state.position) <= 1e-2 * sigma), seed
 
 
-def test_ladybug_of_bundle_adjustment_in_the_large() -> None:
+def test_ladybug_of_bundle_adjustment_in_the_large(shared_data: SharedData) -> None:
     """The published problem, plain least squares, f k1 k2 of every photograph: ½ Σ r² by its own formula."""
-    if not LADYBUG.is_file():
-        pytest.skip("shared/data/bal is not beside the project")
-    bal = runpy.run_path(str(ROOT / "benchmarks" / "bal.py"))
-    observations, start = bal["read_bal"](LADYBUG)
-    assert bal["half_squares"](observations, start) == pytest.approx(850_912.46, abs=0.01)
-    found = bal["solve"](observations, start)
+    ladybug = shared_data("bal/problem-49-7776-pre.txt")
+    observations, start = bal.read_bal(ladybug)
+    assert bal.half_squares(observations, start) == pytest.approx(850_912.46, abs=0.01)
+    found = bal.solve(observations, start)
     assert found.converged
-    assert bal["half_squares"](observations, found) == pytest.approx(13_344.24, abs=0.5)
-    assert found.cost == pytest.approx(bal["half_squares"](observations, found), rel=1e-9)
+    assert bal.half_squares(observations, found) == pytest.approx(13_344.24, abs=0.5)
+    assert found.cost == pytest.approx(bal.half_squares(observations, found), rel=1e-9)
 
 
 @pytest.mark.parametrize("lost", [-5.0, np.nan])

@@ -11,6 +11,7 @@ import pytest
 import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import SharedData
 from pyproj import CRS, Transformer
 from pyproj.transformer import TransformerGroup
 
@@ -31,8 +32,6 @@ from photogram.height_systems import (
 )
 from photogram.survey import PointCloud, Raster
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
-EGM96 = DATA / "geoid" / "egm96_15.gtx"
 SITE = (602340.0, 5794120.0, 120.0)
 UTM = "EPSG:25832"
 
@@ -45,12 +44,12 @@ def grid(sloping_geoid: Any) -> str:
 # ---- geoid ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not EGM96.is_file(), reason="needs the EGM96 grid of the shared data")
-def test_egm96_at_the_places_of_its_readme() -> None:
+def test_egm96_at_the_places_of_its_readme(shared_data: SharedData) -> None:
+    egm96 = str(shared_data("geoid/egm96_15.gtx"))
     places = np.array([[0.0, 0.0], [7.6205, 45.0315]])
     for vertical in (None, "EPSG:5773"):
         for crs in ("EPSG:32632", UTM):
-            found = geoid_height_m(CRS(crs), Geoid(vertical, str(EGM96)), places)
+            found = geoid_height_m(CRS(crs), Geoid(vertical, egm96), places)
             np.testing.assert_allclose(found, [17.16, 48.42], rtol=0, atol=0.01)
 
 
