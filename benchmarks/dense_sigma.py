@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from dense_scores import PHOTOGRAPHS, on_grid
-from dense_truth import as_adjusted, simulated_survey, simulated_truth
+from lib.dense_scores import PHOTOGRAPHS, on_grid
+from lib.dense_truth import as_adjusted, simulated_survey, simulated_truth
 
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline

@@ -25,9 +25,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from lib.shared_data import SHARED_DATA
 from PIL import Image
 
-DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "brighton_beach" / "images"
+DEFAULT = SHARED_DATA / "brighton_beach" / "images"
 COUNTED = ("features", "matching", "orientation + adjustment")
 
 

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lib.shared_data import SHARED_DATA
 from scipy.spatial import cKDTree
 
 from photogram.files.clouds.points import read_cloud
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 NEIGHBOURS, REACH_M = 8, 0.3  # points of the other cloud that make a height, and how near they must be
 
 
@@ -71,7 +71,7 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
 
 def main() -> None:
     """Run both surveys and print their figures."""
-    data = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA
+    data = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED_DATA
     if not (data / "brighton_beach").is_dir():
         raise SystemExit(f"{data}: there is no folder brighton_beach: give the folder of the surveys")
     with tempfile.TemporaryDirectory() as name:
