@@ -95,8 +95,11 @@ def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid
         seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
     place = (heights.west_map_m, heights.north_map_m, heights.cell_m)
     figures = (seconds, processor_s, float("nan") if peak.bytes is None else peak.bytes / 2**30)
-    arrays = {"heights": heights.values, "place": np.array(place), "figures": np.array(figures)}
-    np.savez(out, **arrays, **({} if sigma is None else {"sigma": sigma.values}))
+    none = np.zeros((0, 0), np.float32)
+    np.savez(
+        out, heights=heights.values, place=np.array(place), figures=np.array(figures),
+        sigma=none if sigma is None else sigma.values,
+    )  # fmt: skip
 
 
 def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid | None, repeat: int) -> Outcome:
@@ -114,7 +117,7 @@ def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid |
             with np.load(out) as found:
                 west, north, cell_m = map(float, found["place"])
                 heights, sigma = (
-                    Raster(found[k], west, north, cell_m) if k in found else None for k in ("heights", "sigma")
+                    Raster(found[k], west, north, cell_m) if found[k].size else None for k in ("heights", "sigma")
                 )
                 seconds, processor_s, peak_gib = map(float, found["figures"])
             if heights is not None and (best is None or seconds < best.seconds):

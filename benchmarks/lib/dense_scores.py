@@ -272,7 +272,8 @@ def agreement(
     difference = (values - other)[np.isfinite(values) & np.isfinite(other)]
     complete = float((footprint & np.isfinite(values)).sum() / footprint.sum())
     row, column = np.nonzero(np.isfinite(values) & np.isfinite(other))
-    return _agreement(int(footprint.sum()), complete, difference, np.column_stack([column, row]) * cell)
+    place = np.column_stack([column, row]).astype(np.float64)
+    return _agreement(int(footprint.sum()), complete, difference, place * cell)
 
 
 def _unbent(difference: FloatArray, xy: FloatArray) -> FloatArray:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypedDict
 
 import gtsam
 import numpy as np
 import pytest
 from makers import problem_of, simulated
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, minimise
@@ -33,10 +35,7 @@ PLAN = SurveyPlan(
 def test_both_engines_take_the_same_steps_without_mismatches(loss: str) -> None:
     problem, start = problem_of(simulated(PLAN, off=0.3).block, "huber")
     problem = replace(problem, robust_loss=loss, robust_threshold=200.0)  # type: ignore[arg-type]
-    fast, slow = (
-        minimise(problem, start, AdjustmentSettings(engine=engine))  # type: ignore[arg-type]
-        for engine in ("fast", "reference")
-    )
+    fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, slow.converged)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
@@ -141,7 +140,14 @@ def growing(sigma_px: float = 0.0, tie_points: int = 200) -> tuple[SimulatedBloc
     return made, observations, state
 
 
-NOTHING_FREE = {"free": np.zeros((1, PARAMETERS), bool), "prior_sigma": np.full((1, PARAMETERS), np.inf)}
+class Freedom(TypedDict):
+    """Which calibration parameters move, and their priors."""
+
+    free: NDArray[np.bool_]
+    prior_sigma: FloatArray
+
+
+NOTHING_FREE: Freedom = {"free": np.zeros((1, PARAMETERS), bool), "prior_sigma": np.full((1, PARAMETERS), np.inf)}
 
 
 def after_similarity(found: FloatArray, truth: FloatArray) -> FloatArray:
@@ -212,7 +218,7 @@ def test_the_loss_keeps_mismatches_from_the_block() -> None:
     for loss in ("none", "cauchy"):
         found = adjust_bundle(
             spoilt, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
-            loss=loss, maximum_iterations=50, **NOTHING_FREE,  # type: ignore[arg-type]
+            loss=loss, maximum_iterations=50, **NOTHING_FREE,
         )  # fmt: skip
         truth = np.array([p.position_world_m for p in made.truth.poses])
         error[loss] = np.abs(after_similarity(found.position, truth)).max()

@@ -58,18 +58,18 @@ def distance(
 
 def two_poses(problem: Problem) -> gtsam.NonlinearFactor:
     """The last photograph seen from the first, as a rigid rig would have it."""
-    first, last = (gtsam.Pose3(gtsam.Rot3(p.rotation_world_from_camera), p.position_world_m) for p in _ends(problem))
-    count = len(problem.block.photographs)
+    poses = [pose for pose in problem.block.poses if pose is not None]
+    count = len(poses)
+    ends = poses[0], poses[-1]
+    first, last = (gtsam.Pose3(gtsam.Rot3(p.rotation_world_from_camera), p.position_world_m) for p in ends)
     return gtsam.BetweenFactorPose3(key(POSE, 0), key(POSE, count - 1), first.between(last), noise(0.01, 6))
-
-
-def _ends(problem: Problem) -> tuple:
-    return problem.block.poses[0], problem.block.poses[-1]
 
 
 def pose_to_point(problem: Problem) -> gtsam.NonlinearFactor:
     """The distance of a photograph from a control point."""
-    length = float(np.linalg.norm(problem.block.poses[2].position_world_m - problem.control_world_m[3]))
+    pose = problem.block.poses[2]
+    assert pose is not None
+    length = float(np.linalg.norm(pose.position_world_m - problem.control_world_m[3]))
     return gtsam.RangeFactor3D(key(POSE, 2), key(CONTROL_POINT, 3), length, noise(0.05, 1))
 
 
@@ -220,8 +220,8 @@ def test_ground_terms_are_the_linear_graph_of_gtsam(making: Making) -> None:
     np.testing.assert_allclose(np.concatenate([normal.g, normal.h]), np.ravel(right)[:size], rtol=1e-10, atol=1e-6)
     np.testing.assert_allclose(np.concatenate([normal.D, normal.F]), np.diag(found), rtol=1e-12)
     for k, g in enumerate(eliminated):
-        rows = slice(size + 3 * k, size + 3 * k + 3)
-        np.testing.assert_allclose(terms.control[g], information[rows, rows], rtol=1e-12)
+        own = slice(size + 3 * k, size + 3 * k + 3)
+        np.testing.assert_allclose(terms.control[g], information[own, own], rtol=1e-12)
     assert not terms.control[layout.coupled].any()
 
 

@@ -6,6 +6,7 @@ import zlib
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def test_jpeg_that_ends_in_lost_clusters_is_refused(photograph: Path, read: obje
 
 
 @pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
-def test_sound_jpeg_of_every_kind_is_accepted(tmp_path: Path, options: dict[str, object]) -> None:
+def test_sound_jpeg_of_every_kind_is_accepted(tmp_path: Path, options: dict[str, Any]) -> None:
     pixels = np.random.default_rng(2).integers(0, 256, (64, 80, 3)).astype(np.uint8)
     path = tmp_path / "sound.jpg"
     Image.fromarray(pixels).save(path, **options)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,9 @@ PLAIN = {"K": K, "RadialDistortion": RADIAL, "TangentialDistortion": TANGENTIAL}
 STRUCT = {"IntrinsicMatrix": K.T, "RadialDistortion": RADIAL, "TangentialDistortion": TANGENTIAL}
 
 
-def saved(tmp_path: Path, variables: dict[str, object]) -> Path:
+def saved(tmp_path: Path, variables: Mapping[str, object]) -> Path:
     path = tmp_path / "camera.mat"
-    savemat(path, variables)
+    savemat(path, dict(variables))
     return path
 
 

@@ -15,6 +15,7 @@ from makers import SharedData
 from pyproj import CRS, Transformer
 from pyproj.transformer import TransformerGroup
 
+from photogram.arrays import FloatArray
 from photogram.crs import product_crs, written_crs
 from photogram.errors import FrameError
 from photogram.files.clouds.points import write_laz
@@ -23,6 +24,7 @@ from photogram.frames import LocalFrame, map_heights
 from photogram.height_systems import (
     DeclaredHeights,
     Geoid,
+    HeightSystem,
     crs_name,
     first_wkt,
     full_crs,
@@ -141,7 +143,7 @@ def test_beyond_the_grid_there_is_no_height(grid: str, kind: str) -> None:
 def test_heights_are_brought_to_those_of_the_map(grid: str, sloping_geoid: Any) -> None:
     points, geoid = np.array([SITE, (610000.0, 5800000.0, 30.0)]), Geoid(grid=grid)
     n = sloping_geoid.at(UTM, points)
-    cases = {
+    cases: dict[tuple[HeightSystem | None, HeightSystem | None], FloatArray] = {
         ("ellipsoidal", "orthometric"): n, ("orthometric", "ellipsoidal"): -n, ("orthometric", "orthometric"): 0 * n,
         ("ellipsoidal", "ellipsoidal"): 0 * n, (None, "orthometric"): 0 * n, ("ellipsoidal", None): 0 * n,
     }  # fmt: skip
