@@ -16,13 +16,14 @@ import time
 from pathlib import Path
 
 import numpy as np
+from lib.shared_data import SHARED_DATA
 from scipy.spatial.transform import Rotation
 
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.reprojection import Observations
 from photogram.projection import PARAMETER_NAMES, PROJECTIVE
 
-DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "bal" / "problem-49-7776-pre.txt"
+DEFAULT = SHARED_DATA / "bal" / "problem-49-7776-pre.txt"
 FLIP = np.diag([1.0, -1.0, -1.0])
 FREE = [PARAMETER_NAMES.index(name) for name in ("focal_px", "k1", "k2")]
 

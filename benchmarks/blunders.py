@@ -73,20 +73,20 @@ def with_blunder(block: Block, clean: Adjustment, kind: str, rng: np.random.Gene
         blunder = _size(MARK_PX, rng) * np.array([np.cos(turn), np.sin(turn)])
         pixel[m] += blunder
         # of a blunder b, b' C⁻¹ b is the square of its noncentrality, with C the covariance of what all others predict
-        times = np.sqrt(blunder @ np.linalg.solve(r.mark_left_out_covariance_px2[m], blunder)) / NONCENTRALITY
+        times = float(np.sqrt(blunder @ np.linalg.solve(r.mark_left_out_covariance_px2[m], blunder))) / NONCENTRALITY
         spoilt = replace(points, mark_pixel=pixel)
-        return replace(block, control_points=spoilt), {points.name[points.mark_point[m]]}, float(times)
+        return replace(block, control_points=spoilt), {points.name[points.mark_point[m]]}, times
     if kind == "exchanged":
         a, b = rng.choice(controls, 2, replace=False).tolist()
         position[[a, b]] = position[[b, a]]
-        least = minimal_detectable_blunder(points.sigma_m[a], r.ground_redundancy[a]).max()
-        names, times = {points.name[a], points.name[b]}, float(np.linalg.norm(position[a] - position[b]) / least)
+        largest = float(minimal_detectable_blunder(points.sigma_m[a], r.ground_redundancy[a]).max())
+        names, times = {points.name[a], points.name[b]}, float(np.linalg.norm(position[a] - position[b])) / largest
     else:
         g, axis = int(rng.choice(controls)), 2 if kind == "height" else int(rng.integers(2))
         size, axes = _size(COORDINATE_M, rng), block.frame.rotation_world_from_map(np.zeros(3))
         position[g] += size * float(rng.choice([-1.0, 1.0])) * axes[:, axis]
-        least = minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])[axis]
-        names, times = {points.name[g]}, float(size / least)
+        least = float(minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])[axis])
+        names, times = {points.name[g]}, size / least
     return replace(block, control_points=replace(points, position_world_m=position)), names, times
 
 

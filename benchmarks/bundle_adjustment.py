@@ -149,9 +149,6 @@ def photogram(task: Task, repeat: int, solver: SolverName) -> list[Run]:
         memory, focal_px = _memory_gb("VmHWM") - before, float(found.parameters[0, 0])
         runs.append(Run(clock.seconds, clock.costs, memory, found.position.tolist(), focal_px))
     return runs
-    return Run(
-        clock.seconds, clock.costs, _memory_gb("VmHWM") - before, found.position.tolist(), float(found.parameters[0, 0])
-    )
 
 
 def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN401 - pycolmap has no types
@@ -159,7 +156,7 @@ def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN4
     import pyceres
     import pycolmap
 
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     config = pycolmap.BundleAdjustmentConfig()
     for image in reconstruction.images:
         config.add_image(image)
@@ -187,7 +184,7 @@ def ceres(task: Task, repeat: int) -> list[Run]:
     import pyceres
     import pycolmap
 
-    class Watch(pyceres.IterationCallback):  # type: ignore[misc, name-defined]
+    class Watch(pyceres.IterationCallback):  # type: ignore[misc]
         def __init__(self, clock: Clock) -> None:
             super().__init__()
             self.clock = clock
@@ -317,8 +314,6 @@ def run_engine(folder: Path, engine: str, task: Path, processors: int, repeat: i
 
 
 def _first_run(path: str) -> None:
-    from photogram.factors.elimination import bundle  # noqa: F401 - what the clock must not count
-
     task = make_task(20, 1, free=True)
     few, q = task.observations.select(task.observations.point < 50), task.start.parameters
     began = time.perf_counter()

@@ -169,8 +169,8 @@ def main() -> None:
     print(
         f"check points within {100 * TOLERANCE:.0f} points of the prediction on every axis: {'yes' if good else 'NO'}"
     )
-    for fault in open_ones:
-        print(fault)
+    for left_open in open_ones:
+        print(left_open)
 
 
 if __name__ == "__main__":

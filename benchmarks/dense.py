@@ -6,12 +6,12 @@
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
 adjusted cameras and poses and each has a process of its own, two threads; the seconds are those from photographs to
-heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/rectified_pairs.py
+heights, the fastest of the repetitions, `CPU s` those of all its threads. The peer is benchmarks/lib/rectified_pairs.py
 with the settings that did best; its grid is photogram's.
 
-Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/dense_scores.py), over cells
-that three photographs see. `alone`: NMAD and error rate against the surface where the adjusted block must find it,
-which leaves the matching's own errors. --cloud: agreement with another program's cloud, not accuracy.
+Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/lib/dense_scores.py), over
+cells that three photographs see. `alone`: NMAD and error rate against the surface where the adjusted block must find
+it, which leaves the matching's own errors. --cloud: agreement with another program's cloud, not accuracy.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from dense_scores import agreement, point_agreement, score
-from dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
-from rectified_pairs import heights_of_pairs, warm_up
+from lib.dense_scores import agreement, point_agreement, score
+from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
+from lib.rectified_pairs import heights_of_pairs, warm_up
 
 from photogram.files.clouds.points import read_cloud
 from photogram.grid import MapGrid
@@ -95,8 +95,11 @@ def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid
         seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
     place = (heights.west_map_m, heights.north_map_m, heights.cell_m)
     figures = (seconds, processor_s, float("nan") if peak.bytes is None else peak.bytes / 2**30)
-    arrays = {"heights": heights.values, "place": np.array(place), "figures": np.array(figures)}
-    np.savez(out, **arrays, **({} if sigma is None else {"sigma": sigma.values}))
+    none = np.zeros((0, 0), np.float32)
+    np.savez(
+        out, heights=heights.values, place=np.array(place), figures=np.array(figures),
+        sigma=none if sigma is None else sigma.values,
+    )  # fmt: skip
 
 
 def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid | None, repeat: int) -> Outcome:
@@ -114,7 +117,7 @@ def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid |
             with np.load(out) as found:
                 west, north, cell_m = map(float, found["place"])
                 heights, sigma = (
-                    Raster(found[k], west, north, cell_m) if k in found else None for k in ("heights", "sigma")
+                    Raster(found[k], west, north, cell_m) if found[k].size else None for k in ("heights", "sigma")
                 )
                 seconds, processor_s, peak_gib = map(float, found["figures"])
             if heights is not None and (best is None or seconds < best.seconds):

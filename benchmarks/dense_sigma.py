@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from dense_scores import PHOTOGRAPHS, on_grid
-from dense_truth import as_adjusted, simulated_survey, simulated_truth
+from lib.dense_scores import PHOTOGRAPHS, on_grid
+from lib.dense_truth import as_adjusted, simulated_survey, simulated_truth
 
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
@@ -48,7 +48,7 @@ def normalised_errors(folder: Path) -> tuple[FloatArray, FloatArray]:
     with open_run(load_project(folder / "project.yaml")) as run:
         heights, sigma, block = run.surface(), run.surface_sigma(), run.adjusted_block()
         matched = MatchedHeights.of(run)
-        own = matched.blocks.read(matched.grid.whole, "sigma_m")[0].astype(np.float64)
+        own = np.asarray(matched.blocks.read(matched.grid.whole, "sigma_m")[0], dtype=np.float32)
     truth = simulated_truth(survey, heights.cell_m)
     adjusted = as_adjusted(truth, survey, block)
     place = (matched.grid.west_map_m, matched.grid.north_map_m, matched.grid.cell_m)

@@ -25,9 +25,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from lib.shared_data import SHARED_DATA
 from PIL import Image
 
-DEFAULT = Path(__file__).resolve().parents[2] / "shared" / "data" / "brighton_beach" / "images"
+DEFAULT = SHARED_DATA / "brighton_beach" / "images"
 COUNTED = ("features", "matching", "orientation + adjustment")
 
 
@@ -59,7 +60,7 @@ def colmap(folder: Path, work: Path, features: int) -> Outcome:
     """Run COLMAP's feature extraction, exhaustive matching and incremental mapper."""
     import pycolmap
 
-    pycolmap.logging.minloglevel = pycolmap.logging.WARNING
+    pycolmap.logging.minloglevel = int(pycolmap.logging.WARNING)
     pictures, database = _pictures(folder), work / "database.db"
     extraction = pycolmap.FeatureExtractionOptions()
     with Image.open(pictures[0], formats=["JPEG", "TIFF", "PNG"]) as picture:
@@ -132,7 +133,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
     report = run_pipeline(survey)
 
     def stage(*names: str) -> float:
-        return sum(json.loads((survey.work / f"{n}.stage" / "stage.json").read_text())["seconds"] for n in names)
+        return sum(float(json.loads((survey.work / f"{n}.stage" / "stage.json").read_text())["seconds"]) for n in names)
 
     with np.load(survey.work / "adjustment.stage" / "tie_points.npz") as ties:
         rays = np.bincount(ties["point"])
@@ -225,7 +226,8 @@ def main() -> None:
     if not arguments.folder.is_dir():
         raise SystemExit(f"{arguments.folder}: there is no such folder: give a folder of photographs")
     with tempfile.TemporaryDirectory() as temporary:
-        root, best = arguments.keep or Path(temporary), {}
+        root = arguments.keep or Path(temporary)
+        best: dict[str, Outcome] = {}
         for number in range(arguments.repeat):
             for program in [arguments.only] if arguments.only else PROGRAMS:
                 work = root / f"{program}-{number}"

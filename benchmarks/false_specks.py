@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from dense_scores import score
 from dense_sigma import make
-from dense_truth import simulated_survey, simulated_truth
+from lib.dense_scores import score
+from lib.dense_truth import simulated_survey, simulated_truth
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import FloatArray

@@ -23,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -125,10 +126,10 @@ def killed(pristine: Path, folder: Path, kills: int, expected: dict[str, str], r
         while here < KILLS_A_CHAIN and done + here < kills:
             if rng.random() < 0.7:
                 number = rng.randrange(1, 25)
-                status = child(project, lambda number=number: kill_at_renaming(number))
+                status = child(project, partial(kill_at_renaming, number))
             else:
                 seconds = rng.uniform(0.0, 3.0)
-                status = child(project, lambda seconds=seconds: kill_after(seconds))
+                status = child(project, partial(kill_after, seconds))
             if status != signal.SIGKILL:
                 break  # it came to its end
             here += 1

@@ -60,7 +60,7 @@ def main(seeds: int) -> None:
         sigma0.append(result.sigma0)
         clean += float(np.sum(errors**2))
         spoilt += float(np.sum(_camera_errors(*_solve(seed, 0.1)) ** 2))
-    low, high = chi2.ppf([0.005, 0.995], 3 * seeds) / (3 * seeds)
+    low, high = (float(chi2.ppf(share, 3 * seeds)) / (3 * seeds) for share in (0.005, 0.995))
     print(f"{seeds} simulated blocks of 6 photographs; normalised squared errors, 99 % bounds {low:.2f} to {high:.2f}")
     for name, value in total.items():
         print(f"  {name:<12} {value / (3 * seeds):.3f}")

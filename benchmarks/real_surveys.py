@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lib.shared_data import SHARED_DATA
 from scipy.spatial import cKDTree
 
+from photogram.arrays import FloatArray
 from photogram.files.clouds.points import read_cloud
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 NEIGHBOURS, REACH_M = 8, 0.3  # points of the other cloud that make a height, and how near they must be
 
 
@@ -37,11 +38,11 @@ def run(folder: Path, *init: str) -> dict[str, Any]:
     return report
 
 
-def height_differences_m(cloud: Path, reference: Path) -> np.ndarray:
+def height_differences_m(cloud: Path, reference: Path) -> FloatArray:
     """Return heights (N,) of a cloud over the median height of the nearest points of another one, near in plan."""
     own, other = read_cloud(cloud).position_map_m, read_cloud(reference).position_map_m
     distance, index = cKDTree(other[:, :2]).query(own[:, :2], k=NEIGHBOURS)
-    near = distance[:, -1] < REACH_M
+    near = np.asarray(distance)[:, -1] < REACH_M
     return np.asarray((own[:, 2] - np.median(other[index][..., 2], axis=1))[near])
 
 
@@ -71,7 +72,7 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
 
 def main() -> None:
     """Run both surveys and print their figures."""
-    data = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA
+    data = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED_DATA
     if not (data / "brighton_beach").is_dir():
         raise SystemExit(f"{data}: there is no folder brighton_beach: give the folder of the surveys")
     with tempfile.TemporaryDirectory() as name:

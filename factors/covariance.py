@@ -83,7 +83,8 @@ class Covariances:
         """Return the joint covariance (6 k + border) of k poses, in the order given, and the border.
 
         The border holds the calibrations' free parameters, in their natural units, as ``layout.free_parameters`` has
-        them, then the GNSS offsets. Photographs farther apart than the band cost a solution of the system.
+        them, then the GNSS offsets and the control points of the border. Photographs farther apart than the band cost
+        a solution of the system.
         """
         layout, place = self.layout, self.layout.place[photographs]
         rows = (6 * place[:, None] + np.arange(6)).ravel()
@@ -113,11 +114,17 @@ class Covariances:
 
 
 def point_columns(
-    observations: Observations, linear: Linearisation, normal: FloatArray, layout: Layout
+    observations: Observations, linear: Linearisation, normal: FloatArray, layout: Layout, number: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what few points, observed or surveyed, have to do with the cameras: the rows of their linearised
     observations on poses and border (M, 2, 6 free + border), V⁻¹ (K, 3, 3) of their ``normal`` matrices V, and W V⁻¹
-    (6 free + border, K, 3)."""
+    (6 free + border, K, 3).
+
+    ``number`` (K,) are the points' numbers as control points, −1 for others. A point of the border moves with its own
+    columns, δX = −(W V⁻¹)ᵀ δ as the others do, and by nothing else: its V⁻¹ is zero.
+    """
+    place = np.searchsorted(layout.coupled, number)
+    kept = np.isin(number, layout.coupled)
     owner, parameter = layout.free_parameters
     rows = np.zeros((len(observations), 2, layout.columns + layout.border))
     for i, (p, c) in enumerate(zip(observations.photograph, observations.camera, strict=True)):
@@ -127,8 +134,12 @@ def point_columns(
         rows[i][:, layout.columns + columns] = free
     W = np.zeros((len(normal), rows.shape[2], 3))
     np.add.at(W, observations.point, np.einsum("nrc,nri->nci", rows, linear.point))
-    inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return rows, inverse, np.einsum("gci,gij->cgj", W, inverse)
+    inverse = np.zeros_like(normal)
+    inverse[~kept] = np.linalg.inv(normal[~kept])
+    turned = np.einsum("gci,gij->cgj", W, inverse)
+    at = layout.columns + layout.ground_column + 3 * place[kept][:, None] + np.arange(3)
+    turned[at, np.flatnonzero(kept)[:, None], np.arange(3)] = -1.0
+    return rows, inverse, turned
 
 
 def joint_points(found: Covariances, inverse: FloatArray, turned: FloatArray) -> FloatArray:
@@ -148,12 +159,15 @@ def _control_columns(
     problem: Problem, state: State, found: Covariances
 ) -> tuple[Linearisation, FloatArray, FloatArray, FloatArray]:
     """Return the linearised marks, their rows on poses and border (M, 2, 6 free + border), the inverse normal matrices
-    V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3)."""
+    V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3).
+
+    Of a mark of the border's points, its row on the point's own columns is what −B W V⁻¹ adds.
+    """
     marks = problem.marks
     linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
     V = GroundTerms(problem, found.layout).linearise(state).control
     np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    return linear, *point_columns(marks, linear, V, found.layout)
+    return linear, *point_columns(marks, linear, V, found.layout, np.arange(len(V)))
 
 
 def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
@@ -205,7 +219,8 @@ def _open(layout: Layout, direction: FloatArray, scale: FloatArray, whole: Datum
     """Return the fault that names what moves along a ``direction`` of the system whose rows were divided by
     ``scale``."""
     change = direction / scale
-    in_border = float(np.sum(direction[layout.columns :] ** 2) / np.sum(direction**2))
+    cameras = direction[: layout.columns + layout.ground_column]
+    in_border = float(np.sum(cameras[layout.columns :] ** 2) / max(float(np.sum(cameras**2)), 1e-300))
     if layout.free > 1 and in_border < 1.0 - WHOLE and whole.share(change) > WHOLE:
         return IndeterminateError((DATUM, whole.main_part(change)))
     return IndeterminateError(_weakest(layout, direction))
@@ -273,6 +288,8 @@ def covariances(problem: Problem, state: State) -> Covariances:
         ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)
         control, missing = point_covariances(bundle.marks, cameras, controls, layout, NO_LOSS, blocks)
+        rows = layout.ground_column + 3 * np.arange(len(layout.coupled))[:, None] + np.arange(3)
+        control[layout.coupled] = border[rows[:, :, None], rows[:, None, :]]
     if lost >= 0 or missing >= 0:
         raise IndeterminateError((TIE_POINT, lost) if lost >= 0 else (CONTROL_POINT, missing))
     return Covariances(layout, factor, scale, inverse, T, border, tie, control)

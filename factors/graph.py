@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.factors.calibration import calibration_prior
-from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
 from photogram.factors.elimination.reprojection import (
@@ -29,7 +27,13 @@ from photogram.factors.elimination.reprojection import (
     residuals,
 )
 from photogram.factors.elimination.state import State
-from photogram.factors.ground_control import surveyed_position
+from photogram.factors.priors import (
+    calibration_prior,
+    gnss_position,
+    measured_attitude,
+    offset_prior,
+    surveyed_position,
+)
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -60,7 +64,8 @@ class Problem:
     All photographs of ``block`` are oriented; ``control`` are its points of role control, ``control_sigma_m`` (G, 3)
     along ``control_axes`` (G, 3, 3), infinite along those that are checks; ``flights`` names the GNSS offsets.
     ``focal_information`` (cameras, cameras), px⁻², is added to the normal equations of the focal lengths for
-    covariances, see photogram.factors.consider; None for an adjustment.
+    covariances, see photogram.factors.consider; None for an adjustment. ``further`` are factors beside those that
+    follow from the block, on any of its variables but tie points: a distance between two control points, for one.
     """
 
     block: Block
@@ -73,6 +78,7 @@ class Problem:
     robust_loss: RobustLoss
     robust_threshold: float
     focal_information: FloatArray | None = None
+    further: tuple[gtsam.NonlinearFactor, ...] = ()
 
     @property
     def free(self) -> tuple[IntArray, ...]:
@@ -90,7 +96,7 @@ class Problem:
 
 
 def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
-    """Return the factors on control points, GNSS positions, offsets, attitudes and calibrations."""
+    """Return the factors on control points, GNSS positions, offsets, attitudes and calibrations, and further ones."""
     graph = gtsam.NonlinearFactorGraph()
     block = problem.block
     axes = block.frame.rotation_world_from_map(np.zeros(3))
@@ -113,6 +119,8 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
             prior = calibration_prior(c, (camera.parameters / scale)[free], (camera.sigmas / scale)[free])
             if prior is not None:
                 graph.add(prior)
+    for factor in problem.further:
+        graph.add(factor)
     return graph
 
 

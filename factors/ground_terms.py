@@ -1,25 +1,31 @@
 """What is known of poses, control points, offsets and calibrations, linearised by GTSAM and laid out for the reduced
 system.
 
-Every factor joins at most one photograph; its Jacobian goes to the pose's diagonal block, to the border, or to the
-control point that is eliminated with it.
+A factor on one variable goes to its diagonal block, or to the control point, which is eliminated with it. What joins
+several goes to the blocks between them: of poses and border, of two poses, of two variables of the border. A control
+point that a factor joins to anything is a variable of the border: eliminated by its own 3 × 3 matrix, it would lose the
+block beside it. Its marks are then ground terms too.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
+import gtsam
 import numpy as np
 
-from photogram.arrays import IntArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.bundle import Bundle, SingularPointError
+from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import steering
 from photogram.factors.elimination.points import first_observations, lay_out
 from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms, make_layout
+from photogram.factors.elimination.reprojection import linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, kind_and_index
+from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, WORDS, kind_and_index
 from photogram.projection import PARAMETERS
 
 
@@ -32,16 +38,81 @@ class _Alike:
     columns: IntArray
 
 
-class GroundTerms:
-    """The factors of a problem on everything but image points, for one layout of the reduced system."""
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """The terms as they are summed, and the entries between two poses: rows and columns (E, 2) of the poses' matrix and
+    values (E,)."""
 
-    def __init__(self, problem: Problem, layout: Layout) -> None:
+    terms: Terms
+    entries: list[tuple[IntArray, FloatArray]]
+
+    def add(self, layout: Layout, columns: IntArray, A: FloatArray, b: FloatArray) -> float:
+        """Add observations with the Jacobians A (n, r, c) on ``columns`` (n, c) and the residuals −b (n, r), in place;
+        returns half the sum of their squares."""
+        m, edge, terms = layout.columns, layout.columns + layout.border, self.terms
+        information, gradient = np.einsum("nri,nrj->nij", A, A), np.einsum("nri,nr->ni", A, b)
+        row, column = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
+        pose, border, control = row < m, (row >= m) & (row < edge), row >= edge
+        both = pose & (column < m)
+        for target, chosen, index in (
+            (terms.pose, both & (row // 6 == column // 6), (row // 6, row % 6, column % 6)),
+            (terms.pose_border, pose & (column >= m), (row, column - m)),
+            (terms.border, border & (column >= m), (row - m, column - m)),
+            (terms.control, control, ((row - edge) // 3, (row - edge) % 3, (column - edge) % 3)),
+        ):
+            np.add.at(target, tuple(i[chosen] for i in index), information[chosen])
+        between = both & (row // 6 > column // 6)
+        if between.any():
+            self.entries.append((np.column_stack([row[between], column[between]]), information[between]))
+        control_gradient = terms.control_gradient.reshape(-1)
+        for vector, chosen, start in (
+            (terms.pose_gradient, columns < m, 0),
+            (terms.border_gradient, (columns >= m) & (columns < edge), m),
+            (control_gradient, columns >= edge, edge),
+        ):
+            np.add.at(vector, columns[chosen] - start, gradient[chosen])
+        return 0.5 * float(np.sum(b**2))
+
+    def whole(self, cost: float) -> Terms:
+        """Return the terms with the entries between two poses."""
+        if not self.entries:
+            return replace(self.terms, cost=cost)
+        at, values = (np.concatenate(part) for part in zip(*self.entries, strict=True))
+        return replace(self.terms, cost=cost, between_at=at, between=values)
+
+
+def _joined(graph: gtsam.NonlinearFactorGraph) -> tuple[IntArray, IntArray]:
+    """Return the control points (K,) that a factor joins to another variable, ascending, and the pairs (n, 2) of
+    photographs that a factor joins."""
+    points: set[int] = set()
+    pairs: set[tuple[int, int]] = set()
+    for i in range(graph.size()):
+        variables = list(graph.at(i).keys())
+        if len(variables) > 1:
+            known = [kind_and_index(variable) for variable in variables]
+            points |= {index for kind, index in known if kind == CONTROL_POINT}
+            pairs |= set(combinations(sorted(index for kind, index in known if kind == POSE), 2))
+    return np.array(sorted(points), dtype=np.int64), np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+class GroundTerms:
+    """The factors of a problem on everything but image points, for one layout of the reduced system, and the marks of
+    the layout's coupled control points.
+
+    Raises ValueError for a factor that the layout has no place for: one on a tie point, one between two photographs
+    farther apart than its reach, one between a control point and another variable that is not among its ``coupled``.
+    """
+
+    def __init__(self, problem: Problem, layout: Layout, graph: gtsam.NonlinearFactorGraph | None = None) -> None:
         self._problem, self._layout = problem, layout
-        self._graph = ground_graph(problem)
+        self._graph = ground_graph(problem) if graph is None else graph
         alike: dict[tuple[int, int], tuple[list[int], list[list[int]]]] = {}
         for i in range(self._graph.size()):
             factor = self._graph.at(i)
-            columns = [column for variable in factor.keys() for column in self._columns(variable)]  # noqa: SIM118
+            variables = list(factor.keys())
+            if len(variables) > 1:
+                self._check_place(variables)
+            columns = [column for variable in variables for column in self._columns(variable)]
             numbers, rows = alike.setdefault((factor.dim(), len(columns)), ([], []))
             numbers.append(i)
             rows.append(columns)
@@ -49,6 +120,16 @@ class GroundTerms:
             _Alike(np.array(numbers, dtype=np.int64), np.array(rows, dtype=np.int64))
             for numbers, rows in alike.values()
         ]
+        self._marks = problem.marks.select(np.isin(problem.marks.point, layout.coupled))
+
+    def _check_place(self, variables: list[int]) -> None:
+        known, layout = [kind_and_index(variable) for variable in variables], self._layout
+        lost = [g for kind, g in known if kind == CONTROL_POINT and g not in layout.coupled]
+        if lost:
+            raise ValueError(f"a factor joins control point {lost[0]} to another variable; the layout eliminates it")
+        places = [int(layout.place[i]) for kind, i in known if kind == POSE]
+        if places and max(places) - min(places) > layout.reach:
+            raise ValueError(f"a factor joins photographs {max(places) - min(places)} places apart: beyond the band")
 
     def _columns(self, variable: int) -> list[int]:
         kind, index = kind_and_index(variable)
@@ -58,40 +139,39 @@ class GroundTerms:
         if kind == CALIBRATION:
             start = layout.columns + int(layout.camera_column[index])
             return list(range(start, start + len(self._problem.free[index])))
-        start = layout.columns + (layout.offset_column if kind == GNSS_OFFSET else layout.border) + 3 * index
-        return list(range(start, start + 3))
+        if kind == GNSS_OFFSET:
+            first = layout.offset_column + 3 * index
+        elif kind != CONTROL_POINT:
+            raise ValueError(f"a factor on {WORDS.get(kind, kind)} {index}: only rays know tie points")
+        elif index in layout.coupled:
+            first = layout.ground_column + 3 * int(np.searchsorted(layout.coupled, index))
+        else:
+            first = layout.border + 3 * index
+        return list(range(layout.columns + first, layout.columns + first + 3))
 
     def cost(self, state: State) -> float:
         """Return half the sum of squared whitened residuals."""
-        return float(self._graph.error(ground_values(self._problem, state)))
+        ground = float(self._graph.error(ground_values(self._problem, state)))
+        return ground + self._mark_cost(state) if len(self._marks) else ground
+
+    def _mark_cost(self, state: State) -> float:
+        marks = self._marks
+        whitened = residuals(marks, state.parameters, state.rotation, state.position, state.control)
+        behind = np.array([BEHIND_PX, 0.0]) / marks.sigma_px[:, None]
+        return 0.5 * float(np.sum(np.where(np.isfinite(whitened), whitened, behind) ** 2))
 
     def linearise(self, state: State) -> Terms:
         """Return the terms of all factors at ``state``."""
         layout, linear = self._layout, self._graph.linearize(ground_values(self._problem, state))
-        m, edge = layout.columns, layout.columns + layout.border
-        terms, cost = Terms.zero(layout, len(state.control)), 0.0
+        sums, cost = _Sums(Terms.zero(layout, len(state.control)), []), 0.0
         for alike in self._alike:
             jacobians = [linear.at(i).jacobian() for i in alike.factor.tolist()]
             A, b = np.array([a for a, _ in jacobians]), np.array([b for _, b in jacobians])
-            cost += 0.5 * float(np.sum(b**2))
-            information, gradient = np.einsum("nri,nrj->nij", A, A), np.einsum("nri,nr->ni", A, b)
-            rows, columns = np.broadcast_arrays(alike.columns[:, :, None], alike.columns[:, None, :])
-            pose, border, control = rows < m, (rows >= m) & (rows < edge), rows >= edge
-            for target, chosen, index in (
-                (terms.pose, pose & (columns < m), (rows // 6, rows % 6, columns % 6)),
-                (terms.pose_border, pose & (columns >= m), (rows, columns - m)),
-                (terms.border, border & (columns >= m), (rows - m, columns - m)),
-                (terms.control, control, ((rows - edge) // 3, (rows - edge) % 3, (columns - edge) % 3)),
-            ):
-                np.add.at(target, tuple(i[chosen] for i in index), information[chosen])
-            row = alike.columns
-            control_gradient = terms.control_gradient.reshape(-1)
-            for vector, chosen, start in (
-                (terms.pose_gradient, row < m, 0),
-                (terms.border_gradient, (row >= m) & (row < edge), m),
-                (control_gradient, row >= edge, edge),
-            ):
-                np.add.at(vector, row[chosen] - start, gradient[chosen])
+            cost += sums.add(layout, alike.columns, A, b)
+        if len(self._marks):
+            self._add_marks(state, sums)
+            cost += self._mark_cost(state)
+        terms = sums.terms
         if self._problem.focal_information is not None:
             owner, parameter = layout.free_parameters
             at = np.flatnonzero(parameter == 0)
@@ -99,33 +179,56 @@ class GroundTerms:
             terms.border[np.ix_(at, at)] += self._problem.focal_information[np.ix_(owner[at], owner[at])] * np.outer(
                 unit, unit
             )
-        return Terms(
-            cost, terms.pose, terms.pose_border, terms.pose_gradient, terms.border, terms.border_gradient,
-            terms.control, terms.control_gradient,
-        )  # fmt: skip
+        return sums.whole(cost)
+
+    def _add_marks(self, state: State, sums: _Sums) -> None:
+        """Add the marks of the coupled control points, camera by camera."""
+        layout, marks = self._layout, self._marks
+        linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+        owner, parameter = layout.free_parameters
+        point = layout.ground_column + 3 * np.searchsorted(layout.coupled, marks.point)
+        for camera in np.unique(marks.camera).tolist():
+            own, lens = marks.camera == camera, np.flatnonzero(owner == camera)
+            pose = 6 * layout.place[marks.photograph[own]][:, None] + np.arange(6)
+            columns = np.hstack(
+                [
+                    pose,
+                    layout.columns + np.broadcast_to(lens, (len(pose), len(lens))),
+                    layout.columns + point[own][:, None] + np.arange(3),
+                ]
+            )
+            calibration = linear.calibration[own][:, :, parameter[lens]] * layout.border_unit[lens]
+            A = np.concatenate([linear.pose[own], calibration, linear.point[own]], axis=2)
+            sums.add(layout, columns, A, -linear.residual[own])
 
 
 def bundle_of(problem: Problem, state: State) -> Bundle:
-    """Return the problem laid out for elimination: a band of photographs, a border of calibrations and offsets."""
+    """Return the problem laid out for elimination: a band of photographs, a border of calibrations, offsets, and the
+    control points that a factor joins to another variable."""
+    graph = ground_graph(problem)
+    coupled, pairs = _joined(graph)
     free = np.array([camera.sigmas > 0 for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
     index = np.flatnonzero(np.bincount(problem.tie.point, minlength=len(state.tie_point)))
-    control = np.arange(len(problem.control_world_m))
-    marks = np.argsort(problem.marks.point, kind="stable")
+    control = np.setdiff1d(np.arange(len(problem.control_world_m)), coupled)
+    marks = problem.marks.select(~np.isin(problem.marks.point, coupled))
+    order = np.argsort(marks.point, kind="stable")
     layout = make_layout(
         [
             (first_observations(np.searchsorted(index, problem.tie.point), len(index)), problem.tie.photograph),
-            (first_observations(problem.marks.point[marks], len(control)), problem.marks.photograph[marks]),
+            (first_observations(marks.point[order], len(problem.control_world_m)), marks.photograph[order]),
+            (2 * np.arange(len(pairs) + 1), pairs.ravel()),
         ],
         np.zeros(len(problem.block.photographs), dtype=bool),
         state.position,
         problem.scale.reshape(-1, PARAMETERS) * free,
         len(problem.flights),
+        coupled,
     )
     return Bundle(
         layout,
         lay_out(problem.tie, index, layout),
-        lay_out(problem.marks, control, layout),
-        GroundTerms(problem, layout),
+        lay_out(marks, control, layout),
+        GroundTerms(problem, layout, graph),
         steering(problem.robust_loss, problem.robust_threshold),
     )
 
@@ -151,6 +254,8 @@ def variable_at(layout: Layout, column: int) -> tuple[str, int]:
     if column < layout.columns:
         return POSE, int(layout.photograph_at[column // 6])
     border = column - layout.columns
+    if border >= layout.ground_column:
+        return CONTROL_POINT, int(layout.coupled[(border - layout.ground_column) // 3])
     if border >= layout.offset_column:
         return GNSS_OFFSET, (border - layout.offset_column) // 3
     return CALIBRATION, int(layout.free_parameters[0][border])

@@ -51,7 +51,9 @@ def joint_ground_covariance(
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
     controls = np.flatnonzero(np.array(points.role) == "control")
     V[np.searchsorted(known, controls)] += GroundTerms(problem, found.layout).linearise(state).control
-    _, inverse, turned = point_columns(observations, linear, V, found.layout)
+    number = np.full(len(known), -1)
+    number[np.searchsorted(known, controls)] = np.arange(len(controls))
+    _, inverse, turned = point_columns(observations, linear, V, found.layout, number)
     rows = (3 * known[:, None] + np.arange(3)).ravel()
     joint[np.ix_(rows, rows)] = joint_points(found, inverse, turned)
     return joint

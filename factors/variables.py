@@ -24,9 +24,8 @@ def key(kind: str, index: int) -> int:
 
 
 def kind_and_index(variable: int) -> tuple[str, int]:
-    """Return the kind and the index of a GTSAM key."""
-    symbol = gtsam.Symbol(variable)
-    return chr(symbol.chr()), int(symbol.index())
+    """Return the kind and the index of a GTSAM key: its first byte, and the other seven."""
+    return chr(variable >> 56), variable & (1 << 56) - 1
 
 
 def indeterminate_variable(message: str) -> tuple[str, int] | None:

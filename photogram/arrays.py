@@ -28,10 +28,3 @@ def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, 
     """Raise ValueError unless ``array`` has ``shape``, where None stands for any length."""
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
-
-
-def check_range(name: str, value: float, low: float, high: float = float("inf")) -> None:
-    """Raise ValueError unless ``low`` ≤ ``value`` ≤ ``high``."""
-    if not low <= value <= high:
-        limits = f"at least {low:g}" if high == float("inf") else f"from {low:g} to {high:g}"
-        raise ValueError(f"{name} is {value:g}; it must be {limits}")

@@ -2,6 +2,7 @@
 
     PhotogramError
     ├── ProjectError        project.yaml says something that cannot be
+    ├── SettingError        a setting is out of its range
     ├── ImageError          a photograph is missing, damaged or unfit
     ├── ControlPointError   ground points or their marks contradict each other or the photographs
     ├── FrameError          coordinate reference systems and positions that do not fit together
@@ -17,6 +18,7 @@ photogram.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 
@@ -62,3 +64,24 @@ class DamagedStageError(WorkspaceError):
 
 class ReportError(PhotogramError, OSError):
     """The report cannot be made or printed."""
+
+
+class SettingError(PhotogramError, ValueError):
+    """A setting cannot be what it is: ``key`` is its name, ``text`` says what it must be and what was found."""
+
+    def __init__(self, key: str, text: str) -> None:
+        super().__init__(f"{key}: {text}")
+        self.key, self.text = key, text
+
+
+def check_range(key: str, value: float, low: float, high: float = math.inf) -> None:
+    """Raise SettingError unless ``low`` ≤ ``value`` ≤ ``high``."""
+    if not low <= value <= high:
+        limits = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
+        raise SettingError(key, f"must be {limits}, found {value:g}")
+
+
+def check_positive(key: str, value: float) -> None:
+    """Raise SettingError unless ``value`` is a finite number above 0."""
+    if not 0.0 < value < math.inf:
+        raise SettingError(key, f"must be a finite number above 0, found {value:g}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import shutil
 import struct
 import sys
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from makers import SharedData
 from pyproj import Transformer
 
 from photogram.camera import Camera, Pose
@@ -62,6 +64,28 @@ PLAN = SurveyPlan(
     whole_pixel_marks=True,
 )
 SEED = 3
+SHARED_DATA = Path(os.environ.get("PHOTOGRAM_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data")).resolve()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need data from outside of the repository."""
+    for item in items:
+        if "shared_data" in getattr(item, "fixturenames", ()):
+            item.add_marker("shared_data")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> SharedData:
+    """Data from outside of the repository: ``shared_data("dtu_phantom4/images")`` returns the path of a file or folder,
+    or skips the test where there is none. See CONTRIBUTING.md."""
+
+    def find(name: str) -> Path:
+        path = SHARED_DATA / name
+        if not path.exists():
+            pytest.skip(f"there is no {path}: PHOTOGRAM_SHARED_DATA names the folder of the shared data")
+        return path
+
+    return find
 
 
 @dataclass(frozen=True)

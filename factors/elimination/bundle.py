@@ -114,18 +114,21 @@ def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
 
 
 def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) -> State:
-    """Move cameras and offsets by a step: R Exp(ω), C + R v, and sums for everything else."""
+    """Move cameras, offsets and the border's control points by a step: R Exp(ω), C + R v, and sums for the rest."""
     layout = bundle.layout
     tangent = np.zeros((len(state.rotation), 6))
     tangent[layout.photograph_at] = poses.reshape(-1, 6)
     parameters, free = state.parameters.copy(), layout.free_parameters
     parameters[free] += border[: layout.offset_column] * layout.unit[free]
+    control = state.control.copy()
+    control[layout.coupled] += border[layout.ground_column :].reshape(-1, 3)
     return replace(
         state,
         rotation=state.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
         position=state.position + np.einsum("nij,nj->ni", state.rotation, tangent[:, 3:]),
         parameters=parameters,
-        offset=state.offset + border[layout.offset_column :].reshape(-1, 3),
+        control=control,
+        offset=state.offset + border[layout.offset_column : layout.ground_column].reshape(-1, 3),
     )
 
 
@@ -159,6 +162,7 @@ class _System:
         moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
         damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
         known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
+        moved_control[layout.coupled] = moved.control[layout.coupled]
         moved = replace(moved, tie_point=moved_ties, control=moved_control)
         return Trial(moved, tie + marks + bundle.ground.cost(moved), saved + more + 0.5 * (damped + known))
 

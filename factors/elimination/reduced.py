@@ -2,8 +2,10 @@
 
 The poses' matrix A is a band when photographs are numbered so that those with common points lie close together
 (reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free
-parameters of the calibrations and the GNSS offsets; it is eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks
-of the inverse come from the recursion of Takahashi et al. (1973), panel by panel.
+parameters of the calibrations, the GNSS offsets, and those ground points that an observation joins to another
+variable (a distance between two of them, for one), which hence cannot be eliminated one by one; it is eliminated last,
+by its Schur complement E − Bᵀ A⁻¹ B. Blocks of the inverse come from the recursion of Takahashi et al. (1973), panel by
+panel.
 
 Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
 storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
@@ -12,7 +14,7 @@ kept dense, and whoever adds to A need not know.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -43,7 +45,8 @@ class Layout:
     many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
     column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 11) units of its parameters, 0 where held:
     each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
-    number of border columns.
+    number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
+    because they are not eliminated.
     """
 
     place: IntArray
@@ -53,6 +56,12 @@ class Layout:
     unit: FloatArray
     offset_column: int
     border: int
+    coupled: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def ground_column(self) -> int:
+        """Return the first border column of the coupled control points."""
+        return self.border - 3 * len(self.coupled)
 
     @property
     def free(self) -> int:
@@ -82,7 +91,7 @@ class Layout:
 
     @property
     def border_unit(self) -> FloatArray:
-        """Return the units (border,) of the border: those of the calibrations, and 1 for the GNSS offsets."""
+        """Return the units (border,) of the border: those of the calibrations, and 1 m for offsets and points."""
         return np.concatenate([self.unit[self.free_parameters], np.ones(self.border - self.offset_column)])
 
     @property
@@ -131,13 +140,19 @@ def _order(rows: IntArray, columns: IntArray, position: FloatArray) -> IntArray:
 
 
 def make_layout(
-    points: list[tuple[IntArray, IntArray]], held: BoolArray, position: FloatArray, unit: FloatArray, offsets: int = 0
+    points: list[tuple[IntArray, IntArray]],
+    held: BoolArray,
+    position: FloatArray,
+    unit: FloatArray,
+    offsets: int = 0,
+    coupled: IntArray | None = None,
 ) -> Layout:
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
     ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 11) the units of free parameters, 0 where
-    held; ``offsets`` the number of GNSS offsets.
+    held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
+    eliminated.
     """
     free = np.flatnonzero(~held)
     number = np.full(len(held), -1, dtype=np.int64)
@@ -155,7 +170,9 @@ def make_layout(
     size = np.count_nonzero(unit > 0, axis=1)
     column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
     offset_column = int(size.sum())
-    return Layout(place, free[order], reach, column, unit, offset_column, offset_column + 3 * offsets)
+    coupled = np.zeros(0, dtype=np.int64) if coupled is None else coupled
+    border = offset_column + 3 * (offsets + len(coupled))
+    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +288,8 @@ class Terms:
 
     Poses: ``pose`` (free, 6, 6), ``pose_border`` (6 free, border), ``pose_gradient`` (6 free,), in the order of the
     band; ``border`` (border, border), ``border_gradient`` (border,); ``control`` (G, 3, 3), ``control_gradient`` (G,
-    3). Gradients are right-hand sides, −Jᵀr.
+    3), zero for points of the border. Gradients are right-hand sides, −Jᵀr. Between two poses: ``between`` (E,) at the
+    rows and columns ``between_at`` (E, 2) of the poses' matrix, below its diagonal blocks.
     """
 
     cost: float
@@ -282,6 +300,8 @@ class Terms:
     border_gradient: FloatArray
     control: FloatArray
     control_gradient: FloatArray
+    between_at: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    between: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def zero(layout: Layout, controls: int) -> Terms:
@@ -308,6 +328,8 @@ class Terms:
         normal.H[:-2] += self.border
         normal.H[-2] += np.diag(self.border)
         normal.H[-1] += self.border_gradient
+        if len(self.between):
+            np.add.at(normal.A, self.between_at[:, 1] * layout.stride + self.between_at[:, 0], self.between)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

@@ -30,9 +30,9 @@ from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.reliability import reliability
 from photogram.adjustment.solvability import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.adjustment.variance_components import variance_components
-from photogram.arrays import FloatArray, IntArray, check_range
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Pose, models_of
-from photogram.errors import AdjustmentError
+from photogram.errors import AdjustmentError, check_range
 from photogram.factors.consider import with_considered
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.levenberg_marquardt import Minimum

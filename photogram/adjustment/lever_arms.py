@@ -15,10 +15,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.arrays import FloatArray
-from photogram.factors.camera_position import position_jacobian
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.priors import position_jacobian
 
 SIGNIFICANCE = 0.001
 LEAST_ARM_M = 0.05

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.factors.camera_position import position_jacobian
 from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.priors import position_jacobian
 from photogram.results import Reliability
 
 SIGNIFICANCE, POWER = 0.001, 0.80
@@ -76,7 +76,7 @@ class _Known:
 
 def _pose_and_offsets(found: Covariances, photograph: int) -> FloatArray:
     joint, layout = found.joint(np.array([photograph])), found.layout
-    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.border)])
+    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.ground_column)])
     return np.asarray(joint[np.ix_(kept, kept)])
 
 

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogram.arrays import FloatArray
-from photogram.factors.camera_position import NO_HEADING_SIGMA_RAD
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.priors import NO_HEADING_SIGMA_RAD
 from photogram.projection import PARAMETERS
 from photogram.results import Reliability, VarianceComponents
 

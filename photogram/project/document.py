@@ -19,7 +19,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
-from photogram.errors import PhotogramError, ProjectError
+from photogram.errors import ProjectError, SettingError
 from photogram.files.reading import read_whole
 from photogram.project.findings import Finding
 from photogram.wording import shortened
@@ -460,6 +460,6 @@ def read_settings(
         return None
     try:
         return settings(**{key: getattr(entry, key) for key in entry.model_fields_set})
-    except (ValueError, PhotogramError) as fault:
-        document.fault((name,), str(fault))
+    except SettingError as fault:
+        document.fault((name, fault.key), fault.text)
         return None

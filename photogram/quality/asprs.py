@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.errors import check_positive
 
 STANDARD = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2 (2024)"
 MINIMUM_POINTS = 30
@@ -44,8 +45,8 @@ class ReportSettings:
     def __post_init__(self) -> None:
         for name in ("target_rmse_h_m", "target_rmse_v_m"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is {value:g}; it must be greater than 0")
+            if value is not None:
+                check_positive(name, value)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, IntArray, check_range
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, models_of, project
+from photogram.errors import check_range
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.reprojection import Observations, residuals

@@ -13,8 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.arrays import FloatArray, check_range
+from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
+from photogram.errors import check_range
 from photogram.flight_lines import Course, flown
 from photogram.frames import LocalFrame
 from photogram.projection import CLASSIC, PARAMETERS

@@ -13,7 +13,7 @@ import numpy as np
 from contourpy import ContourGenerator, LineType, contour_generator
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.grid import block_means
 from photogram.survey import Contours, Raster
 
@@ -50,10 +50,10 @@ class ContourSettings:
     def __post_init__(self) -> None:
         for name in ("interval_m", "cell_m"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
-        if self.minimum_length_m is not None and not self.minimum_length_m >= 0:
-            raise PhotogramError("minimum_length_m cannot be negative (0 keeps every line)")
+            if value is not None:
+                check_positive(name, value)
+        if self.minimum_length_m is not None:
+            check_range("minimum_length_m", self.minimum_length_m, 0.0)
 
 
 def interval_for(relief_m: float) -> float:

@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinat
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, SettingError, check_positive
 from photogram.survey import Raster
 
 MAXIMUM_BLOCKS = 4_000_000
@@ -50,11 +50,10 @@ class TerrainSettings:
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "cloth_m", "reach_m", "step_m", "margin_m", "maximum_gap_m"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"{name} is {value}: give a positive length in metres")
+            check_positive(name, getattr(self, name))
         if self.rigidness not in (1, 2, 3):
-            raise PhotogramError(f"rigidness is {self.rigidness}: give 1 (steep), 2 (rolling) or 3 (flat ground)")
+            text = f"must be 1 (steep), 2 (rolling) or 3 (flat ground), found {self.rigidness}"
+            raise SettingError("rigidness", text)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.survey import PointCloud, Raster
 
 Rule = Callable[[IntArray, FloatArray], FloatArray]
@@ -51,12 +51,11 @@ class SurfaceSettings:
     def __post_init__(self) -> None:
         for name in ("cell_m", "maximum_gap_m"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
-        if not self.spike_nmad >= 0 or not self.spike_minimum_m >= 0:
-            raise PhotogramError("spike_nmad and spike_minimum_m cannot be negative (0 keeps every point)")
-        if self.spike_neighbours < 4:
-            raise PhotogramError(f"spike_neighbours is {self.spike_neighbours}: give at least 4")
+            if value is not None:
+                check_positive(name, value)
+        check_range("spike_nmad", self.spike_nmad, 0.0)
+        check_range("spike_minimum_m", self.spike_minimum_m, 0.0)
+        check_range("spike_neighbours", self.spike_neighbours, 4)
 
 
 @dataclass(frozen=True, eq=False)

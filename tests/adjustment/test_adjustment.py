@@ -93,7 +93,7 @@ def joint(seed: int) -> Joint:
 
 
 def within_99(total: float, degrees: int) -> bool:
-    low, high = chi2.ppf([0.005, 0.995], degrees)
+    low, high = (float(chi2.ppf(share, degrees)) for share in (0.005, 0.995))
     return bool(low < total < high)
 
 
@@ -207,8 +207,8 @@ def referee(block: Block) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         x, g = gtsam.symbol("x", control.mark_photograph[m]), gtsam.symbol("g", control.mark_point[m])
         graph.add(gtsam.GenericProjectionFactorCal3DS2(control.mark_pixel[m], noise, x, g, K))
     for g in range(len(control)):
-        noise = gtsam.noiseModel.Diagonal.Sigmas(control.sigma_m[g])
-        graph.add(gtsam.PriorFactorPoint3(gtsam.symbol("g", g), control.position_world_m[g], noise))
+        surveyed = gtsam.noiseModel.Diagonal.Sigmas(control.sigma_m[g])
+        graph.add(gtsam.PriorFactorPoint3(gtsam.symbol("g", g), control.position_world_m[g], surveyed))
         values.insert(gtsam.symbol("g", g), control.position_world_m[g])
     for i, pose in enumerate(block.poses):
         assert pose is not None
@@ -398,7 +398,7 @@ def test_without_any_pose_there_is_nothing_to_adjust() -> None:
 
 def test_both_engines_give_the_same_adjustment() -> None:
     block = simulated(5, 0.05).block
-    fast, slow = (adjust(block, replace(SETTINGS, engine=engine)) for engine in ("fast", "reference"))  # type: ignore[arg-type]
+    fast, slow = (adjust(block, replace(SETTINGS, engine=engine)) for engine in ("fast", "reference"))
     assert fast.converged
     assert slow.converged
     assert fast.rounds == slow.rounds

@@ -17,7 +17,7 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
-from photogram.factors.camera_position import gnss_position, position_jacobian
+from photogram.factors.priors import gnss_position, position_jacobian
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.numbers import gnss_residual_m
@@ -76,6 +76,7 @@ def test_a_photograph_says_where_its_centre_was_measured() -> None:
     photograph = Photograph("a", 0, gnss_world_m=np.zeros(3), gnss_sigma_m=np.ones(3), lever_arm_camera_m=ARM)
     # 30 cm to the rear is 30 cm to the west, 2 cm right 2 cm to the south, 5 cm up 5 cm up
     centre = photograph.measured_centre_world_m(R)
+    assert centre is not None
     np.testing.assert_allclose(centre, [-0.3, -0.02, 0.05], atol=1e-12)
     assert Photograph("b", 0).measured_centre_world_m(R) is None
 

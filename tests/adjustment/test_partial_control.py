@@ -46,7 +46,7 @@ def moved(block: Block, by_m: float) -> Block:
     """The block with every checked coordinate elsewhere, along the map's axes."""
     points, frame = block.control_points, block.frame
     surveyed = frame.map_from_world(points.position_world_m) + np.where(points.controlled, 0.0, by_m)
-    some = (~points.controlled).any(axis=1)[:, None]
+    some = (~points.controlled).any(axis=1, keepdims=True)
     position = np.where(some, frame.world_from_map(surveyed), points.position_world_m)
     return replace(block, control_points=replace(points, position_world_m=position))
 

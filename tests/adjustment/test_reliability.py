@@ -7,6 +7,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from makers import LEAST_SQUARES, simulated
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
@@ -17,7 +18,7 @@ from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.quality.accuracy import suspects
 from photogram.results import Adjustment
-from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 
 PLAN = SurveyPlan(
@@ -26,19 +27,12 @@ PLAN = SurveyPlan(
 )  # fmt: skip
 
 
-def simulated(seed: int, plan: SurveyPlan = PLAN) -> Block:
-    made = simulate_block(
-        plan, seed, tie_points=150, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.05
-    )
-    return made.block
-
-
 def adjusted(seed: int) -> Adjustment:
-    return adjust(simulated(seed), AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+    return adjust(simulated(PLAN, seed).block, LEAST_SQUARES)
 
 
 def test_redundancy_numbers_are_those_of_the_whole_linear_system_and_sum_to_the_redundancy() -> None:
-    survey = simulated(1, replace(PLAN, flights=2))
+    survey = simulated(replace(PLAN, flights=2), 1).block
     problem = make_problem(survey, AdjustmentSettings(robust_loss="none"))
     state = start_state(survey, problem.flights)
     graph = ground_graph(problem)
@@ -77,8 +71,8 @@ def test_redundancy_numbers_are_those_of_the_whole_linear_system_and_sum_to_the_
 
 
 def test_a_point_left_out_is_predicted_as_by_an_adjustment_without_it() -> None:
-    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0, relative_tolerance=1e-12)
-    survey = simulated(3)
+    settings = replace(LEAST_SQUARES, relative_tolerance=1e-12)
+    survey = simulated(PLAN, 3).block
     whole = adjust(survey, settings)
     points, axes = survey.control_points, survey.frame.rotation_world_from_map(np.zeros(3))
     controls = [g for g, role in enumerate(points.role) if role == "control"]
@@ -128,7 +122,7 @@ def spoilt(survey: Block, kind: str, times: float, rng: np.random.Generator) -> 
 def test_blunders_are_found_and_the_right_measurement_is_named(kind: str) -> None:
     found = 0
     for seed in range(20):
-        survey, name = spoilt(simulated(100 + seed), kind, 2.0, np.random.default_rng(seed))
+        survey, name = spoilt(simulated(PLAN, 100 + seed).block, kind, 2.0, np.random.default_rng(seed))
         named = suspects(adjust(survey, AdjustmentSettings()))
         found += bool(named) and named[0].name == name
         if named and named[0].name == name:

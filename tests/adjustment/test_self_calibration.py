@@ -53,7 +53,7 @@ def calibrated(plan: SurveyPlan, seed: int) -> tuple[Adjustment, Held]:
 
 
 def sigma_of(result: Adjustment) -> FloatArray:
-    return np.sqrt(np.diag(result.calibration_covariance[0]))[CLASSIC]
+    return np.asarray(np.sqrt(np.diag(result.calibration_covariance[0]))[CLASSIC])
 
 
 def error_of(plan: SurveyPlan, seed: int) -> FloatArray:
@@ -62,7 +62,7 @@ def error_of(plan: SurveyPlan, seed: int) -> FloatArray:
 
 
 def within_99(normalised: FloatArray) -> bool:
-    low, high = chi2.ppf([0.005, 0.995], normalised.size)
+    low, high = (float(chi2.ppf(share, normalised.size)) for share in (0.005, 0.995))
     return bool(low < np.sum(normalised**2) < high)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from makers import LEAST_SQUARES, simulated
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
 from photogram.adjustment.reliability import reliability
@@ -16,20 +17,13 @@ from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.report.numbers.statistics import component_numbers
 from photogram.results import VarianceComponents
-from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=2, flights=2,
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, np.inf),
 )  # fmt: skip
-
-
-def simulated(seed: int, mismatches: float = 0.0) -> Block:
-    return simulate_block(
-        PLAN, seed, tie_points=150, mismatches=mismatches, start_position_sigma_m=0.05,
-        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.05,
-    ).block  # fmt: skip
 
 
 def with_unknown_headings(block: Block) -> Block:
@@ -40,7 +34,7 @@ def with_unknown_headings(block: Block) -> Block:
 @pytest.mark.parametrize("loss", ["none", "huber"])
 def test_redundancy_numbers_of_all_groups_are_those_of_the_dense_system(loss: str) -> None:
     """The referee knows nothing of the elimination: the hat matrix of GTSAM's whole linear graph, row by row."""
-    survey = with_unknown_headings(simulated(1, mismatches=0.05))
+    survey = with_unknown_headings(simulated(PLAN, 1, mismatches=0.05).block)
     problem = make_problem(survey, AdjustmentSettings(robust_loss=loss))  # type: ignore[arg-type]
     state = start_state(survey, problem.flights)
     graph = ground_graph(problem)
@@ -88,7 +82,7 @@ def test_redundancy_numbers_of_all_groups_are_those_of_the_dense_system(loss: st
 
 
 def test_all_groups_make_sigma0_and_the_redundancy_of_the_adjustment() -> None:
-    result = adjust(with_unknown_headings(simulated(2, mismatches=0.03)), AdjustmentSettings())
+    result = adjust(with_unknown_headings(simulated(PLAN, 2, mismatches=0.03).block), AdjustmentSettings())
     c = result.components
     assert c.redundancy.sum() == pytest.approx(result.redundancy, abs=1e-9)
     assert c.squares.sum() == pytest.approx(result.sigma0**2 * result.redundancy, rel=1e-9)
@@ -111,10 +105,10 @@ def mis_stated(block: Block, group: str, times: float) -> Block:
 @pytest.mark.parametrize("times", [0.5, 2.0])
 def test_a_group_that_scatters_otherwise_than_stated_is_found(group: str, times: float) -> None:
     """The other groups bear a little of it, so the factor is met to a fifth by this first step."""
-    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
+    settings = LEAST_SQUARES
     factors, sds = [], []
     for seed in range(8):
-        found = scatters(adjust(mis_stated(simulated(20 + seed), group, times), settings).components)[group]
+        found = scatters(adjust(mis_stated(simulated(PLAN, 20 + seed).block, group, times), settings).components)[group]
         factors.append(found.sigma_factor)
         sds.append(found.sigma_factor_sd)
     assert np.mean(factors) == pytest.approx(times, rel=0.2)
@@ -122,8 +116,8 @@ def test_a_group_that_scatters_otherwise_than_stated_is_found(group: str, times:
 
 
 def test_sigmas_that_are_right_are_not_refuted() -> None:
-    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
-    groups = [scatters(adjust(simulated(1000 + seed), settings).components) for seed in range(30)]
+    settings = LEAST_SQUARES
+    groups = [scatters(adjust(simulated(PLAN, 1000 + seed).block, settings).components) for seed in range(30)]
     refuted = [name for found in groups for name, g in found.items() if g.significant]
     tests = sum(np.isfinite(g.sigma_factor) for found in groups for g in found.values())
     assert tests >= 180
@@ -142,7 +136,7 @@ def test_what_is_said_of_a_group() -> None:
         np.array([500.0, 200.0, 21.0, 0.1, 0.0]),
         np.array([0.5, 0.4, np.deg2rad(1.0), 3.0, 10.0]),
     )
-    result = replace(adjust(simulated(3), AdjustmentSettings()), components=components)
+    result = replace(adjust(simulated(PLAN, 3).block, AdjustmentSettings()), components=components)
     said = component_numbers(result)
     assert list(said) == ["tie_points", "marks", "attitude", "calibration"]
     assert said["tie_points"]["sigma_factor"] == pytest.approx(0.5)

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
+from typer.main import get_command
 
 import photogram as package
+from photogram.cli.main import app
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.maps.rasters import write_geotiff
+from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.report.figures import ransac_study as study_pictures
 from photogram.survey import PointCloud, Raster
 
@@ -49,6 +52,35 @@ def test_help_of_every_command(photogram: Run, arguments: tuple[str, ...], words
     assert outcome.err == ""
     for word in ("Usage: photogram", *arguments, *words):
         assert word.lower() in outcome.out.lower()
+
+
+def commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield every command and every group of commands with its words."""
+    yield path, group
+    for name, command in getattr(group, "commands", {}).items():
+        yield from commands(command, (*path, name))
+
+
+def squeezed(text: str) -> str:
+    """Return what a help text says without the boxes and line breaks that it is laid out with."""
+    return re.sub(r"[\s│╭╮╰╯─]+", "", text)
+
+
+COMMANDS = dict(commands(get_command(app)))
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
+def test_help_shows_every_word_that_is_written_for_it(
+    photogram: Run, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...]
+) -> None:
+    """Rich takes [words] for markup and swallows them."""
+    monkeypatch.setenv("COLUMNS", "300")
+    shown, command = squeezed(photogram(*path, "--help").out), COMMANDS[path]
+    texts = [command.help, *(parameter.help for parameter in command.params)]
+    assert all(texts)
+    if path == ("adjust",):
+        texts += STAGE_NAMES
+    assert [text for text in texts if squeezed(text) not in shown] == []
 
 
 @pytest.mark.parametrize(

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypedDict
 
 import gtsam
 import numpy as np
 import pytest
+from makers import problem_of, simulated
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import AdjustmentSettings, minimise
 from photogram.arrays import FloatArray
 from photogram.camera import models_of
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle, minimise_bundle
 from photogram.factors.elimination.reduced import NormalEquations
 from photogram.factors.elimination.reprojection import Observations
-from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, cost, ground_graph, ground_values
+from photogram.factors.graph import cost, ground_graph, ground_values
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
 from photogram.projection import PARAMETERS
@@ -29,23 +31,11 @@ PLAN = SurveyPlan(
 )  # fmt: skip
 
 
-def small(mismatches: float = 0.0, plan: SurveyPlan = PLAN) -> tuple[Problem, State]:
-    made = simulate_block(
-        plan, 1, tie_points=150, mismatches=mismatches, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3,
-        start_point_sigma_m=0.3,
-    )  # fmt: skip
-    problem = make_problem(made.block, AdjustmentSettings())
-    return problem, start_state(made.block, problem.flights)
-
-
 @pytest.mark.parametrize("loss", ["none", "huber", "cauchy"])
 def test_both_engines_take_the_same_steps_without_mismatches(loss: str) -> None:
-    problem, start = small()
+    problem, start = problem_of(simulated(PLAN, off=0.3).block, "huber")
     problem = replace(problem, robust_loss=loss, robust_threshold=200.0)  # type: ignore[arg-type]
-    fast, slow = (
-        minimise(problem, start, AdjustmentSettings(engine=engine))  # type: ignore[arg-type]
-        for engine in ("fast", "reference")
-    )
+    fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, slow.converged)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
@@ -54,7 +44,7 @@ def test_both_engines_take_the_same_steps_without_mismatches(loss: str) -> None:
 
 
 def test_ground_terms_are_the_linear_graph_of_gtsam() -> None:
-    problem, state = small()
+    problem, state = problem_of(simulated(PLAN, off=0.3).block, "huber")
     state = replace(state, offset=np.random.default_rng(1).normal(0, 0.2, state.offset.shape))
     layout = bundle_of(problem, state).layout
     ground = GroundTerms(problem, layout)
@@ -92,7 +82,7 @@ def test_ground_terms_are_the_linear_graph_of_gtsam() -> None:
 
 
 def test_every_column_belongs_to_its_variable() -> None:
-    problem, state = small()
+    problem, state = problem_of(simulated(PLAN, off=0.3).block, "huber")
     layout = bundle_of(problem, state).layout
     names = [variable_at(layout, c) for c in range(layout.columns + layout.border)]
     assert names[6 * layout.place[4]] == names[6 * layout.place[4] + 5] == (POSE, 4)
@@ -102,7 +92,7 @@ def test_every_column_belongs_to_its_variable() -> None:
 
 def test_a_joint_covariance_is_the_same_within_the_band_and_beyond() -> None:
     plan = SurveyPlan(strips=1, photographs_per_strip=14, control_points=8, check_points=0, forward_overlap=0.6)
-    problem, state = small(plan=plan)
+    problem, state = problem_of(simulated(plan, off=0.3).block, "huber")
     found = covariances(problem, state)
     layout = found.layout
     assert not layout.dense
@@ -150,7 +140,14 @@ def growing(sigma_px: float = 0.0, tie_points: int = 200) -> tuple[SimulatedBloc
     return made, observations, state
 
 
-NOTHING_FREE = {"free": np.zeros((1, PARAMETERS), bool), "prior_sigma": np.full((1, PARAMETERS), np.inf)}
+class Freedom(TypedDict):
+    """Which calibration parameters move, and their priors."""
+
+    free: NDArray[np.bool_]
+    prior_sigma: FloatArray
+
+
+NOTHING_FREE: Freedom = {"free": np.zeros((1, PARAMETERS), bool), "prior_sigma": np.full((1, PARAMETERS), np.inf)}
 
 
 def after_similarity(found: FloatArray, truth: FloatArray) -> FloatArray:
@@ -221,7 +218,7 @@ def test_the_loss_keeps_mismatches_from_the_block() -> None:
     for loss in ("none", "cauchy"):
         found = adjust_bundle(
             spoilt, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
-            loss=loss, maximum_iterations=50, **NOTHING_FREE,  # type: ignore[arg-type]
+            loss=loss, maximum_iterations=50, **NOTHING_FREE,
         )  # fmt: skip
         truth = np.array([p.position_world_m for p in made.truth.poses])
         error[loss] = np.abs(after_similarity(found.position, truth)).max()
@@ -260,7 +257,7 @@ def test_photographs_without_observations_do_not_matter() -> None:
 
 
 def test_large_blocks_are_minimised_alike_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, start = small()
+    problem, start = problem_of(simulated(PLAN, off=0.3).block, "huber")
     monkeypatch.setattr("photogram.factors.elimination.points.MANY_OBSERVATIONS", 100)
     monkeypatch.setattr("photogram.factors.elimination.bundle.MANY_OBSERVATIONS", 100)
     results = []

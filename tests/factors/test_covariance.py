@@ -5,8 +5,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from makers import FREE, SMALL, problem_of, small_problem, whole_covariance
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.factors.covariance import Covariances, covariances, joint_control_points
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
@@ -18,7 +18,6 @@ from photogram.factors.graph import (
     ground_graph,
     ground_values,
     linearise_all,
-    variable_size,
 )
 from photogram.factors.variables import (
     CALIBRATION,
@@ -30,35 +29,7 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
-
-PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
-SETTINGS = AdjustmentSettings(robust_loss="none")
-FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf)
-
-
-def small(seed: int = 1, sigmas: tuple[float, ...] = FREE, **changes: float) -> tuple[Problem, State]:
-    """A block of six photographs, 40 tie points, and everything that can hold it, close to its solution."""
-    made = simulate_block(
-        replace(PLAN, calibration_sigmas=sigmas), seed, tie_points=40, sigma_px=0.5, start_position_sigma_m=0.02,
-        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02, mismatches=changes.get("mismatches", 0.0),
-    )  # fmt: skip
-    problem = make_problem(made.block, SETTINGS)
-    state = start_state(made.block, problem.flights)
-    return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
-
-
-def dense(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray, dict[int, slice]]:
-    """The normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state, 1.0)
-    ordering, place, start = gtsam.Ordering(), {}, 0
-    for variable in system.variables:
-        ordering.push_back(variable)
-        size = variable_size(problem, variable)
-        place[variable] = slice(start, start + size)
-        start += size
-    information, right = system.graph.hessian(ordering)
-    return information, np.ravel(right), place
+from photogram.simulation.simulated_survey import simulate_block
 
 
 def assert_equal_blocks(found: np.ndarray, expected: np.ndarray) -> None:
@@ -81,11 +52,9 @@ def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
 
 @pytest.mark.parametrize("loss", ["none", "huber"])
 def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> None:
-    problem, state = small(mismatches=0.05)
+    problem, state = small_problem(mismatches=0.05)
     problem = replace(problem, robust_loss=loss)  # type: ignore[arg-type]
-    information, _, place = dense(problem, state)
-    scale = np.sqrt(np.diag(information))
-    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    inverse, place = whole_covariance(problem, state)
     found = blocks(problem, covariances(problem, state))
     assert set(found) == set(place)
     assert {kind_and_index(v)[0] for v in found} == {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION}
@@ -94,10 +63,8 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> No
 
 
 def test_control_points_have_the_joint_covariance_of_the_whole_normal_matrix() -> None:
-    problem, state = small()
-    information, _, place = dense(problem, state)
-    scale = np.sqrt(np.diag(information))
-    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    problem, state = small_problem()
+    inverse, place = whole_covariance(problem, state)
     rows = np.concatenate([np.r_[place[key(CONTROL_POINT, g)]] for g in range(len(problem.control_world_m))])
     found = covariances(problem, state)
     joint = joint_control_points(problem, state, found)
@@ -107,7 +74,7 @@ def test_control_points_have_the_joint_covariance_of_the_whole_normal_matrix() -
 
 
 def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     system = linearise_all(problem, ground_graph(problem), state, 1.0)
     marginals = gtsam.Marginals(system.graph, gtsam.VectorValues.Zero(damped_step(system, 1e-9).values))
     for variable, covariance in blocks(problem, covariances(problem, state)).items():
@@ -117,11 +84,10 @@ def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
 def test_gtsams_own_factors_give_the_same_covariances() -> None:
     """With the calibration held and no k3, GTSAM's factors build the whole graph without photogram's Jacobians."""
     made = simulate_block(
-        replace(PLAN, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
+        replace(SMALL, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
         start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
     )  # fmt: skip
-    problem = make_problem(made.block, SETTINGS)
-    state = start_state(made.block, problem.flights)
+    problem, state = problem_of(made.block)
     f, cx, cy, k1, k2, _, _, p1, p2, _, _ = state.parameters[0]
     calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
     graph = ground_graph(problem)
@@ -142,7 +108,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
 
 
 def test_fixed_parameters_have_no_covariance() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     calibration = covariances(problem, state).calibration(0)
     assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 7, 8]
     assert not calibration[[4, 5]].any()
@@ -181,7 +147,7 @@ def both_name(problem: Problem, state: State, expected: tuple[str, int]) -> None
 
 @pytest.mark.parametrize("photograph", [0, 4])
 def test_a_photograph_that_nothing_holds_is_named(photograph: int) -> None:
-    problem, state = small()
+    problem, state = small_problem()
     lonely = floating(problem, photograph)
     used = np.unique(lonely.tie.point)
     number = np.searchsorted(used, lonely.tie.point).astype(np.int64)
@@ -190,7 +156,7 @@ def test_a_photograph_that_nothing_holds_is_named(photograph: int) -> None:
 
 
 def test_a_tie_point_with_one_ray_is_named() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     first = first_observations(problem.tie.point, 40)
     keep = np.ones(len(problem.tie), dtype=bool)
     keep[first[17] + 1 : first[18]] = False
@@ -198,14 +164,14 @@ def test_a_tie_point_with_one_ray_is_named() -> None:
 
 
 def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     unmarked = replace(problem, marks=problem.marks.select(problem.marks.point != 2))
     found = covariances(unmarked, state).control(2)
     np.testing.assert_allclose(found, np.diag(problem.control_sigma_m[2] ** 2), rtol=1e-9, atol=1e-13)
 
 
 def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
     two = replace(
         problem,
@@ -217,7 +183,7 @@ def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
 
 
 def test_a_block_without_any_datum_is_not_solved() -> None:
-    problem, state = small(sigmas=(0.0,) * 8)
+    problem, state = small_problem(sigmas=(0.0,) * 8)
     photographs = tuple(
         replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
         for p in problem.block.photographs

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import SMALL, problem_of, small_problem, whole_normal_equations
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import all_parameters, models_of
-from photogram.factors.calibration import calibration_prior
-from photogram.factors.camera_position import gnss_position, measured_attitude, offset_prior
 from photogram.factors.elimination.loss import robust_terms, steer
 from photogram.factors.elimination.reprojection import (
     Observations,
@@ -35,7 +33,13 @@ from photogram.factors.graph import (
     retract,
     variable_size,
 )
-from photogram.factors.ground_control import surveyed_position
+from photogram.factors.priors import (
+    calibration_prior,
+    gnss_position,
+    measured_attitude,
+    offset_prior,
+    surveyed_position,
+)
 from photogram.factors.variables import (
     CALIBRATION,
     CONTROL_POINT,
@@ -47,22 +51,7 @@ from photogram.factors.variables import (
     kind_and_index,
 )
 from photogram.projection import PARAMETERS
-from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
-
-PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
-SETTINGS = AdjustmentSettings(robust_loss="none")
-FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf)
-
-
-def small(seed: int = 1, sigmas: tuple[float, ...] = FREE, **changes: float) -> tuple[Problem, State]:
-    """A block of six photographs, 40 tie points, and everything that can hold it, close to its solution."""
-    made = simulate_block(
-        replace(PLAN, calibration_sigmas=sigmas), seed, tie_points=40, sigma_px=0.5, start_position_sigma_m=0.02,
-        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02, mismatches=changes.get("mismatches", 0.0),
-    )  # fmt: skip
-    problem = make_problem(made.block, SETTINGS)
-    state = start_state(made.block, problem.flights)
-    return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
+from photogram.simulation.simulated_survey import simulate_block
 
 
 def pose_of(state: State, photograph: int) -> gtsam.Pose3:
@@ -194,7 +183,7 @@ def test_variables_keep_kind_and_index() -> None:
 
 
 def test_residuals_are_projected_minus_measured_over_sigma() -> None:
-    made = simulate_block(PLAN, 3, tie_points=60, sigma_px=0.0)
+    made = simulate_block(SMALL, 3, tie_points=60, sigma_px=0.0)
     ties, truth = made.block.tie_points, made.truth
     n = len(ties.point)
     shift = np.array([0.6, -0.8])
@@ -220,7 +209,7 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
 
 
 def test_observations_use_the_camera_they_are_of() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     two = np.vstack(
         [state.parameters, state.parameters + all_parameters(np.array([100.0, 5.0, -3.0, 0.01, 0, 0, 0, 0]))]
     )
@@ -232,7 +221,7 @@ def test_observations_use_the_camera_they_are_of() -> None:
 
 
 def test_linearised_observations_agree_with_differences() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     tie = problem.tie
     linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
 
@@ -267,9 +256,8 @@ def test_linearised_observations_agree_with_differences() -> None:
 
 def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
     # GTSAM's Cal3DS2 has no k3 and its own order: fx fy s u0 v0 k1 k2 p1 p2.
-    made = simulate_block(replace(PLAN, radial=(-0.08, 0.06, 0.0)), 2, tie_points=40)
-    problem = make_problem(made.block, SETTINGS)
-    state = start_state(made.block, problem.flights)
+    made = simulate_block(replace(SMALL, radial=(-0.08, 0.06, 0.0)), 2, tie_points=40)
+    problem, state = problem_of(made.block)
     f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2 = state.parameters[0]
     assert k3 == k4 == b1 == b2 == 0.0
     tie = replace(problem.tie, sigma_px=np.linspace(0.3, 1.2, len(problem.tie)))
@@ -292,7 +280,7 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
 
 
 def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     tie = problem.tie
     linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
     weight = np.random.default_rng(0).uniform(0.1, 1.0, len(tie))
@@ -314,7 +302,7 @@ def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
 
 
 def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     tie = replace(problem.tie, sigma_px=np.ones(len(problem.tie)))
     linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
     moves = np.abs(linear.calibration * problem.scale[0]).max(axis=(0, 1))
@@ -388,7 +376,7 @@ def test_losses_have_the_values_of_their_formulas() -> None:
 
 @pytest.mark.parametrize("loss", ["none", "huber", "cauchy"])
 def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> None:
-    problem, state = small(mismatches=0.1)
+    problem, state = small_problem(mismatches=0.1)
     problem = replace(problem, robust_loss=loss, robust_threshold=2.0)  # type: ignore[arg-type]
     graph = ground_graph(problem)
     system = linearise_all(problem, graph, state)
@@ -410,22 +398,9 @@ def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> Non
 # ---- the system -----------------------------------------------------------------------------------------------------
 
 
-def dense(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray, dict[int, slice]]:
-    """The normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state)
-    ordering, place, start = gtsam.Ordering(), {}, 0
-    for variable in system.variables:
-        ordering.push_back(variable)
-        size = variable_size(problem, variable)
-        place[variable] = slice(start, start + size)
-        start += size
-    information, right = system.graph.hessian(ordering)
-    return information, np.ravel(right), place
-
-
 def test_a_damped_step_solves_marquardts_equations() -> None:
-    problem, state = small()
-    information, right, place = dense(problem, state)
+    problem, state = small_problem()
+    information, right, place = whole_normal_equations(problem, state)
     system = linearise_all(problem, ground_graph(problem), state)
     assert system.variables == tuple(place)
     for damping in (1e-9, 1e-3, 10.0):
@@ -438,7 +413,7 @@ def test_a_damped_step_solves_marquardts_equations() -> None:
 
 
 def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
-    problem, state = small()
+    problem, state = small_problem()
     graph = ground_graph(problem)
     costs = [cost(problem, graph, state)]
     for _ in range(6):
@@ -446,7 +421,7 @@ def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
         costs.append(cost(problem, graph, state))
     assert costs[-1] < 0.05 * costs[0]
     assert costs[-1] == pytest.approx(costs[-2], rel=1e-9)
-    _, right, _ = dense(problem, state)
+    _, right, _ = whole_normal_equations(problem, state)
     assert np.abs(right).max() < 1e-2
     np.testing.assert_allclose(
         state.rotation @ np.swapaxes(state.rotation, 1, 2), np.eye(3)[None].repeat(6, 0), atol=1e-12

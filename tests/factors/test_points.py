@@ -165,7 +165,7 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     damped = H + damping * np.diag(np.diag(H))
     unseen = np.diag(H) == 0
     damped[unseen, unseen] = 1.0
-    expected = np.linalg.solve(damped, g)
+    expected = np.asarray(np.linalg.solve(damped, g), dtype=np.float64)
     poses, border = expected[: layout.columns], expected[layout.columns : edge]
     moved = Cameras(case.cameras.parameters * 1.0001, case.cameras.rotation, case.cameras.position + 0.01)
     X, predicted, cost = substitute(case.rays, case.cameras, case.points, layout, wide, damping, (poses, border), moved)

@@ -27,7 +27,7 @@ def heights() -> NDArray[np.float32]:
     row, column = np.mgrid[0 : GRID.rows, 0 : GRID.columns]
     values = (70.0 + 0.125 * row - 0.25 * column + np.sin(row * column / 40.0)).astype(np.float32)
     values[100:181, 301:420] = np.nan
-    return values
+    return np.asarray(values)
 
 
 def picture() -> NDArray[np.uint8]:
@@ -105,7 +105,8 @@ def test_picture_of_a_quality_is_smaller_and_masked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["heights", "codes", "picture", "jpeg"])
 def test_tiling_does_not_show_in_the_bytes(tmp_path: Path, kind: str) -> None:
-    whole: NDArray[Any] = {"heights": heights(), "codes": picture()[..., 0]}.get(kind, picture())
+    pictures: dict[str, NDArray[Any]] = {"heights": heights(), "codes": picture()[..., 0]}
+    whole = pictures.get(kind, picture())
 
     def write(name: str, source: Iterator[tuple[Window, NDArray[Any]]]) -> bytes:
         path = tmp_path / name

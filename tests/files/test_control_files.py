@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import SharedData
 
 from photogram.errors import ControlPointError
 from photogram.files.tables.control_files import PointFile, read_marks, read_points
-
-SHEFFIELD = Path(__file__).parents[3] / "shared" / "data" / "sheffield_cross" / "gcp_file.txt"
 
 
 def points(tmp_path: Path, text: str, name: str = "points.txt") -> PointFile:
@@ -34,10 +33,8 @@ def faults(tmp_path: Path, text: str, name: str, reader: object = read_points) -
 # -- gcp_list.txt -----------------------------------------------------------------------------------------------------
 
 
-def test_sheffield_as_known() -> None:
-    if not SHEFFIELD.is_file():
-        pytest.skip("the survey of Sheffield is not beside the repository")
-    read = read_points(SHEFFIELD)
+def test_sheffield_as_known(shared_data: SharedData) -> None:
+    read = read_points(shared_data("sheffield_cross/gcp_file.txt"))
     assert read.crs == "+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
     assert [p.name for p in read.points] == ["p1", "p2", "p3", "p4", "p5"]
     assert {p.position[2] for p in read.points} == {3.0}

@@ -103,7 +103,8 @@ def test_cells_become_points_at_their_centres_and_holes_none() -> None:
     heights = np.arange(12, dtype=np.float32).reshape(3, 4)
     heights[1, 2] = np.nan
     colour = np.repeat(np.arange(12, dtype=np.uint8).reshape(3, 4, 1), 3, axis=2)
-    cloud = points_of_cells(GRID, window, heights, colour, heights + 1, heights / 12, colour[..., 0], colour[..., 1])
+    sigma, grey = heights + 1, colour[..., 0]
+    cloud = points_of_cells(GRID, window, heights, colour, sigma, heights / np.float32(12), grey, colour[..., 1])
     assert len(cloud) == 11
     np.testing.assert_allclose(cloud.position_map_m[0], [602_300.5 + 20.5 * 0.05, 5_794_140.25 - 10.5 * 0.05, 0.0])
     np.testing.assert_allclose(cloud.position_map_m[-1], [602_300.5 + 23.5 * 0.05, 5_794_140.25 - 12.5 * 0.05, 11.0])
@@ -185,7 +186,7 @@ def test_pdal_reads_what_was_written(tmp_path: Path) -> None:
     if shutil.which("pdal") is None:
         pytest.skip("pdal is not installed (apt-get install pdal)")
     write_dense_laz(tmp_path / "dense.laz", GRID, CRS, [points(1000)])
-    command = ["pdal", "info", "--all", tmp_path / "dense.laz"]
+    command = ["pdal", "info", "--all", str(tmp_path / "dense.laz")]
     told = subprocess.run(command, capture_output=True, text=True, check=True)
     assert told.stderr == ""
     statistics = {s["name"]: s for s in json.loads(told.stdout)["stats"]["statistic"]}

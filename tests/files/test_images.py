@@ -6,11 +6,13 @@ import zlib
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import SharedData
 from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +32,6 @@ from photogram.files.photographs.images import (
 )
 from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 READERS = (read_pixels, read_grey, check_photograph)
 
 TAGS = PhotographTags(
@@ -72,13 +73,6 @@ TAGS = PhotographTags(
         applied=True,
     ),
 )
-
-
-def data_file(name: str) -> Path:
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"shared data {name} is not here")
-    return path
 
 
 @pytest.fixture
@@ -193,7 +187,7 @@ def test_jpeg_that_ends_in_lost_clusters_is_refused(photograph: Path, read: obje
 
 
 @pytest.mark.parametrize("options", [{"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
-def test_sound_jpeg_of_every_kind_is_accepted(tmp_path: Path, options: dict[str, object]) -> None:
+def test_sound_jpeg_of_every_kind_is_accepted(tmp_path: Path, options: dict[str, Any]) -> None:
     pixels = np.random.default_rng(2).integers(0, 256, (64, 80, 3)).astype(np.uint8)
     path = tmp_path / "sound.jpg"
     Image.fromarray(pixels).save(path, **options)
@@ -342,8 +336,8 @@ def test_attitude_is_a_rotation_that_looks_where_the_angles_say(yaw: float, pitc
     assert forward[:2] == pytest.approx([level * np.sin(np.radians(yaw)), level * np.cos(np.radians(yaw))], abs=1e-12)
 
 
-def test_survey_photographs_look_where_the_truth_says() -> None:
-    folder = data_file("dtu_phantom4")
+def test_survey_photographs_look_where_the_truth_says(shared_data: SharedData) -> None:
+    folder = shared_data("dtu_phantom4")
     truth = json.loads((folder / "truth.json").read_text())["cameras"]
     convergence_deg = 2.9
     for name, camera in truth.items():
@@ -357,8 +351,8 @@ def test_survey_photographs_look_where_the_truth_says() -> None:
         assert angle_deg < 6.0
 
 
-def test_rtk_tags_of_a_real_drone() -> None:
-    folder = data_file("p4m_rtk_xmp")
+def test_rtk_tags_of_a_real_drone(shared_data: SharedData) -> None:
+    folder = shared_data("p4m_rtk_xmp")
     tags = {path.name: read_tags(path) for path in sorted(folder.glob("*.JPG"))}
     fixed = tags["DJI_0010.JPG"]
     assert fixed == PhotographTags(
@@ -399,8 +393,8 @@ def test_rtk_tags_of_a_real_drone() -> None:
     assert all(check_photograph(path, (1600, 1300)) for path in folder.glob("*.JPG"))
 
 
-def test_tags_of_a_drone_without_rtk() -> None:
-    tags = read_tags(data_file("brighton_beach") / "images" / "DJI_0018.JPG")
+def test_tags_of_a_drone_without_rtk(shared_data: SharedData) -> None:
+    tags = read_tags(shared_data("brighton_beach") / "images" / "DJI_0018.JPG")
     assert tags.model == "FC300S"
     assert tags.rtk_flag is None
     assert tags.gnss_sigma_m is None
@@ -409,8 +403,8 @@ def test_tags_of_a_drone_without_rtk() -> None:
     assert (tags.gimbal_yaw_deg, tags.height_m) == (45.0, 198.31)
 
 
-def test_tags_of_an_ordinary_camera() -> None:
-    tags = read_tags(data_file("exif") / "gps_exif.jpg")
+def test_tags_of_an_ordinary_camera(shared_data: SharedData) -> None:
+    tags = read_tags(shared_data("exif") / "gps_exif.jpg")
     assert tags.make == "Canon"
     assert tags.longitude_deg == pytest.approx(-(116 + 18 / 60 + 5.83056640625 / 3600))
     assert tags.latitude_deg == pytest.approx(33 + 52 / 60 + 31.658935546875 / 3600)
@@ -418,8 +412,8 @@ def test_tags_of_an_ordinary_camera() -> None:
     assert tags.gimbal_pitch_deg is None
 
 
-def test_height_below_sea_level_is_negative() -> None:
-    tags = read_tags(data_file("sheffield_cross") / "images" / "DJI_0054.JPG")
+def test_height_below_sea_level_is_negative(shared_data: SharedData) -> None:
+    tags = read_tags(shared_data("sheffield_cross") / "images" / "DJI_0054.JPG")
     assert tags.height_m == -5.677
 
 

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from makers import SharedData
 from scipy.io import loadmat, savemat
 
 from photogram.camera import Pose, all_parameters, distort, project
@@ -12,16 +14,15 @@ from photogram.errors import ProjectError
 from photogram.files.matlab import read_camera, read_tie_points, write_tie_points
 from photogram.survey import TiePoints
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 K = np.array([[3674.2, 0.0, 2740.9], [0.0, 3674.2, 1837.1], [0.0, 0.0, 1.0]])
 RADIAL, TANGENTIAL = np.array([[-0.26, 0.107, -0.0356]]), np.array([[-0.0011, 0.0008]])
 PLAIN = {"K": K, "RadialDistortion": RADIAL, "TangentialDistortion": TANGENTIAL}
 STRUCT = {"IntrinsicMatrix": K.T, "RadialDistortion": RADIAL, "TangentialDistortion": TANGENTIAL}
 
 
-def saved(tmp_path: Path, variables: dict[str, object]) -> Path:
+def saved(tmp_path: Path, variables: Mapping[str, object]) -> Path:
     path = tmp_path / "camera.mat"
-    savemat(path, variables)
+    savemat(path, dict(variables))
     return path
 
 
@@ -104,11 +105,8 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
         read_camera(tmp_path / "gone.mat", "P4", 5472, 3648, "photogram")
 
 
-def test_real_camera_parameters_object() -> None:
-    path = DATA / "dtu_phantom4" / "DJI_Phantom4_cam.mat"
-    if not path.exists():
-        pytest.skip("shared data dtu_phantom4 is not here")
-    camera = read_camera(path, "P4R", 5472, 3648, "photogram")
+def test_real_camera_parameters_object(shared_data: SharedData) -> None:
+    camera = read_camera(shared_data("dtu_phantom4/DJI_Phantom4_cam.mat"), "P4R", 5472, 3648, "photogram")
     np.testing.assert_allclose(
         camera.parameters,
         [3674.19518, 2740.90153, 1837.13461, -0.261203, 0.107443, -0.0356483, 0, -0.00112104, 0.000839376, 0, 0],

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import SharedData
 
 from photogram.errors import FrameError, ProjectError, WorkspaceError
 from photogram.files.clouds.points import read_cloud, write_laz, write_xyz
 from photogram.survey import PointCloud
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 CRS = "EPSG:25832"
 
 
@@ -228,11 +228,9 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_real_clouds_are_read() -> None:
-    paths = DATA / "dtu_phantom4" / "points_agisoft.txt", DATA / "brighton_beach" / "model.laz"
-    if not all(path.exists() for path in paths):
-        pytest.skip("shared data dtu_phantom4 or brighton_beach is not here")
-    survey, beach = (read_cloud(path) for path in paths)
+def test_real_clouds_are_read(shared_data: SharedData) -> None:
+    names = "dtu_phantom4/points_agisoft.txt", "brighton_beach/model.laz"
+    survey, beach = (read_cloud(shared_data(name)) for name in names)
     assert len(survey) == 93_763
     np.testing.assert_array_equal(survey.position_map_m[0], [719980.082, 6191940.162, 69.567])
     assert len(beach) == 940_393

@@ -122,7 +122,9 @@ def test_what_is_written_as_an_mrk_line_is_read_back(
     assert row.lever_arm_m == (east / 1000, north / 1000, -down / 1000)
     assert (row.number, row.solution) == (number, {0: "single", 16: "single", 34: "float", 50: "fix", 52: "fix"}[flag])
     assert row.gps_time is not None
-    assert abs((row.gps_time - gps_time(week, seconds)).total_seconds()) < 2e-6
+    expected = gps_time(week, seconds)
+    assert expected is not None
+    assert abs((row.gps_time - expected).total_seconds()) < 2e-6
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from makers import SharedData
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.maps.rasters import NODATA, read_raster, write_geotiff
 from photogram.survey import Raster
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 CRS = "EPSG:25832"
 
 
@@ -146,11 +146,8 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_survey_surface_is_read() -> None:
-    path = DATA / "dtu_phantom4" / "surface_truth.tif"
-    if not path.exists():
-        pytest.skip("shared data dtu_phantom4 is not here")
-    raster, crs = read_raster(path)
+def test_survey_surface_is_read(shared_data: SharedData) -> None:
+    raster, crs = read_raster(shared_data("dtu_phantom4/surface_truth.tif"))
     assert crs == CRS
     row = int((raster.north_map_m - 6_191_955.16) / raster.cell_m)
     column = int((719_970.70 - raster.west_map_m) / raster.cell_m)

@@ -228,7 +228,7 @@ def test_projection_jacobians_agree_with_differences(camera: Camera, seed: int) 
 
     def of_pose(t: np.ndarray) -> np.ndarray:
         moved = Pose(rotation @ Rotation.from_rotvec(t[:3]).as_matrix(), centre + rotation @ t[3:])
-        return project(camera, moved, X[None])[0]
+        return np.asarray(project(camera, moved, X[None])[0])
 
     assert depth > 0
     np.testing.assert_allclose([u, v], of_pose(np.zeros(6)), rtol=0, atol=1e-9)

@@ -48,7 +48,7 @@ def scattered(crs: str, count: int, reach_m: float, seed: int = 0) -> np.ndarray
 
 
 def distances(points: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(points[:, None] - points[None], axis=2)
+    return np.asarray(np.linalg.norm(points[:, None] - points[None], axis=2))
 
 
 @settings(max_examples=60, deadline=None)

@@ -11,9 +11,11 @@ import pytest
 import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import SharedData
 from pyproj import CRS, Transformer
 from pyproj.transformer import TransformerGroup
 
+from photogram.arrays import FloatArray
 from photogram.crs import product_crs, written_crs
 from photogram.errors import FrameError
 from photogram.files.clouds.points import write_laz
@@ -22,6 +24,7 @@ from photogram.frames import LocalFrame, map_heights
 from photogram.height_systems import (
     DeclaredHeights,
     Geoid,
+    HeightSystem,
     crs_name,
     first_wkt,
     full_crs,
@@ -31,8 +34,6 @@ from photogram.height_systems import (
 )
 from photogram.survey import PointCloud, Raster
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
-EGM96 = DATA / "geoid" / "egm96_15.gtx"
 SITE = (602340.0, 5794120.0, 120.0)
 UTM = "EPSG:25832"
 
@@ -45,12 +46,12 @@ def grid(sloping_geoid: Any) -> str:
 # ---- geoid ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not EGM96.is_file(), reason="needs the EGM96 grid of the shared data")
-def test_egm96_at_the_places_of_its_readme() -> None:
+def test_egm96_at_the_places_of_its_readme(shared_data: SharedData) -> None:
+    egm96 = str(shared_data("geoid/egm96_15.gtx"))
     places = np.array([[0.0, 0.0], [7.6205, 45.0315]])
     for vertical in (None, "EPSG:5773"):
         for crs in ("EPSG:32632", UTM):
-            found = geoid_height_m(CRS(crs), Geoid(vertical, str(EGM96)), places)
+            found = geoid_height_m(CRS(crs), Geoid(vertical, egm96), places)
             np.testing.assert_allclose(found, [17.16, 48.42], rtol=0, atol=0.01)
 
 
@@ -142,7 +143,7 @@ def test_beyond_the_grid_there_is_no_height(grid: str, kind: str) -> None:
 def test_heights_are_brought_to_those_of_the_map(grid: str, sloping_geoid: Any) -> None:
     points, geoid = np.array([SITE, (610000.0, 5800000.0, 30.0)]), Geoid(grid=grid)
     n = sloping_geoid.at(UTM, points)
-    cases = {
+    cases: dict[tuple[HeightSystem | None, HeightSystem | None], FloatArray] = {
         ("ellipsoidal", "orthometric"): n, ("orthometric", "ellipsoidal"): -n, ("orthometric", "orthometric"): 0 * n,
         ("ellipsoidal", "ellipsoidal"): 0 * n, (None, "orthometric"): 0 * n, ("ellipsoidal", None): 0 * n,
     }  # fmt: skip

@@ -30,7 +30,8 @@ def test_any_window_is_read_as_it_was_written(data: st.DataObject, rows: int, co
         row, column = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, columns - 1))
         window = Window(row, column, data.draw(st.integers(row + 1, rows)), data.draw(st.integers(column + 1, columns)))
         found_rays, found_height = store.read(window, "rays", "height")
-    assert (found_rays.dtype, found_height.dtype) == (np.uint8, np.float32)
+    assert found_rays.dtype == np.uint8
+    assert found_height.dtype == np.float32
     assert np.array_equal(found_rays, rays[window.slices])
     assert np.array_equal(found_height, height[window.slices], equal_nan=True)
 

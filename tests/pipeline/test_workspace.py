@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -208,7 +209,7 @@ def truncated(content: bytes) -> bytes:
     return content[: len(content) // 2]
 
 
-DAMAGE = {
+DAMAGE: dict[str, Callable[[bytes], bytes]] = {
     "truncated": truncated,
     "empty": lambda _: b"",
     "cut by its last bytes": lambda content: content[:-9],

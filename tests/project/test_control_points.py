@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from makers import SharedData, no_matlab
 
-from photogram.camera import Camera
 from photogram.errors import FrameError, ProjectError
 from photogram.frames import map_from_crs, map_from_geodetic
 from photogram.project.project import Project, ProjectControlPoint, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings
-
-SHEFFIELD = Path(__file__).parents[3] / "shared" / "data" / "sheffield_cross"
 
 GOOD = """\
 photogram: 1
@@ -71,10 +69,6 @@ K1,b.jpg,50,60,2
 C2,c.jpg,399,299,
 """
 FILES = {"gcp_list.txt": GCP_LIST, "control.csv": CONTROL, "check.csv": CHECK, "marks.csv": MARKS}
-
-
-def no_matlab(path: Path, *_: object) -> Camera:
-    raise AssertionError(f"nothing to read from {path}")
 
 
 @pytest.fixture
@@ -178,15 +172,14 @@ def test_origin_of_the_marks_holds_for_files_too(folder: Path) -> None:
     assert points["C1"].mark_pixel.tolist() == [[9.0, 19.0]]
 
 
-def test_sheffield(tmp_path: Path) -> None:
-    if not SHEFFIELD.is_dir():
-        pytest.skip("the survey of Sheffield is not beside the repository")
+def test_sheffield(tmp_path: Path, shared_data: SharedData) -> None:
+    sheffield = shared_data("sheffield_cross").resolve()
     camera = "{width_px: 800, height_px: 600, focal_px: 463, principal_point_px: [399.5, 299.5]}"
     text = (
         f"photogram: 1\ncrs: EPSG:32617\ncameras: {{p3: {camera}}}\n"
-        f"photographs: {{folder: {SHEFFIELD / 'images'}}}\n"
+        f"photographs: {{folder: {sheffield / 'images'}}}\n"
         "control_points:\n  sigma_m: [0.5, 0.5, 0.5]\n  mark_sigma_px: 1\n  files:\n"
-        f"    - path: {SHEFFIELD / 'gcp_file.txt'}\n"
+        f"    - path: {sheffield / 'gcp_file.txt'}\n"
     )
     (tmp_path / "project.yaml").write_text(text)
     (fault,) = faults(tmp_path)

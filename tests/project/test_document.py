@@ -8,16 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+from makers import no_matlab
 
-from photogram.camera import Camera
-from photogram.errors import ProjectError
+from photogram.errors import ProjectError, SettingError
 from photogram.project.document import Document, read_settings
 from photogram.project.project import read_project
-
-
-def no_matlab(path: Path, *_: object) -> Camera:
-    raise AssertionError(f"nothing to read from {path}")
-
 
 # -- files that are no project ----------------------------------------------------------------------------------------
 
@@ -72,7 +67,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         if not 0 < self.ratio < 1:
-            raise ValueError(f"ratio must lie between 0 and 1, not {self.ratio}")
+            raise SettingError("ratio", f"must lie between 0 and 1, found {self.ratio:g}")
 
 
 @pytest.fixture
@@ -96,7 +91,7 @@ def test_settings_are_the_dataclass(document: Callable[[str], Document]) -> None
     [
         ("s: {}", ["s.needed: is missing: give this setting, it has no default"]),
         ("t: 1", ["s.needed: is missing: give this setting, it has no default"]),
-        ("s: {needed: 1, ratio: 2}", ["s: ratio must lie between 0 and 1, not 2.0"]),
+        ("s: {needed: 1, ratio: 2}", ["s.ratio: must lie between 0 and 1, found 2"]),
         ("s: {needed: 1, derived: 2}", ["s.derived: unknown key: known here: "]),
         ("s: {needed: 1, inner: {dept: 2}}", ["s.inner.dept: unknown key: did you mean 'depth'?"]),
         ("s: {needed: 1, inner: 5}", ["s.inner: needs a block of keys, found 5"]),

@@ -15,6 +15,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import SharedData
 from PIL import Image
 
 from photogram.errors import FrameError, ProjectError
@@ -26,7 +27,6 @@ from photogram.project.draft.positions import Gnss, gnss_of, offset_prior
 from photogram.project.draft.text import project_text
 
 Run = Callable[..., Any]
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 NOON = datetime(2024, 5, 1, 12, 0, 0)
 WIDTH, HEIGHT = 64, 48
 LONGITUDE, LATITUDE = 8.5, 47.4
@@ -595,16 +595,9 @@ def test_focal_length_of_several_cameras_must_be_wanted_by_one() -> None:
 # ---- real photographs ------------------------------------------------------------------------------------------------
 
 
-def real(name: str) -> Path:
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"shared data {name} is not here")
-    return path.resolve()
-
-
 @pytest.mark.usefixtures("folder")
-def test_brighton_beach(photogram: Run) -> None:
-    assert photogram("init", real("brighton_beach") / "images").code == 0
+def test_brighton_beach(photogram: Run, shared_data: SharedData) -> None:
+    assert photogram("init", shared_data("brighton_beach") / "images").code == 0
     project = load_project(Path("project.yaml"))
     assert project.crs == "EPSG:32615"
     assert len(project.photographs) == 18
@@ -613,8 +606,8 @@ def test_brighton_beach(photogram: Run) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_rtk_photographs_of_two_sites(photogram: Run) -> None:
-    outcome = photogram("init", real("p4m_rtk_xmp"))
+def test_rtk_photographs_of_two_sites(photogram: Run, shared_data: SharedData) -> None:
+    outcome = photogram("init", shared_data("p4m_rtk_xmp"))
     assert outcome.code == 0
     project = load_project(Path("project.yaml"))
     sigmas = {p.name: p.gnss_sigma_m.tolist() for p in project.photographs if p.gnss_sigma_m is not None}
@@ -630,8 +623,8 @@ def test_rtk_photographs_of_two_sites(photogram: Run) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_sheffield_with_marks_of_the_full_size(photogram: Run) -> None:
-    site = real("sheffield_cross")
+def test_sheffield_with_marks_of_the_full_size(photogram: Run, shared_data: SharedData) -> None:
+    site = shared_data("sheffield_cross")
     options = ("--control", site / "gcp_file.txt", "--picture-size", "4000x3000", "--control-sigma", "0.5")
     assert photogram("init", site / "images", *options).code == 0
     project = load_project(Path("project.yaml"))

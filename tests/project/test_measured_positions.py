@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from makers import SharedData, no_matlab
 
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
@@ -22,7 +22,6 @@ from photogram.project.measured_positions import measured_position, position_not
 from photogram.project.project import Project, read_project
 from photogram.project.validation.positions import gnss_findings, time_findings
 
-P4M = Path(__file__).parents[3] / "shared" / "data" / "p4m_rtk_xmp"
 CRS = "EPSG:32632"
 NAMES = ("DJI_0001.JPG", "DJI_0002.JPG", "DJI_0003.JPG")
 NOON = datetime(2024, 5, 1, 12)
@@ -47,10 +46,6 @@ def folder(tmp_path: Path) -> Path:
     for name in NAMES:
         (tmp_path / "images" / name).touch()
     return tmp_path
-
-
-def no_matlab(*_: object) -> Any:
-    raise AssertionError("there is no MATLAB file")
 
 
 def project_of(folder: Path, photographs: str = "", more: str = "") -> Project:
@@ -139,20 +134,18 @@ def test_centimetres_claimed_of_a_float_are_warned_of_by_name(folder: Path) -> N
     assert warnings(project, [TAGS] * 3) == []
 
 
-def real() -> list[Path]:
-    paths = sorted(P4M.glob("*.JPG"))
-    if not paths:
-        pytest.skip("shared data p4m_rtk_xmp is not here")
-    return paths
+@pytest.fixture
+def real(shared_data: SharedData) -> list[Path]:
+    """Photographs of an RTK drone: fixes and one float."""
+    return sorted(shared_data("p4m_rtk_xmp").glob("*.JPG"))
 
 
-def test_real_fixes_and_floats_weigh_differently(tmp_path: Path) -> None:
+def test_real_fixes_and_floats_weigh_differently(tmp_path: Path, real: list[Path]) -> None:
     """Five photographs under one claim of centimetres: the fixes keep it, the float does not."""
-    paths = real()
-    text = PROJECT.replace("EPSG:32632", "EPSG:32618").replace("folder: images", f"folder: {paths[0].parent.resolve()}")
+    text = PROJECT.replace("EPSG:32632", "EPSG:32618").replace("folder: images", f"folder: {real[0].parent}")
     (tmp_path / "project.yaml").write_text(text + "  gnss_sigma_m: [0.02, 0.02, 0.03]\n", encoding="utf-8")
     project = read_project(tmp_path / "project.yaml", read_matlab_camera=no_matlab)
-    tags: list[PhotographTags | None] = [read_tags(path) for path in paths]
+    tags: list[PhotographTags | None] = [read_tags(path) for path in real]
     solutions, sigmas = {}, {}
     for photograph, tag in zip(project.photographs, tags, strict=True):
         assert tag is not None

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import SharedData, no_matlab
 
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.camera import Camera
@@ -22,7 +23,6 @@ from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.tie_points.features import FeatureSettings
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "dtu_phantom4" / "project.yaml"
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "dtu_phantom4"
 
 GOOD = """\
 photogram: 1
@@ -83,10 +83,6 @@ comparison: {reference: reference.txt}
 results: out/results
 work: out/work
 """
-
-
-def no_matlab(path: Path, name: str, width_px: int, height_px: int, pixel_origin: str) -> Camera:
-    raise AssertionError(f"nothing to read from {path} for {name} {width_px} {height_px} {pixel_origin}")
 
 
 @pytest.fixture
@@ -331,20 +327,19 @@ def test_example_loads(tmp_path: Path) -> None:
     assert project.cameras[0].sigmas.tolist() == [30.0, *[0.0] * 10]
 
 
-def test_example_agrees_with_the_data() -> None:
-    if not SHARED.is_dir():
-        pytest.skip("the data of the founding survey are not beside the repository")
+def test_example_agrees_with_the_data(shared_data: SharedData) -> None:
+    data = shared_data("dtu_phantom4")
     matlab = pytest.importorskip("photogram.files.matlab")
-    project = read_project(EXAMPLE, SHARED / "images", read_matlab_camera=matlab.read_camera)
-    camera = matlab.read_camera(SHARED / "DJI_Phantom4_cam.mat", "phantom4", 5472, 3648, "photogram")
+    project = read_project(EXAMPLE, data / "images", read_matlab_camera=matlab.read_camera)
+    camera = matlab.read_camera(data / "DJI_Phantom4_cam.mat", "phantom4", 5472, 3648, "photogram")
     np.testing.assert_allclose(project.cameras[0].parameters, camera.parameters, rtol=1e-15)
-    rows = [line.split(",") for line in (SHARED / "gcp_tables.csv").read_text().splitlines()[2:]]
+    rows = [line.split(",") for line in (data / "gcp_tables.csv").read_text().splitlines()[2:]]
     assert len(rows) == len(project.control_points)
     for row, point in zip(rows, project.control_points, strict=True):
         photograph = project.photographs[int(point.mark_photograph[0])].name
         assert [photograph, point.name] == row[:2]
         assert [*point.position_map_m, *point.mark_pixel[0]] == [float(v) for v in row[2:]]
-    table = dict(line.split("\t", 1) for line in (SHARED / "camera_positions.txt").read_text().splitlines()[2:])
+    table = dict(line.split("\t", 1) for line in (data / "camera_positions.txt").read_text().splitlines()[2:])
     for photo in project.photographs:
         assert photo.gnss_map_m is not None
         assert photo.gnss_map_m.tolist() == [float(v) for v in table[photo.name].split("\t")[:3]]
@@ -458,6 +453,21 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
         ("adjustment: {robust_loss: cauchy, maximum_rounds: 3}", "adjustment: fast"),
         "adjustment: fast",
         "adjustment: needs a block of keys, found the text 'fast'",
+    ),
+    "settings that contradict each other": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\ndense:\n  large_step: 5\n  small_step: 9"),
+        "small_step: 9",
+        "dense.small_step: must be at least 0 and below large_step, 5, found 9",
+    ),
+    "setting out of a range that another one sets": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\nfeatures:\n  tile_px: 1024\n  overlap_px: 600"),
+        "overlap_px: 600",
+        "features.overlap_px: must be from 16 to 512, found 600",
+    ),
+    "setting narrower than what is possible": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\northophoto: {feather_cells: 9000}"),
+        "feather_cells: 9000",
+        "orthophoto.feather_cells: must be from 0 to 8, found 9000",
     ),
     "role": (
         ("role: check", "role: chek"),

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from photogram.errors import SettingError
 from photogram.quality.asprs import (
     ReportSettings,
     accuracy,
@@ -186,5 +187,5 @@ def test_sentence_says_why_nothing_is_stated() -> None:
 
 @pytest.mark.parametrize("value", [0.0, -0.01, math.inf, math.nan])
 def test_target_must_be_a_length(value: float) -> None:
-    with pytest.raises(ValueError, match=r"target_rmse_h_m is .*; it must be greater than 0"):
+    with pytest.raises(SettingError, match=r"^target_rmse_h_m: must be a finite number above 0, found "):
         ReportSettings(target_rmse_h_m=value)

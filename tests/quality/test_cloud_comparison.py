@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import astuple
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import SharedData
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from threadpoolctl import threadpool_info
@@ -28,7 +28,6 @@ from photogram.quality.cloud_comparison import (
 from photogram.survey import PointCloud, Raster
 
 SITE = np.array([719_900.0, 6_191_900.0, 70.0])
-SURVEY = Path(__file__).parents[2] / "../shared/data/dtu_phantom4"
 
 
 def random_points(count: int, seed: int = 0) -> FloatArray:
@@ -192,14 +191,12 @@ def test_clouds_that_do_not_meet_are_refused() -> None:
         compare(PointCloud(np.zeros((0, 3))), plane_raster())
 
 
-def test_a_real_reference_cloud_agrees_with_the_surface_made_from_it() -> None:
-    if not SURVEY.exists():
-        pytest.skip("the shared survey dtu_phantom4 is not beside the repository")
+def test_a_real_reference_cloud_agrees_with_the_surface_made_from_it(shared_data: SharedData) -> None:
     import rasterio
 
-    with rasterio.open(SURVEY / "surface_truth.tif") as source:
+    with rasterio.open(shared_data("dtu_phantom4/surface_truth.tif")) as source:
         raster = Raster(source.read(1), source.transform.c, source.transform.f, source.transform.a)
-    points = np.loadtxt(SURVEY / "points_agisoft.txt", usecols=(0, 1, 2))
+    points = np.loadtxt(shared_data("dtu_phantom4/points_agisoft.txt"), usecols=(0, 1, 2))
     inside = np.all(np.abs(points[:, :2] - [719_945, 6_191_975]) < 40, axis=1)
     surface = compare(PointCloud(points[inside]), raster).cloud_to_surface
     assert surface.compared > 5000

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
+from makers import whole_covariance
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.ground_points import ground_points
@@ -15,7 +15,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
-from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.factors.graph import Problem
 from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
 from photogram.flight_lines import Course
 from photogram.projection import PARAMETERS
@@ -52,18 +52,6 @@ def small(seed: int = 1, plan: SurveyPlan = PLAN, ties: int = 60) -> tuple[Probl
     return problem, start_state(made.block, problem.flights)
 
 
-def whole(problem: Problem, state: State) -> tuple[FloatArray, dict[int, slice]]:
-    """The covariance of all variables, from GTSAM's linear graph, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state, 1.0)
-    ordering, place, start = gtsam.Ordering(), {}, 0
-    for variable in system.variables:
-        ordering.push_back(variable)
-        size = variable_size(problem, variable)
-        place[variable] = slice(start, start + size)
-        start += size
-    return np.linalg.inv(system.graph.hessian(ordering)[0]), place
-
-
 def rows_of_modes(problem: Problem, state: State, place: dict[int, slice], size: int) -> FloatArray:
     """The modes as rows on all variables, written down point by point."""
     places = places_of(problem, state)
@@ -92,7 +80,7 @@ def rows_of_modes(problem: Problem, state: State, place: dict[int, slice], size:
 
 def test_modes_are_those_of_the_whole_linear_system() -> None:
     problem, state = small()
-    covariance, place = whole(problem, state)
+    covariance, place = whole_covariance(problem, state)
     rows = rows_of_modes(problem, state, place, len(covariance))
     places = places_of(problem, state)
     assert places is not None
@@ -107,7 +95,7 @@ def test_modes_are_those_of_the_whole_linear_system() -> None:
 def test_relative_sigmas_are_those_of_differences_from_the_mean_shift() -> None:
     """From the whole linear system: points less the mean of those that stand for the block, their own noise off."""
     problem, state = small()
-    covariance, place = whole(problem, state)
+    covariance, place = whole_covariance(problem, state)
     places = places_of(problem, state)
     assert places is not None
     stiff = stiffness(problem, state, covariances(problem, state), places)
@@ -147,7 +135,7 @@ def test_relative_sigmas_leave_the_datum_out() -> None:
 def test_the_shape_is_the_error_relative_to_the_mean() -> None:
     """Errors relative to their mean, against the whole linear system, of which the cameras' part is taken."""
     problem, state = small()
-    covariance, place = whole(problem, state)
+    covariance, place = whole_covariance(problem, state)
     places, found = places_of(problem, state), covariances(problem, state)
     assert places is not None
     shape = shape_covariances(problem, state, found, places)
@@ -217,7 +205,7 @@ def test_a_control_point_more_is_as_good_as_surveying_it() -> None:
     point, sigma = int(places.points[places.middle]), np.array([0.01, 0.01, 0.02])
     stiff = stiffness(problem, state, covariances(problem, state), places)
     surveyed = stiff.surveyed(1, sigma)
-    covariance, place = whole(problem, state)
+    covariance, place = whole_covariance(problem, state)
     rows = rows_of_modes(problem, state, place, len(covariance))[:6]
     at = place[key(TIE_POINT, point)]
     gain = covariance[:, at] @ np.linalg.inv(covariance[at, at] + np.diag(sigma**2))

@@ -7,14 +7,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from makers import LEAST_SQUARES, simulated
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.quality.prediction_test import leave_one_out, predicted_against_achieved, shares
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.results import Adjustment
-from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
-from photogram.survey import Block
+from photogram.simulation.simulated_survey import SurveyPlan
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=5, check_points=6, control_sigma_m=(0.005, 0.005, 0.008),
@@ -27,16 +27,9 @@ ADRIFT = replace(
 )
 
 
-def simulated(seed: int, plan: SurveyPlan = PLAN) -> Block:
-    return simulate_block(
-        plan, seed, tie_points=120, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05,
-        start_point_sigma_m=0.05,
-    ).block  # fmt: skip
-
-
 @cache
 def adjusted(seed: int, plan: SurveyPlan) -> Adjustment:
-    return adjust(simulated(seed, plan), AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
+    return adjust(simulated(plan, seed, tie_points=120).block, LEAST_SQUARES)
 
 
 def test_shares_known_by_hand() -> None:
@@ -132,7 +125,7 @@ def test_points_left_out_scatter_as_predicted() -> None:
 
 def test_without_points_nothing_is_said() -> None:
     plan = replace(PLAN, control_points=0, check_points=0, gnss_offset_sigma_m=(0.0, 0.0, 0.0))
-    result = adjust(simulated(1, plan), AdjustmentSettings())
+    result = adjust(simulated(plan, 1, tie_points=120).block, AdjustmentSettings())
     assert predicted_against_achieved(result) is None
     assert leave_one_out(result) is None
     numbers = consistency_numbers(result, [])

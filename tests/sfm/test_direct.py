@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from makers import true_centres
 from scipy.spatial.transform import Rotation
 
 from photogram.sfm.direct import direct_structure, measured
@@ -54,15 +55,11 @@ def shuffled(block: SimulatedBlock, seed: int, share: float = 1.0) -> Change:
     return lambda i, p: replace(p, gnss_world_m=block.block.photographs[source[i]].gnss_world_m)
 
 
-def centres(block: SimulatedBlock) -> np.ndarray:
-    return np.array([pose.position_world_m for pose in block.truth.poses])
-
-
 def shape_error_m(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     """Errors of the centres of the registered photographs after the best similarity."""
     r = structure.registered
-    fit = robust_similarity(structure.position[r], centres(block)[r], np.full(int(r.sum()), 0.5))[0]
-    return np.asarray(np.linalg.norm(fit.points(structure.position[r]) - centres(block)[r], axis=1))
+    fit = robust_similarity(structure.position[r], true_centres(block)[r], np.full(int(r.sum()), 0.5))[0]
+    return np.asarray(np.linalg.norm(fit.points(structure.position[r]) - true_centres(block)[r], axis=1))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -78,7 +75,7 @@ def test_consumer_positions_and_attitudes_are_confirmed(seed: int) -> None:
     assert good[~block.mismatch].mean() > 0.95
     assert np.count_nonzero(good & block.mismatch & (rays >= 3)) <= 0.01 * block.mismatch.sum()
     # the frame stays the world frame: what is left are the 2 m of the positions, averaged
-    shift = structure.position - centres(block)
+    shift = structure.position - true_centres(block)
     assert np.linalg.norm(shift.mean(axis=0)) < 1.5
     assert structure.parameters[0, 3] == pytest.approx(block.truth.camera.radial[0], abs=0.02)
 
@@ -212,6 +209,6 @@ def test_better_measurements_end_nearer_to_the_truth() -> None:
         block = simulated(1, plan)
         structure = direct_structure(changed(block, lambda _, p: p), SETTINGS)
         assert structure is not None
-        errors.append(np.linalg.norm(structure.position - centres(block), axis=1).max())
-        assert fit_similarity(structure.position, centres(block)).scale == pytest.approx(1.0, abs=0.06)
+        errors.append(np.linalg.norm(structure.position - true_centres(block), axis=1).max())
+        assert fit_similarity(structure.position, true_centres(block)).scale == pytest.approx(1.0, abs=0.06)
     assert errors[1] < errors[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from photogram.errors import ImageError
+from photogram.errors import ImageError, SettingError
 from photogram.sfm.tie_points.features import FeatureSettings, find_features
 from photogram.survey import Features
 
@@ -155,5 +155,5 @@ def test_a_nearly_blank_photograph_is_refused_too() -> None:
     [("maximum", 7), ("contrast_threshold", -0.01), ("tile_px", 255), ("overlap_px", 800), ("cells_per_side", 0)],
 )
 def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+    with pytest.raises(SettingError, match=f"^{name}: must be .*, found {value:g}$"):
         replace(FeatureSettings(), **{name: value})

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from makers import true_centres
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.sfm.incremental import grow, seed_pairs, shared_points
@@ -35,10 +36,6 @@ def grown(
     return grow(block.block.tie_points if tie is None else tie, block.block.cameras, camera_of, settings)
 
 
-def centres(block: SimulatedBlock) -> np.ndarray:
-    return np.array([pose.position_world_m for pose in block.truth.poses])
-
-
 def firm_points(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     """Tie points (P,) that three or more rays agree in, where there are three, none of them a mismatch."""
     tie = structure.tie_points
@@ -52,12 +49,12 @@ def world(structure: Structure, block: SimulatedBlock) -> Similarity:
     """The similarity from a structure to the truth; by tie points too, since centres may stand in one line."""
     r, firm = structure.registered, firm_points(structure, block)
     source = np.vstack([structure.position[r], structure.point[firm]])
-    return fit_similarity(source, np.vstack([centres(block)[r], block.tie_point_position_world_m[firm]]))
+    return fit_similarity(source, np.vstack([true_centres(block)[r], block.tie_point_position_world_m[firm]]))
 
 
 def centre_error_m(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     """Errors (N,) of the projection centres, NaN where not registered."""
-    error = np.linalg.norm(world(structure, block).points(structure.position) - centres(block), axis=1)
+    error = np.linalg.norm(world(structure, block).points(structure.position) - true_centres(block), axis=1)
     return np.where(structure.registered, error, np.nan)
 
 
@@ -135,8 +132,8 @@ def test_a_camera_of_which_little_is_known_is_calibrated_on_the_way(seed: int) -
     assert found[0] == pytest.approx(truth[0], rel=0.03)
     assert structure.good[~block.mismatch].mean() > 0.95
     # what of focal length and height cannot be separated is no error of the centres among each other
-    alone = fit_similarity(structure.position, centres(block))
-    error = np.linalg.norm(alone.points(structure.position) - centres(block), axis=1)
+    alone = fit_similarity(structure.position, true_centres(block))
+    error = np.linalg.norm(alone.points(structure.position) - true_centres(block), axis=1)
     assert error.max() < 12.0 * block.plan.gsd_m
 
 
@@ -186,8 +183,8 @@ def test_two_sites_are_two_components_the_larger_first() -> None:
     np.testing.assert_array_equal(np.flatnonzero(components[1].registered), np.arange(8))
     for structure, block, first in ((components[0], large, 8), (components[1], small, 0)):
         mine = slice(first, first + len(block.block.photographs))
-        fit = fit_similarity(structure.position[mine], centres(block))
-        error = np.linalg.norm(fit.points(structure.position[mine]) - centres(block), axis=1)
+        fit = fit_similarity(structure.position[mine], true_centres(block))
+        error = np.linalg.norm(fit.points(structure.position[mine]) - true_centres(block), axis=1)
         assert error.max() < 8.0 * PLAN.gsd_m
 
 
@@ -214,8 +211,8 @@ def test_photographs_of_another_site_stay_out(seed: int) -> None:
     assert len(components) == 1
     np.testing.assert_array_equal(np.flatnonzero(~components[0].registered), foreign)
     kept = ~np.isin(np.arange(24), foreign)
-    fit = fit_similarity(components[0].position[kept], centres(block)[kept])
-    error = np.linalg.norm(fit.points(components[0].position[kept]) - centres(block)[kept], axis=1)
+    fit = fit_similarity(components[0].position[kept], true_centres(block)[kept])
+    error = np.linalg.norm(fit.points(components[0].position[kept]) - true_centres(block)[kept], axis=1)
     assert error.max() < 10.0 * PLAN.gsd_m
     assert not components[0].good[np.isin(tie.photograph, foreign)].any()
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.camera import Camera, Pose, distort, project, undistort
+from photogram.errors import SettingError
 from photogram.sfm.tie_points.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Features
@@ -186,7 +187,7 @@ def test_a_pair_is_matched_and_verified() -> None:
 
 @pytest.mark.parametrize(("name", "value"), [("ratio", 1.2), ("threshold_px", 0.0), ("minimum_inliers", 7)])
 def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+    with pytest.raises(SettingError, match=f"^{name}: must be .*, found {value:g}$"):
         replace(SETTINGS, **{name: value})
 
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.errors import ImageError, OrientationError
+from photogram.errors import ImageError, OrientationError, SettingError
 from photogram.sfm.tie_points.pairs import PairSettings, SelectedPairs, predicted_overlap, select_pairs
 from photogram.survey import Photograph
 
@@ -410,5 +410,5 @@ def test_a_distortion_that_cannot_be_undone_is_named() -> None:
     ("name", "value"), [("neighbours", 0), ("retrieved", 0), ("maximum", 0), ("footprint_overlap", 0.0)]
 )
 def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value:g}; it must be"):
+    with pytest.raises(SettingError, match=f"^{name}: must be .*, found {value:g}$"):
         replace(SETTINGS, **{name: value})

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from makers import SharedData
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -20,7 +21,6 @@ from photogram.projection import project_point_jacobians
 from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT / ".." / "shared" / "data"
 
 CAMERA = Camera(
     "p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008])
@@ -330,10 +330,8 @@ def test_points_and_centre_near_one_cylinder_are_refined_all_the_same() -> None:
 # ---- real photographs -----------------------------------------------------------------------------------------------
 
 
-def test_the_hillside_photographs_land_where_they_are_known_to() -> None:
-    photographs = DATA / "dtu_phantom4" / "images"
-    if not photographs.is_dir():
-        pytest.skip("shared data dtu_phantom4 is not here")
+def test_the_hillside_photographs_land_where_they_are_known_to(shared_data: SharedData) -> None:
+    photographs = shared_data("dtu_phantom4/images")
     survey = load_project(ROOT / "examples" / "dtu_phantom4" / "project.yaml", photographs)
     frame = LocalFrame(survey.crs, (719940.0, 6191970.0, 100.0), "grid")
     control = survey.control_points_in(frame)
@@ -355,10 +353,8 @@ def numbers(text: str | None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("number", [4167, 4168, 4169, 4170])
-def test_another_programs_poses_are_found_again(number: int) -> None:
-    folder = DATA / "mmvii_gcp4"
-    if not folder.is_dir():
-        pytest.skip("shared data mmvii_gcp4 is not here")
+def test_another_programs_poses_are_found_again(number: int, shared_data: SharedData) -> None:
+    folder = shared_data("mmvii_gcp4")
     solved = folder / "MMVII-PhgrProj" / "Ori" / "toto"
     calibration = ET.parse(solved / "Calib-PerspCentral-Foc-28000_Cam-PENTAX_K5.xml")
     radial = [float(calibration.findtext(f".//{k}") or "nan") for k in ("K1", "K2", "K3")]

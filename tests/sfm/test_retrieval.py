@@ -2,11 +2,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from makers import SharedData
 
 from photogram.files.photographs.images import read_pixels
 from photogram.sfm.tie_points import retrieval
@@ -14,8 +14,6 @@ from photogram.sfm.tie_points.features import FeatureSettings, find_features
 from photogram.sfm.tie_points.retrieval import most_similar
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
 from photogram.survey import Features
-
-BRIGHTON = Path(__file__).parents[2] / "../shared/data/brighton_beach/images"
 
 
 def features(descriptor: np.ndarray, pixel: np.ndarray | None = None, size: np.ndarray | None = None) -> Features:
@@ -199,11 +197,8 @@ def test_few_key_points_make_few_words() -> None:
     assert found[3, 0] == 1
 
 
-def test_neighbours_of_a_real_survey_are_found() -> None:
-    paths = sorted(BRIGHTON.glob("*.JPG"))
-    if not paths:
-        pytest.skip(f"no photographs in {BRIGHTON}: the shared data are not here")
-    paths = paths[3:9]
+def test_neighbours_of_a_real_survey_are_found(shared_data: SharedData) -> None:
+    paths = sorted(shared_data("brighton_beach/images").glob("*.JPG"))[3:9]
     photographs = []
     for path in paths:
         small = cv2.resize(read_pixels(path), (800, 450), interpolation=cv2.INTER_AREA)

@@ -151,7 +151,7 @@ def test_control_points_lie_where_they_are_asked_for(layout: Layout, count: int)
     ("wrong", "said"),
     [
         ({"gsd_m": 0.02, "flying_height_m": 50.0}, "not both"),
-        ({"forward_overlap": 0.99}, "forward_overlap is 0.99"),
+        ({"forward_overlap": 0.99}, "forward_overlap: must be from 0 to 0.97, found 0.99"),
         ({"gsd_m": 0.002, "width_m": 2000.0, "length_m": 2000.0, "relief_m": 0.0}, "photographs are more than"),
         ({"gsd_m": 0.002}, "too low for a relief of 10 m"),
         ({"gnss": "none", "control_points": 2}, "give 3 at least, not 2"),

@@ -165,7 +165,7 @@ def test_distortion_that_cannot_be_undone_is_refused(scene: Scene) -> None:
 def test_photographs_match_where_the_truth_says(scene: Scene, heading: float) -> None:
     first, second = pose((1.0, 0.0, 0.0), (-3.0, 0.0, 42.0)), pose((-1.0, 1.0, heading), (3.0, 1.0, 42.5))
     c = camera(600, 450, 800.0)
-    sift = cv2.SIFT_create(enable_precise_upscale=True)
+    sift = cv2.SIFT_create(enable_precise_upscale=True)  # type: ignore[attr-defined]
     found = [
         sift.detectAndCompute(cv2.cvtColor(render(scene, c, where, seed=n), cv2.COLOR_RGB2GRAY), None)
         for n, where in enumerate((first, second))

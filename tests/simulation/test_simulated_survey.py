@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from photogram.arrays import FloatArray
 from photogram.camera import all_parameters, project
 from photogram.simulation.rendering import visible
 from photogram.simulation.simulated_survey import (
@@ -23,14 +24,20 @@ from photogram.simulation.simulated_survey import (
     truth_surface,
     whole_survey_plan,
 )
+from photogram.survey import Photograph
 
 SMALL = SurveyPlan(width_px=400, height_px=300, focal_px=600.0, flying_height_m=60.0, cell_m=0.2, buildings=5, trees=30)
 MANY = replace(SMALL, strips=10, photographs_per_strip=20, flights=3, control_points=150, check_points=60)
 
 
+def measured(photograph: Photograph) -> FloatArray:
+    assert photograph.gnss_world_m is not None
+    return photograph.gnss_world_m
+
+
 def consistent(normalised: np.ndarray) -> bool:
     """Whether normalised errors have the sum of squares of a standard normal, from both sides, at 99.9 %."""
-    low, high = chi2.ppf([0.0005, 0.9995], normalised.size)
+    low, high = (float(chi2.ppf(share, normalised.size)) for share in (0.0005, 0.9995))
     return bool(low < np.sum(normalised**2) < high)
 
 
@@ -172,9 +179,9 @@ def test_measurements_have_the_noise_stated(block: SimulatedBlock) -> None:
         assert photograph.attitude_sigma_rad == pytest.approx(np.radians(plan.attitude_sigma_deg))
         assert pose.rotation_world_from_camera.shape == (3, 3)
     pairs = list(zip(data.photographs, truth.poses, strict=True))
-    gnss = np.array([p.gnss_world_m + truth.gnss_offset_world_m[p.flight] - t.position_world_m for p, t in pairs])
+    gnss = np.array([measured(p) + truth.gnss_offset_world_m[p.flight] - t.position_world_m for p, t in pairs])
     assert consistent(gnss / plan.gnss_sigma_m)
-    turn = [t.rotation_world_from_camera.T @ p.attitude_world_from_camera for p, t in pairs]
+    turn = np.array([t.rotation_world_from_camera.T @ np.asarray(p.attitude_world_from_camera) for p, t in pairs])
     assert consistent(Rotation.from_matrix(turn).as_rotvec() / np.radians(plan.attitude_sigma_deg))
     control = data.control_points
     assert consistent((control.position_world_m - truth.control_position_world_m) / control.sigma_m)
@@ -297,7 +304,7 @@ def test_gnss_is_of_the_kind_the_sigmas_say() -> None:
     assert replace(rtk_plan(), gnss_sigma_m=(0.3, 0.2, 0.5)).rtk_flag == 34
     block = simulate_block(replace(whole_survey_plan(400), strips=12, photographs_per_strip=12), 1, tie_points=50)
     pairs = list(zip(block.block.photographs, block.truth.poses, strict=True))
-    gnss = np.array([p.gnss_world_m + block.truth.gnss_offset_world_m["1"] - t.position_world_m for p, t in pairs])
+    gnss = np.array([measured(p) + block.truth.gnss_offset_world_m["1"] - t.position_world_m for p, t in pairs])
     assert gnss.std() == pytest.approx(2.0, rel=0.1)
     assert all(abs(p.height_above_ground_m - t.position_world_m[2]) <= 0.05 + 1e-9 for p, t in pairs)
 

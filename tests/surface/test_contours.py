@@ -135,7 +135,7 @@ def test_what_cannot_be_traced_is_said() -> None:
         contour_lines(cone(), ContourSettings(interval_m=1e-15))  # more heights than memory holds
     with pytest.raises(PhotogramError, match="no cell of the surface has a height"):
         contour_lines(Raster(np.full((3, 3), np.nan, np.float32), WEST, NORTH, CELL))
-    with pytest.raises(PhotogramError, match="interval_m is 0"):
+    with pytest.raises(PhotogramError, match="interval_m: must be a finite number above 0, found 0"):
         ContourSettings(interval_m=0.0)
     assert len(contour_lines(Raster(np.full((9, 9), 7.5, np.float32), WEST, NORTH, CELL))) == 0
 

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.arrays import FloatArray
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, SettingError
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.surface.tin_dsm import (
     PointPrecision,
@@ -195,7 +195,7 @@ def test_points_that_make_no_surface_are_told_apart(
     [{"cell_m": 0.0}, {"cell_m": float("nan")}, {"maximum_gap_m": -1.0}, {"spike_nmad": -1.0}, {"spike_neighbours": 3}],
 )
 def test_settings_that_cannot_be_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(PhotogramError, match=next(iter(options))):
+    with pytest.raises(SettingError, match=rf"^{next(iter(options))}: must be .*, found"):
         SurfaceSettings(**options)  # type: ignore[arg-type]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import SharedData
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.arrays import FloatArray
@@ -17,9 +18,6 @@ from photogram.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.orientation import resections_of
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
-
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "dbat_sxb"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the survey dbat_sxb is not beside this clone")
 
 FRAMES = ("8811.jpg", "8936.jpg", "8937.jpg", "8938.jpg", "9111.jpg")
 CHECK = {"B4.6": (0.167, 0.008, -0.459), "B3.11": (0.096, -0.296, 0.136)}  # adjusted − surveyed, dbat_report.txt
@@ -43,24 +41,24 @@ SIGMA_M = np.array(
 )
 
 
-def table(name: str) -> tuple[FloatArray, list[str]]:
+def table(path: Path) -> tuple[FloatArray, list[str]]:
     """The figures of one of DBAT's tables, and its names where it has them."""
     rows = [
         [cell.strip() for cell in line.split(",")]
-        for line in (DATA / name).read_text(encoding="utf-8").splitlines()
+        for line in path.read_text(encoding="utf-8").splitlines()
         if line.strip() and not line.startswith("#")
     ]
-    named = name == "sxb-control.txt"
+    named = path.name == "sxb-control.txt"
     return np.array([[float(c) for i, c in enumerate(row) if not (named and i == 1)] for row in rows]), [
         row[1] for row in rows if named
     ]
 
 
-def dbat_block() -> Block:
+def dbat_block(data: Path) -> Block:
     """The block as DBAT adjusts it: its tie points, the map as a Cartesian frame, calibration held. The marks of check
     points, which count among DBAT's observations, come in as tie points."""
-    control, names = table("sxb-control.txt")
-    marks, ties = table("markpts.txt")[0], table("smartpts.txt")[0]
+    control, names = table(data / "sxb-control.txt")
+    marks, ties = table(data / "markpts.txt")[0], table(data / "smartpts.txt")[0]
     order = np.argsort(control[:, 0])
     control, names = control[order], [names[i] for i in order]
     check = np.array([name in CHECK for name in names])
@@ -90,9 +88,9 @@ def dbat_block() -> Block:
     return replace(block, poses=tuple(r.refined for r in resections if r is not None))
 
 
-def test_the_same_observations_give_the_same_adjustment() -> None:
+def test_the_same_observations_give_the_same_adjustment(shared_data: SharedData) -> None:
     """sigma0 1.1786, redundancy 1261, centres to a micrometre, their sigmas and the check points as far as printed."""
-    block = dbat_block()
+    block = dbat_block(shared_data("dbat_sxb"))
     result = adjust(
         block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0, first_outlier_threshold_px=200.0)
     )
@@ -109,11 +107,13 @@ def test_the_same_observations_give_the_same_adjustment() -> None:
 
 
 @pytest.mark.survey
-def test_a_survey_from_tables_and_frames_runs_to_the_report(tmp_path: Path, photogram: Callable[..., Any]) -> None:
+def test_a_survey_from_tables_and_frames_runs_to_the_report(
+    tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
+) -> None:
     """Nothing but a focal length is known; the map's geographic CRS counts grads."""
-    project = tmp_path / "project.yaml"
+    project, data = tmp_path / "project.yaml", shared_data("dbat_sxb")
     outcome = photogram(
-        "init", DATA / "photographs", "--control", DATA / "points.csv", "--marks", DATA / "marks.csv",
+        "init", data / "photographs", "--control", data / "points.csv", "--marks", data / "marks.csv",
         "--crs", "EPSG:27561", "--focal-px", 20656.5, "--project", project,
     )  # fmt: skip
     assert outcome.code == 0, outcome.err

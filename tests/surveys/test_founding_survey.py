@@ -1,6 +1,6 @@
 """The founding survey: three real calibrated positions and tables, photographs rendered over the real surface.
 
-The data are not part of the repository; the tests are skipped where ``../shared/data/dtu_phantom4`` is absent.
+The data are not part of the repository; the tests are skipped where the shared data lack them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import SharedData
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +22,6 @@ from photogram.files.maps.rasters import read_raster
 from photogram.pipeline.pipeline import load_project, open_run
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data" / "dtu_phantom4"
 P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_0002_0100.JPG": 0.418}
 NEXT_MARK_PX = {"100_0002_0067.JPG": 1.1, "100_0002_0068.JPG": 4.8, "100_0002_0100.JPG": 3.0}
 
@@ -32,11 +32,14 @@ DOCUMENTS = {
 }
 """Which figures of the founding survey each page prints."""
 
-pytestmark = [
-    pytest.mark.survey,
-    pytest.mark.skipif(not DATA.is_dir(), reason="the founding survey's data are not at ../shared/data/dtu_phantom4"),
-]
+pytestmark = pytest.mark.survey
 Json = dict[str, Any]
+
+
+@pytest.fixture
+def data(shared_data: SharedData) -> Path:
+    """The folder of the survey's data."""
+    return shared_data("dtu_phantom4")
 
 
 @pytest.fixture
@@ -73,13 +76,13 @@ def check_explanation(diagnosis: Json) -> None:
 
 
 def test_founding_survey(
-    project: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
+    project: Path, data: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
 ) -> None:
-    edit(project, lambda v: v.update(comparison={"reference": str(DATA / "surface_truth.tif")}))
-    outcome = photogram("adjust", project, "--photographs", DATA / "images")
+    edit(project, lambda v: v.update(comparison={"reference": str(data / "surface_truth.tif")}))
+    outcome = photogram("adjust", project, "--photographs", data / "images")
     assert outcome.code == 0, outcome.err
     report = json.loads((project.parent / "results/report.json").read_text())
-    truth = json.loads((DATA / "truth.json").read_text())
+    truth = json.loads((data / "truth.json").read_text())
 
     check_resections(report["photographs"])
     for distance_m in P3P_TO_GNSS_M.values():
@@ -110,7 +113,7 @@ def test_founding_survey(
     assert mean_m["adjusted"] < min(mean_m["linear_2view"], mean_m["linear_3view"])
     # three photographs with four points each: the control itself is known to 0.05 m
     assert mean_m["adjusted"] < 0.05
-    check_dense_surface(project.parent / "results/dsm.tif", report["dense"])
+    check_dense_surface(project.parent / "results/dsm.tif", report["dense"], data)
 
 
 def signed(values: list[float]) -> str:
@@ -139,10 +142,10 @@ def check_documentation(report: Json) -> None:
     assert f"{signed(offset['offset_m'])} m ± {sigma} m |" in page["docs/assignment.md"]
 
 
-def check_dense_surface(path: Path, numbers: Json) -> None:
+def check_dense_surface(path: Path, numbers: Json, data: Path) -> None:
     """Dense heights against the surface from which the photographs were rendered."""
     assert numbers["completeness"] >= 0.90
-    surface, truth = read_raster(path)[0], read_raster(DATA / "surface_truth.tif")[0]
+    surface, truth = read_raster(path)[0], read_raster(data / "surface_truth.tif")[0]
     row, column = np.nonzero(np.isfinite(surface.values))
     north = surface.north_map_m - (row + 0.5) * surface.cell_m
     east = surface.west_map_m + (column + 0.5) * surface.cell_m
@@ -156,18 +159,18 @@ def check_dense_surface(path: Path, numbers: Json) -> None:
 
 @pytest.mark.filterwarnings("ignore:The 'future.infer_string' option")
 def test_camera_from_the_matlab_file(
-    project: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
+    project: Path, data: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
 ) -> None:
     def from_matlab(values: Json) -> None:
         camera = values["cameras"]["phantom4"]
         for key in ("focal_px", "principal_point_px", "radial", "tangential"):
             del camera[key]
-        camera.update(matlab=str(DATA / "DJI_Phantom4_cam.mat"), pixel_origin="photogram")
+        camera.update(matlab=str(data / "DJI_Phantom4_cam.mat"), pixel_origin="photogram")
 
     edit(project, from_matlab)
-    outcome = photogram("adjust", project, "--photographs", DATA / "images", "--until", "orientation")
+    outcome = photogram("adjust", project, "--photographs", data / "images", "--until", "orientation")
     assert outcome.code == 0, outcome.err
-    with open_run(load_project(project, DATA / "images")) as run:
+    with open_run(load_project(project, data / "images")) as run:
         block, orientation = run.block(), run.orientation()
     for photograph, resection in zip(block.photographs, orientation.resections, strict=True):
         assert resection is not None

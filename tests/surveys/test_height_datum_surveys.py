@@ -13,6 +13,7 @@ import laspy
 import numpy as np
 import pytest
 import rasterio
+from makers import SharedData
 
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import read_headers
@@ -22,7 +23,6 @@ from photogram.project.findings import Finding
 from photogram.project.project import Project
 from photogram.project.validation.heights import height_system_findings
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "dtu_phantom4" / "project.yaml"
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 Run = Callable[..., Any]
@@ -172,9 +172,8 @@ def test_nothing_is_found_in_a_survey_of_one_system(survey: Path) -> None:
     assert found(survey / "project.yaml") == []
 
 
-@pytest.mark.skipif(not (DATA / "dtu_phantom4").is_dir(), reason="needs dtu_phantom4 of the shared data")
-def test_nothing_is_found_in_the_example() -> None:
-    project = load_project(EXAMPLE, DATA / "dtu_phantom4" / "images")
+def test_nothing_is_found_in_the_example(shared_data: SharedData) -> None:
+    project = load_project(EXAMPLE, shared_data("dtu_phantom4/images"))
     assert height_system_findings(project, tags_of(project)) == []
 
 

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import SharedData
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
-
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
-BRIGHTON, SHEFFIELD = DATA / "brighton_beach", DATA / "sheffield_cross"
 
 
 def reported(folder: Path, photogram: Callable[..., Any], settings: str, *options: object) -> dict[str, Any]:
@@ -26,12 +24,13 @@ def reported(folder: Path, photogram: Callable[..., Any], settings: str, *option
 
 
 @pytest.mark.survey
-@pytest.mark.skipif(not BRIGHTON.is_dir(), reason="the survey brighton_beach is not beside this clone")
 def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
-    tmp_path: Path, photogram: Callable[..., Any]
+    tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
 ) -> None:
     """Headings of whole strips are 16° and 180° off in the tags, and the block looks straight down from one height."""
-    report = reported(tmp_path, photogram, "\nquality: medium\nfeatures: {maximum: 4000}\n", BRIGHTON / "images")
+    report = reported(
+        tmp_path, photogram, "\nquality: medium\nfeatures: {maximum: 4000}\n", shared_data("brighton_beach/images")
+    )
     block, adjustment = report["block"], report["adjustment"]
     assert adjustment["converged"]
     assert (block["registered"], block["photographs"], block["method"]) == (18, 18, "growth")
@@ -48,12 +47,14 @@ def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
 
 
 @pytest.mark.survey
-@pytest.mark.skipif(not SHEFFIELD.is_dir(), reason="the survey sheffield_cross is not beside this clone")
-def test_map_grade_control_marked_in_larger_pictures(tmp_path: Path, photogram: Callable[..., Any]) -> None:
+def test_map_grade_control_marked_in_larger_pictures(
+    tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
+) -> None:
     """Heights of the tags are 70 m off; there is no attitude; marks are in pictures of five times the size."""
-    options = ("--control", SHEFFIELD / "gcp_file.txt", "--picture-size", "4000x3000", "--control-sigma", "0.5")
+    sheffield = shared_data("sheffield_cross")
+    options = ("--control", sheffield / "gcp_file.txt", "--picture-size", "4000x3000", "--control-sigma", "0.5")
     settings = "\nfeatures: {maximum: 1500}\n"
-    report = reported(tmp_path, photogram, settings, SHEFFIELD / "images", *options)
+    report = reported(tmp_path, photogram, settings, sheffield / "images", *options)
     assert report["adjustment"]["converged"]
     assert report["block"]["registered"] == 41
     marks = np.array([m["residual_px"] for p in report["control_points"] for m in p["marks"]])

@@ -8,11 +8,12 @@ the east, its principal point as far to the right. What follows is the code that
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import rasterio
+from makers import SharedData
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
@@ -23,8 +24,7 @@ from photogram.surface.dense.refinement import refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
 
-DATA = Path(__file__).parents[2] / "../shared/data/stereo_cones"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the stereo pair is not at ../shared/data/stereo_cones")
+Read = Callable[[str], NDArray[np.generic]]
 
 HEIGHT_M = 1e9
 LARGEST_PX, STEP_PX = 60, 1.0
@@ -34,11 +34,18 @@ RIM_PX = 8
 PATCH = 16
 
 
-def read(name: str) -> NDArray[np.generic]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        with rasterio.open(DATA / name) as file:
-            return np.asarray(file.read(1))
+@pytest.fixture(scope="module")
+def read(shared_data: SharedData) -> Read:
+    """Read one of the pair's pictures."""
+    folder = shared_data("stereo_cones")
+
+    def picture(name: str) -> NDArray[np.generic]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            with rasterio.open(folder / name) as file:
+                return np.asarray(file.read(1))
+
+    return picture
 
 
 def pair(left: NDArray[np.generic], right: NDArray[np.generic]) -> tuple[Crops, Ground]:
@@ -62,7 +69,7 @@ def pair(left: NDArray[np.generic], right: NDArray[np.generic]) -> tuple[Crops, 
 
 
 @pytest.fixture(scope="module")
-def disparity() -> Float32Array:
+def disparity(read: Read) -> Float32Array:
     """Disparities (rows, columns) in px, NaN where the core finds none; all settings are those of a survey."""
     left, settings = read("Cones_LEFT.tif"), DenseSettings()
     crops, ground = pair(left, read("Cones_RIGHT.tif"))
@@ -83,31 +90,31 @@ def disparity() -> Float32Array:
     return found
 
 
-def wrong(disparity: Float32Array, limit_px: float) -> NDArray[np.bool_]:
+def wrong(read: Read, disparity: Float32Array, limit_px: float) -> NDArray[np.bool_]:
     """Return which pixels are off by more than a limit or have no disparity."""
     return ~(np.abs(disparity - read("Cones_LEFT_GT.tif")) <= limit_px)
 
 
-def visible() -> NDArray[np.bool_]:
+def visible(read: Read) -> NDArray[np.bool_]:
     """Return which pixels both pictures show, as the data say, and whose disparity is known."""
     return np.asarray((read("mask_from_occlusion_left.tif") == 0) & (read("Cones_LEFT_GT.tif") > 0))
 
 
-def test_disparities_are_right(disparity: Float32Array) -> None:
-    seen = visible()
+def test_disparities_are_right(read: Read, disparity: Float32Array) -> None:
+    seen = visible(read)
     assert seen.sum() > 0.8 * seen.size
-    assert wrong(disparity, 1.0)[seen].mean() < 0.12
-    assert wrong(disparity, 2.0)[seen].mean() < 0.06
+    assert wrong(read, disparity, 1.0)[seen].mean() < 0.12
+    assert wrong(read, disparity, 2.0)[seen].mean() < 0.06
     assert np.median(np.abs(disparity - read("Cones_LEFT_GT.tif"))[seen & np.isfinite(disparity)]) < 0.25
 
 
-def test_what_is_wrong_lies_at_the_edges_of_things(disparity: Float32Array) -> None:
+def test_what_is_wrong_lies_at_the_edges_of_things(read: Read, disparity: Float32Array) -> None:
     """Three fifths of the pixels are 8 px and more away from a jump of the true disparity."""
-    truth, seen = read("Cones_LEFT_GT.tif").astype(np.float64), visible()
+    truth, seen = read("Cones_LEFT_GT.tif").astype(np.float64), visible(read)
     jump = np.abs(np.diff(truth, axis=1, prepend=truth[:, :1])) > 2.0
     jump |= np.abs(np.diff(truth, axis=0, prepend=truth[:1])) > 2.0
     away = distance_transform_edt(~jump) >= 8.0
-    off = wrong(disparity, 1.0) & seen
+    off = wrong(read, disparity, 1.0) & seen
     assert (seen & away).sum() > 0.5 * seen.sum()
     assert (off & away).sum() < 0.2 * off.sum()
     assert off[seen & away].mean() < 0.03

@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, check_range
-from photogram.errors import ImageError
+from photogram.arrays import ByteArray
+from photogram.errors import ImageError, check_range
 from photogram.survey import Features
 
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.arrays import ByteArray, FloatArray, IntArray, check_range
+from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
 from photogram.compilation import njit
+from photogram.errors import check_range
 from photogram.survey import TiePoints
 
 HALF_PATCH = 16

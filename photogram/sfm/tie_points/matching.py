@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray, check_range
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, undistort
 from photogram.compilation import njit
+from photogram.errors import check_range
 from photogram.projection import SIDEWAYS
 from photogram.survey import Features, Matches
 

@@ -18,10 +18,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from photogram.arrays import BoolArray, FloatArray, IntArray, check_range, check_shape
+from photogram.arrays import BoolArray, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.errors import OrientationError
+from photogram.errors import OrientationError, check_range
 from photogram.projection import SIDEWAYS
 from photogram.survey import Photograph
 

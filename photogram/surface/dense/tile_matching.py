@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray, IntArray
-from photogram.errors import PhotogramError
+from photogram.errors import SettingError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
 from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, fill_costs, grey_of_cells
@@ -74,16 +74,15 @@ class DenseSettings:
     noise_dn: float = 1.5
 
     def __post_init__(self) -> None:
-        if not 2 <= self.photographs <= 16:
-            raise PhotogramError(f"dense.photographs is {self.photographs}: give 2 to 16")
-        if not 0.0 < self.agreeing_share <= 1.0:
-            raise PhotogramError(f"dense.agreeing_share is {self.agreeing_share}: give a share above 0, at most 1")
-        if not 0.0 <= self.small_step < self.large_step <= LARGEST_STEP:
-            raise PhotogramError(
-                f"dense.small_step must lie below dense.large_step, neither below 0 nor above {LARGEST_STEP:g}"
-            )
-        if not (self.contrast_dn > 0 and self.noise_dn > 0):
-            raise PhotogramError("dense.contrast_dn and dense.noise_dn must be positive")
+        check_range("photographs", self.photographs, 2, 16)
+        check_positive("agreeing_share", self.agreeing_share)
+        check_range("agreeing_share", self.agreeing_share, 0.0, 1.0)
+        check_range("large_step", self.large_step, 0.0, LARGEST_STEP)
+        if not 0.0 <= self.small_step < self.large_step:
+            limits = f"at least 0 and below large_step, {self.large_step:g}"
+            raise SettingError("small_step", f"must be {limits}, found {self.small_step:g}")
+        check_positive("contrast_dn", self.contrast_dn)
+        check_positive("noise_dn", self.noise_dn)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, verticals
 from photogram.surface.ortho.colour_balance import Balance, PixelsOf, balance_exposure, camera_of, sample_overlaps
@@ -60,10 +60,9 @@ class OrthophotoSettings:
     feather_cells: float = 4.0
 
     def __post_init__(self) -> None:
-        if self.cell_m is not None and not (np.isfinite(self.cell_m) and self.cell_m > 0):
-            raise PhotogramError(f"cell_m is {self.cell_m}: give a positive length in metres, or leave it out")
-        if not 0 <= self.feather_cells <= SMALLEST_BLOCK:
-            raise PhotogramError(f"feather_cells is {self.feather_cells}: give 0 to {SMALLEST_BLOCK} cells")
+        if self.cell_m is not None:
+            check_positive("cell_m", self.cell_m)
+        check_range("feather_cells", self.feather_cells, 0, SMALLEST_BLOCK)
 
 
 def ground_sampling_distance_m(views: Views, terrain: Terrain) -> float:

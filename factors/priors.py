@@ -1,8 +1,10 @@
-"""GNSS positions and attitudes of photographs.
+"""What is known before the adjustment, as GTSAM factors: surveyed positions, GNSS positions and their offsets, measured
+attitudes, calibrations.
 
 The projection centre is C = GNSS + R l + offset, with the lever arm l from the antenna in the camera's axes where it is
 known there. The offset (datum of the base station, height system) is one unknown per flight, with its own prior. The
-attitude of a gimbal is a rotation with one sigma about every axis.
+attitude of a gimbal is a rotation with one sigma about every axis. Sigmas of positions are stated along easting,
+northing and height of the map.
 """
 
 from __future__ import annotations
@@ -11,8 +13,27 @@ import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.factors.noise import along_axes
-from photogram.factors.variables import GNSS_OFFSET, POSE, key
+from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
+
+
+def along_axes(sigma_m: FloatArray, axes: FloatArray | None) -> gtsam.noiseModel.Base:
+    """Return the noise of a position with sigmas (3,) in m along the columns of ``axes`` (3, 3), a rotation.
+
+    Without ``axes`` the sigmas lie along the axes of the world itself. An infinite sigma leaves its axis open.
+    """
+    if axes is None or np.array_equal(axes, np.eye(3)):
+        return gtsam.noiseModel.Diagonal.Sigmas(sigma_m)
+    return gtsam.noiseModel.Gaussian.SqrtInformation(axes.T / sigma_m[:, None])
+
+
+def surveyed_position(
+    point: int, position_world_m: FloatArray, sigma_m: FloatArray, axes: FloatArray | None = None
+) -> gtsam.NonlinearFactor:
+    """Return the factor of control point ``point`` surveyed at a world position (3,), m.
+
+    Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world.
+    """
+    return gtsam.PriorFactorPoint3(key(CONTROL_POINT, point), position_world_m, along_axes(sigma_m, axes))
 
 
 def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m: FloatArray | None) -> FloatArray:
@@ -85,3 +106,23 @@ def measured_attitude(
         covariance = sigma_rad**2 * (np.eye(3) - around) + NO_HEADING_SIGMA_RAD**2 * around
         noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
     return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, noise)
+
+
+def calibration_prior(camera: int, expected: FloatArray, sigmas: FloatArray) -> gtsam.NonlinearFactor | None:
+    """Return the prior on a camera's free parameters, in the units of the calibration variable; None when all are
+    unbounded.
+
+    ``expected`` and ``sigmas`` (free,); an infinite sigma says nothing about its parameter.
+    """
+    known = np.flatnonzero(np.isfinite(sigmas))
+    if not len(known):
+        return None
+    selection = np.zeros((len(known), len(sigmas)))
+    selection[np.arange(len(known)), known] = 1.0
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        if jacobians is not None:
+            jacobians[0] = selection
+        return np.asarray(values.atVector(factor.keys()[0])[known] - expected[known])
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigmas[known]), [key(CALIBRATION, camera)], error)

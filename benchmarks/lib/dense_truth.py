@@ -82,7 +82,8 @@ def photographs_that_see(
 
 def _outline_of(building: BoolArray, grid: MapGrid) -> Outline:
     """Return the sides that cells of buildings share with other cells."""
-    slope = np.stack(np.gradient(-gaussian_filter(building.astype(np.float64), 2.0)), axis=-1)
+    smooth = np.asarray(gaussian_filter(building.astype(np.float64), 2.0))
+    slope = np.stack([np.gradient(-smooth, axis=axis) for axis in (0, 1)], axis=-1)
     place, normal = [], []
     for axis in (0, 1):
         row, column = np.nonzero(np.diff(building.astype(np.int8), axis=axis))
@@ -208,7 +209,7 @@ def block_error(truth: Truth, survey: SimulatedSurvey, block: Block) -> Callable
         rays[shown] += 1
     error = np.full((len(map_m), 3), np.nan)
     several = rays >= 2
-    found = np.linalg.solve(normal[several], side[several][..., None])[..., 0]
+    found = np.asarray(np.linalg.solve(normal[several], side[several][..., None]), dtype=np.float64)[..., 0]
     error[np.flatnonzero(known)[several]] = block.frame.map_from_world(found) - map_m[known][several]
     field = error.reshape(len(rows), len(columns), 3)
     nearest = distance_transform_edt(np.isnan(field[..., 0]), return_distances=False, return_indices=True)

@@ -1,0 +1,84 @@
+"""What several tests are made of: simulated blocks, their problems, and GTSAM's normal equations of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import gtsam
+import numpy as np
+
+from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.arrays import FloatArray
+from photogram.camera import Camera
+from photogram.factors.elimination.loss import RobustLoss
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.survey import Block
+
+SharedData = Callable[[str], Path]
+"""The fixture ``shared_data``: the path of a file or folder outside of the repository, by its name there."""
+
+LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
+"""Of everything: no loss, nothing rejected."""
+
+SMALL = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
+FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf)
+"""Sigmas of a calibration of which some parameters are held, some known and one is free."""
+
+
+def no_matlab(path: Path, *_: object) -> Camera:
+    """Read the camera of a project that names no MATLAB file."""
+    raise AssertionError(f"nothing to read from {path}")
+
+
+def simulated(
+    plan: SurveyPlan, seed: int = 1, *, off: float = 0.05, tie_points: int = 150, mismatches: float = 0.0
+) -> SimulatedBlock:
+    """Simulate the observations of a plan; positions, attitudes and points start ``off`` (m, °) from the truth."""
+    return simulate_block(
+        plan, seed, tie_points=tie_points, mismatches=mismatches, start_position_sigma_m=off,
+        start_attitude_sigma_deg=off, start_point_sigma_m=off,
+    )  # fmt: skip
+
+
+def problem_of(block: Block, loss: RobustLoss = "none") -> tuple[Problem, State]:
+    """Return the problem of a block and the state to start from."""
+    problem = make_problem(block, AdjustmentSettings(robust_loss=loss))
+    return problem, start_state(block, problem.flights)
+
+
+def small_problem(seed: int = 1, sigmas: tuple[float, ...] = FREE, *, mismatches: float = 0.0) -> tuple[Problem, State]:
+    """Return a block of six photographs, 40 tie points, and everything that can hold it, close to its solution."""
+    made = simulate_block(
+        replace(SMALL, calibration_sigmas=sigmas), seed, tie_points=40, sigma_px=0.5, start_position_sigma_m=0.02,
+        start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02, mismatches=mismatches,
+    )  # fmt: skip
+    problem, state = problem_of(made.block)
+    return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
+
+
+def whole_normal_equations(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, dict[int, slice]]:
+    """Return GTSAM's normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
+    system = linearise_all(problem, ground_graph(problem), state, 1.0)
+    ordering, place, start = gtsam.Ordering(), {}, 0
+    for variable in system.variables:
+        ordering.push_back(variable)
+        place[variable] = slice(start, start + variable_size(problem, variable))
+        start = place[variable].stop
+    information, right = system.graph.hessian(ordering)
+    return information, np.ravel(right), place
+
+
+def whole_covariance(problem: Problem, state: State) -> tuple[FloatArray, dict[int, slice]]:
+    """Return the inverse of the whole normal matrix, and where each variable sits."""
+    information, _, place = whole_normal_equations(problem, state)
+    scale = np.sqrt(np.diag(information))
+    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
+
+
+def true_centres(made: SimulatedBlock) -> FloatArray:
+    """Return the true projection centres (N, 3) of a simulated block in the world, m."""
+    return np.array([pose.position_world_m for pose in made.truth.poses])
