@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
 from pyproj import Transformer
 
 from photogram.camera import Camera, Pose
@@ -24,9 +26,11 @@ from photogram.cli.main import main
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.stages import report_files
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.printing import browser_options, find_browser
+from photogram.report.record.json_schema import report_schema
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
@@ -205,6 +209,22 @@ def _edit(project: Path, change: Callable[[dict[str, Any]], object]) -> None:
 def _small(values: dict[str, Any]) -> None:
     values["features"] = {"maximum": 800}
     values["matching"] = {"ratio": 0.8}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def reports_follow_their_schema() -> Iterator[None]:
+    """Hold every report.json that a test makes within its process against the JSON Schema."""
+    validator, write = Draft202012Validator(report_schema()), report_files.write_json
+
+    def checked(path: Path, value: object) -> None:
+        write(path, value)
+        if path.name == report_files.NUMBERS:
+            fault = best_match(validator.iter_errors(json.loads(path.read_text(encoding="utf-8"))))
+            assert fault is None, f"{path}: {fault.json_path}: {fault.message}"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_files, "write_json", checked)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -15,19 +15,18 @@ from photogram.errors import PhotogramError, ReportError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.previews import previews
-from photogram.files.reading import read_whole
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.report_files import NUMBERS, VIEW
 from photogram.pipeline.store.results_record import recorded
-from photogram.report.reading import MOST_BYTES
-from photogram.report.view_record import ViewRecord, view_record
+from photogram.report.reading import read_report
+from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
 
 PROJECT = "project.yaml"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 
 
-def _report(folder: Path) -> ViewRecord:
+def _report(folder: Path) -> Report:
     """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
     is damaged or something else."""
     if not isdir(folder):
@@ -37,10 +36,7 @@ def _report(folder: Path) -> ViewRecord:
         below = folder / "results"
         hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
-    try:
-        return view_record(read_whole(path, MOST_BYTES))
-    except ReportError as fault:
-        raise ReportError(f"{path}: {fault}: make it again with photogram adjust") from fault
+    return read_report(path)
 
 
 def _cloud(folder: Path) -> Path:
@@ -70,9 +66,9 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> Mapping[str,
     return {name: there[name] for name in names if name in there and there[name].is_file()}
 
 
-def _pictures(results: Path, record: ViewRecord, folder: Path | None) -> Mapping[str, bytes]:
+def _pictures(results: Path, report: Report, folder: Path | None) -> Mapping[str, bytes]:
     """Return small pictures of the registered photographs, and say of how many there are none."""
-    names = list(record.registered)
+    names = list(oriented(report["photographs"]))
     paths = _paths(results, names, folder)
     if not paths:
         console.print("No pictures of photographs: --photographs names their folder", soft_wrap=True)
@@ -88,15 +84,15 @@ def _pictures(results: Path, record: ViewRecord, folder: Path | None) -> Mapping
 
 def run(results: Path, points: int, cloud: Path | None, photographs: Path | None, show: bool) -> None:
     """Write the page of a folder of results, and open it if asked for."""
-    record = _report(results)
+    report = _report(results)
     path = cloud or _cloud(results)
     target = results / VIEW
-    pictures = _pictures(results, record, photographs)
+    pictures = _pictures(results, report, photographs)
     with steps("3-D view") as progress:
         progress(0, 3, f"reading {path.name}")
         described = read_described(path)
         progress(1, 3, f"thinning and packing {path.name}")
-        page = view_page(described, record, path.name, points, pictures)
+        page = view_page(described, report, path.name, points, pictures)
         progress(2, 3, f"writing {VIEW}")
         with recorded(results), replacing(target) as temporary:
             temporary.write_text(page, encoding="utf-8")

@@ -27,9 +27,10 @@ from photogram import __version__
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
-from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
+from photogram.files.npz_json import file_fingerprint, fingerprint
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.orthophoto import make_orthophoto
+from photogram.pipeline.stages.report_files import NUMBERS
 from photogram.pipeline.stages.results import publish
 from photogram.pipeline.stages.stages import (
     Stage,
@@ -51,6 +52,8 @@ from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
+from photogram.report.reading import read_report
+from photogram.report.record.report import Report
 
 STAGES = (
     Stage(
@@ -257,11 +260,11 @@ def run_pipeline(
     start: str | None = None,
     until: str | None = None,
     executor: Executor | None = None,
-) -> dict[str, Any]:
-    """Bring a project to its results, doing only what is not done yet; returns report.json as a dictionary.
+) -> Report | None:
+    """Bring a project to its results, doing only what is not done yet; returns what report.json holds.
 
-    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary
-    unless it is the last). Raises a PhotogramError that says what the user can mend.
+    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns None unless it is the
+    last). Raises a PhotogramError that says what the user can mend.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]
@@ -273,8 +276,7 @@ def run_pipeline(
         if reason:
             raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
         _Progress(run, watcher, first, last).go_on()
-    report = project.results / "report.json"
-    return dict(read_json(report)) if last == len(names) - 1 else {}
+    return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
         (("demo",), ["FOLDER", "--seed"]),
         (("study",), ["ransac"]),
+        (("schema",), ["report"]),
         (("study", "ransac"), ["PROJECT", "--pair", "--iterations", "--sample-sizes", "--thresholds", "--seed"]),
     ],
 )
@@ -62,6 +63,7 @@ def test_help_of_every_command(photogram: Run, arguments: tuple[str, ...], words
         ("compare", "--reference", "surface.tif"),
         ("demo", "--seed", "one"),
         ("study",),
+        ("schema", "reports"),
         ("study", "ransac", "project.yaml", "--sample-sizes", "eight"),
         ("study", "ransac", "project.yaml", "--residual", "sampsn"),
     ],

@@ -31,7 +31,8 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
         "suspects": [], "blunders": [], "blunders_effect": None,
-        "gnss": {"flights": {}},
+        "gnss": {"flights": {}, "warnings": []},
+        "verdict": {"sentence": "", "figures": [{"rmse_m": None, "target_m": None}] * 2},
         "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
         "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip

@@ -245,7 +245,7 @@ def test_refuted_sigmas_are_a_warning_and_right_ones_are_none() -> None:
 
 def test_ground_marks_follow_the_role_in_height() -> None:
     point: dict[str, Any] = {"name": "P", "surveyed_map_m": [1.0, 2.0, 3.0], "surveyed_sigma_m": [0.1, 0.1, 0.2]}
-    roles = [{"role": "control", "axis_roles": ["control", "control", "check"]}, {"role": "control"}, {"role": "check"}]
+    roles = [{"axis_roles": ["control", "control", "check"]}, *({"axis_roles": [r] * 3} for r in ("control", "check"))]
     marks = ground_marks([{**point, **role} for role in roles])
     assert marks.checks_height.tolist() == [True, False, True]
     assert ground_marks([]).place_map_m.shape == (0, 3)
