@@ -14,11 +14,11 @@ from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.positions import GnssRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import CloudRecord
+from photogram.report.titles import CLOUD_TITLES
 
 MAXIMUM_SENTENCES = 4
 MAXIMUM_SUSPECTS = 5
 MAXIMUM_LEFT_OUT = 10
-_CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 
 
 def _fixed(value: float | None) -> str:
@@ -191,7 +191,7 @@ def _over_reference(clouds: Mapping[str, CloudRecord]) -> Table | None:
     table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
     for name, cloud in clouds.items():
         spread = (_fixed(value) for value in (cloud["mean_m"], cloud["std_m"], cloud["nmad_m"]))
-        table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), *spread)
+        table.add_row(CLOUD_TITLES[name], str(cloud["points"]), *spread)
     return table
 
 
@@ -233,6 +233,6 @@ def show_judgement(judgement: Judgement) -> None:
     table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
     table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
     for name, nmad in j.nmad_m.items():
-        table.add_row(f"{_CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
+        table.add_row(f"{CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
     table.add_row("adjusted closer to the truth than three-view", f"{j.gain:.1f} times", "")
     console.print(table)

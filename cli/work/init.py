@@ -21,6 +21,7 @@ from photogram.files.photographs.images import inspect_photograph
 from photogram.files.tables.control_files import read_points
 from photogram.files.tables.position_files import read_mrk
 from photogram.height_systems import HeightSystem
+from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import (
     ControlFile,
@@ -31,10 +32,11 @@ from photogram.project.draft.draft import (
     Wishes,
     draft_project,
 )
-from photogram.project.draft.text import count, project_text
+from photogram.project.draft.text import project_text
 from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
 from photogram.survey import Role
+from photogram.wording import things
 
 _SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
 
@@ -90,7 +92,7 @@ def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
 
 def _inspect(folder: Path, names: list[str]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     found: list[TaggedPhotograph | LeftOut] = []
-    with steps("Photographs", len(names)) as progress, ThreadPoolExecutor(os.cpu_count()) as executor:
+    with steps("Photographs", len(names)) as progress, ThreadPoolExecutor(cores()) as executor:
         for result in executor.map(lambda name: _inspected(folder, name), names):
             found.append(result)
             progress(len(found), len(names), result.name)
@@ -103,7 +105,7 @@ def _inspect(folder: Path, names: list[str]) -> tuple[list[TaggedPhotograph], li
 def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     """Return the photographs once each, and those that are copies of another."""
     paths, tags = [folder / p.name for p in photographs], [p.tags for p in photographs]
-    with ThreadPoolExecutor(os.cpu_count()) as executor:
+    with ThreadPoolExecutor(cores()) as executor:
         groups = find_copies(paths, tags, [None] * len(paths), executor)
     original = {i: group[0] for group in groups for i in group[1:]}
     return (
@@ -164,32 +166,34 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
 
 def _show(draft: ProjectDraft, project: Path) -> None:
     table = Table(title=escape(str(project)), show_header=False)
-    flights = f" in {count(draft.flights, 'flight')}"
+    flights = f" in {things(draft.flights, 'flight')}"
     table.add_row("photographs", f"{len(draft.photographs)}{flights}")
     for camera in draft.cameras:
         number = sum(p.camera == camera.name for p in draft.photographs)
         focal = f"f {camera.focal_px:.0f} ± {camera.sigmas[0]:.0f} px"
-        table.add_row(camera.name, f"{count(number)}, {focal}: {escape(camera.source)}")
+        table.add_row(camera.name, f"{things(number, 'photograph')}, {focal}: {escape(camera.source)}")
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
     without = sum(p.gnss is None for p in draft.photographs)
     table.add_row(
         "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
     )
     for positions in draft.positions:
-        text = f"of {count(len(positions.rows))}" if positions.rows else f"not used: {positions.fault}"
+        text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.fault}"
         table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
     attitudes = sum(p.has_attitude for p in draft.photographs)
-    table.add_row("attitude", f"in the tags of {count(attitudes)}" if attitudes else "none")
+    table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
     if not draft.height_systems.known:
         table.add_row("heights", escape(f"say in {project} whether they are above the ellipsoid or a geoid"))
     for file in draft.control:
-        table.add_row(file.role, f"{count(len(file.position), 'point')} of {escape(file.path)}")
+        table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
             table.add_row("", f"no marks in photographs for {escape(file.path)}: give them with --marks FILE")
     for site in draft.other_sites:
         where = f"{site.distance_m / 1000:.1f} km away at {site.longitude_deg:.4f}, {site.latitude_deg:.4f}"
-        table.add_row("another site, left out", f"{count(len(site.names))} {where}: {escape(_short(site.names))}")
+        table.add_row(
+            "another site, left out", f"{things(len(site.names), 'photograph')} {where}: {escape(_short(site.names))}"
+        )
     for photograph in draft.left_out[:10]:
         table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
     for warning in draft.warnings:

@@ -14,7 +14,6 @@ Matching depends on which pairs were chosen, not on why: other positions that le
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -28,6 +27,7 @@ from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import file_fingerprint, fingerprint
+from photogram.machine import cores
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.orthophoto import make_orthophoto
 from photogram.pipeline.stages.report_files import NUMBERS
@@ -54,11 +54,12 @@ from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
+from photogram.report.titles import STAGE_TITLES
 
 STAGES = (
     Stage(
         "photographs",
-        "Photographs",
+        STAGE_TITLES["photographs"],
         (),
         lambda run: [
             run.photograph_fingerprints,
@@ -71,14 +72,14 @@ STAGES = (
     ),
     Stage(
         "features",
-        "Features",
+        STAGE_TITLES["features"],
         (),
         lambda run: [run.photograph_fingerprints, run.project.features, run.project.quality],
         detect_features,
     ),
     Stage(
         "pairs",
-        "Pairs",
+        STAGE_TITLES["pairs"],
         ("photographs", "features"),
         lambda run: [
             run.project.pairs,
@@ -91,36 +92,36 @@ STAGES = (
     ),
     Stage(
         "matches",
-        "Matching",
+        STAGE_TITLES["matches"],
         ("features",),
         lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
         match_photographs,
     ),
     Stage(
         "tie_points",
-        "Tie points",
+        STAGE_TITLES["tie_points"],
         ("features", "matches"),
         lambda run: run.project.adjustment.tie_point_sigma_px,
         join_tie_points,
     ),
     Stage(
         "orientation",
-        "Orientation",
+        STAGE_TITLES["orientation"],
         ("photographs", "tie_points"),
         lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
         orient_photographs,
     ),
     Stage(
         "transfer",
-        "Tie point transfer",
+        STAGE_TITLES["transfer"],
         ("photographs", "tie_points", "orientation"),
         lambda run: [run.project.transfer, run.project.adjustment.tie_point_sigma_px],
         transfer_tie_points,
     ),
-    Stage("intersection", "Linear intersection", ("orientation", "transfer"), lambda _: None, intersect_clouds),
+    Stage("intersection", STAGE_TITLES["intersection"], ("orientation", "transfer"), lambda _: None, intersect_clouds),
     Stage(
         "adjustment",
-        "Joint adjustment",
+        STAGE_TITLES["adjustment"],
         ("orientation", "transfer"),
         lambda run: [
             run.project.adjustment,
@@ -132,29 +133,29 @@ STAGES = (
     ),
     Stage(
         "dense",
-        "Dense matching",
+        STAGE_TITLES["dense"],
         ("adjustment",),
         lambda run: [run.photograph_fingerprints, run.project.dense, run.project.surface.cell_m],
         match_surface,
     ),
-    Stage("surface", "Surface model", ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
+    Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
     Stage(
         "relief",
-        "Terrain and contours",
+        STAGE_TITLES["relief"],
         ("surface",),
         lambda run: [run.project.terrain, run.project.contours],
         trace_relief,
     ),
     Stage(
         "orthophoto",
-        "Orthophoto",
+        STAGE_TITLES["orthophoto"],
         ("adjustment", "surface"),
         lambda run: [run.photograph_fingerprints, run.project.orthophoto],
         make_orthophoto,
     ),
     Stage(
         "comparison",
-        "Comparison",
+        STAGE_TITLES["comparison"],
         ("intersection", "adjustment"),
         lambda run: (
             None
@@ -165,7 +166,7 @@ STAGES = (
     ),
     Stage(
         "results",
-        "Report",
+        STAGE_TITLES["results"],
         ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
         lambda run: [str(run.project.results), run.project.report],
         publish,
@@ -249,7 +250,7 @@ def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run
     Raises WorkspaceError when another process works there.
     """
     workspace = Workspace(project.work)
-    with workspace.locked(), ThreadPoolExecutor(os.cpu_count()) as own:
+    with workspace.locked(), ThreadPoolExecutor(cores()) as own:
         yield Run(project, workspace, executor or own)
 
 

@@ -33,10 +33,11 @@ from photogram.report.numbers.wording import (
 from photogram.report.record.block import CameraRecord
 from photogram.report.record.diagnosis import CalibrationRecord
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
-from photogram.report.record.judgement import LightRecord
 from photogram.report.record.photographs import OrientedPhotograph
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
+from photogram.report.record.verdict import LightRecord
+from photogram.report.titles import CLOUD_TITLES, STAGE_TITLES
 
 Row = dict[str, object]
 """What a table of the page shows in one row, by the names that the template uses."""
@@ -53,22 +54,6 @@ MAXIMUM_PHOTOGRAPHS = 60
 MAXIMUM_MARKS = 40
 MAXIMUM_SURFACE_CHECKS = 20
 STRONG, VERY_STRONG = 0.8, 0.95
-STAGE_TITLES = {
-    "photographs": "Photographs read",
-    "features": "Features",
-    "pairs": "Pairs",
-    "matches": "Matching",
-    "tie_points": "Tie points",
-    "orientation": "Orientation",
-    "transfer": "Tie point transfer",
-    "intersection": "Linear intersection",
-    "adjustment": "Joint adjustment",
-    "dense": "Dense matching",
-    "surface": "Surface model",
-    "relief": "Terrain and contours",
-    "orthophoto": "Orthophoto",
-    "comparison": "Comparison",
-}
 LIBRARY_TITLES = {
     "python": "Python",
     "gtsam": "GTSAM",
@@ -78,7 +63,6 @@ LIBRARY_TITLES = {
     "scipy": "SciPy",
     "numba": "Numba",
 }
-CLOUD_TITLES = {"linear_2view": "Two views, linear", "linear_3view": "Three views, linear", "adjusted": "Adjusted"}
 
 
 def templates(undefined: type[Undefined]) -> Environment:

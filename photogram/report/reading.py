@@ -30,12 +30,10 @@ def read_report(path: Path) -> Report:
     """Return what report.json holds. Raises ReportError where it cannot be read, is damaged or is something else."""
     try:
         return report_of(read_whole(path, MOST_BYTES))
-    except OSError as fault:
-        if isinstance(fault, PhotogramError):
-            raise
-        raise ReportError(f"{path}: cannot be read ({fault.strerror}): {_REMEDY}") from fault
-    except ReportError as fault:
+    except ReportError as fault:  # an OSError too
         raise ReportError(f"{path}: {fault}: {_REMEDY}") from fault
+    except OSError as fault:
+        raise ReportError(f"{path}: cannot be read ({fault.strerror}): {_REMEDY}") from fault
 
 
 def report_of(text: bytes | str) -> Report:

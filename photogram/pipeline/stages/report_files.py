@@ -23,8 +23,8 @@ from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 from photogram.report.reading import making_of, read_report
 from photogram.report.record.json_schema import report_schema
-from photogram.report.record.judgement import DeliverableRecord, SurveyRecord
 from photogram.report.record.report import Report, SurveyNumbers
+from photogram.report.record.verdict import DeliverableRecord, SurveyRecord
 from photogram.report.versions import versions
 
 PAGE, PRINTED, NUMBERS, FIGURES, VIEW = "report.html", "report.pdf", "report.json", "figures.json", "view.html"

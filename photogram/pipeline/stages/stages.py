@@ -31,6 +31,7 @@ from photogram.pipeline.store.run import Run, adjustment_arrays, orientation_to,
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.schema import REDUCTIONS
 from photogram.project.validation.positions import time_findings
 from photogram.quality.cloud_comparison import compare, triangulate
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
@@ -134,9 +135,6 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
 
 
 # ---- features, matches, tie points ---------------------------------------------------------------------------------
-
-
-REDUCTIONS = {"high": 1, "medium": 2, "low": 4}
 
 
 def _coarseness(project: Project, photograph: int) -> float:

@@ -27,10 +27,9 @@ from photogram.report.numbers.overall import overall
 from photogram.report.numbers.ranked_warnings import ranked_warnings
 from photogram.report.numbers.traffic_lights import AXES, traffic_lights
 from photogram.report.record.ground import GroundPointRecord
-from photogram.report.record.judgement import AsprsRecord, AxisAccuracyRecord, DiscardedRecord
 from photogram.report.record.report import Report, SurveyNumbers
-
-CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
+from photogram.report.record.verdict import AsprsRecord, AxisAccuracyRecord, DiscardedRecord
+from photogram.report.titles import CLOUD_TITLES
 
 
 def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Report:
@@ -164,5 +163,5 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
     add("headings of the gimbal", adjustment["disbelieved_headings"], reason)
     for name, cloud in report["clouds"].items():
         reason = "taken away by the statistical outlier filter before the comparison"
-        add(f"points of the {CLOUDS.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)
+        add(f"points of the {CLOUD_TITLES.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)
     return found

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.report.numbers.traffic_lights import Direction, directions, number
-from photogram.report.record.judgement import (
+from photogram.report.record.report import SurveyNumbers
+from photogram.report.record.verdict import (
     AsprsRecord,
     Grade,
     LightRecord,
@@ -15,7 +16,6 @@ from photogram.report.record.judgement import (
     VerdictRecord,
     WarningRecord,
 )
-from photogram.report.record.report import SurveyNumbers
 
 FAR_APART = 1.5
 """Times the relative sigma, from which the absolute one is said beside it."""

@@ -15,8 +15,8 @@ from photogram.report.numbers.traffic_lights import number
 from photogram.report.record.block import BlockRecord
 from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.ground import VarianceComponentRecord
-from photogram.report.record.judgement import AsprsRecord, Severity, WarningRecord
 from photogram.report.record.report import SurveyNumbers
+from photogram.report.record.verdict import AsprsRecord, Severity, WarningRecord
 
 SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
 

@@ -12,9 +12,9 @@ from typing import Literal
 
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.report.record.diagnosis import DiagnosisRecord
-from photogram.report.record.judgement import AsprsRecord, Grade, LightRecord
 from photogram.report.record.report import SurveyNumbers, oriented
 from photogram.report.record.surfaces import DenseRecord
+from photogram.report.record.verdict import AsprsRecord, Grade, LightRecord
 
 AXES = ("easting", "northing", "height")
 FEW_POINTS = 5

@@ -22,15 +22,6 @@ from photogram.report.record.ground import (
     SuspectRecord,
     VarianceComponentRecord,
 )
-from photogram.report.record.judgement import (
-    AsprsRecord,
-    DeliverableRecord,
-    DiscardedRecord,
-    LightRecord,
-    SurveyRecord,
-    VerdictRecord,
-    WarningRecord,
-)
 from photogram.report.record.photographs import OrientedPhotograph, PhotographRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
 from photogram.report.record.surfaces import (
@@ -41,6 +32,15 @@ from photogram.report.record.surfaces import (
     OrthophotoRecord,
 )
 from photogram.report.record.units import Count, Seconds
+from photogram.report.record.verdict import (
+    AsprsRecord,
+    DeliverableRecord,
+    DiscardedRecord,
+    LightRecord,
+    SurveyRecord,
+    VerdictRecord,
+    WarningRecord,
+)
 
 
 class AdjustedNumbers(TypedDict):
