@@ -118,6 +118,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
     """Run `photogram init` and `photogram adjust`, with the number of features set."""
     from photogram.cli.main import main
     from photogram.pipeline.pipeline import load_project, run_pipeline
+    from photogram.report.record.report import oriented
 
     project = work / "project.yaml"
     sys.argv = ["photogram", "init", str(folder), "--project", str(project)]
@@ -137,7 +138,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
 
     with np.load(survey.work / "adjustment.stage" / "tie_points.npz") as ties:
         rays = np.bincount(ties["point"])
-    registered = {n: p for n, p in report["photographs"].items() if p["registered"]}
+    registered = oriented(report["photographs"])
     camera = next(iter(report["cameras"].values()))
     return Outcome(
         {
@@ -149,7 +150,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
         len(registered),
         int(np.count_nonzero(rays >= 3)),
         float(rays[rays > 0].mean()),
-        float(report["adjustment"]["reprojection_rms_px"]),
+        report["adjustment"]["reprojection_rms_px"] or float("nan"),
         float(camera["focal_px"]),
         {name: p["position_map_m"] for name, p in registered.items()},
     )

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.simulation.demonstration import judge, write_demonstration
+from photogram.report.judgement import judge
+from photogram.simulation.demonstration import write_demonstration
 
 
 def main(seeds: int) -> None:

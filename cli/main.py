@@ -13,6 +13,7 @@ from photogram.cli.commands import (
     init,  # noqa: F401 - they register
     plan,  # noqa: F401 - they register
     report,  # noqa: F401 - they register
+    schema,  # noqa: F401 - they register
     study,  # noqa: F401 - they register
     view,  # noqa: F401 - they register
 )

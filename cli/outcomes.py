@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from photogram import __version__
 from photogram.errors import PhotogramError
+from photogram.machine import cores
 from photogram.wording import printable
 
 FAILED, DEFECT, INTERRUPTED = 1, 70, 130
@@ -133,7 +134,7 @@ def _details(cause: BaseException) -> str:
         [
             f"photogram {__version__}",
             f"Python {sys.version}",
-            f"platform {platform.platform()}, {os.cpu_count()} processors",
+            f"platform {platform.platform()}, {cores()} processors",
             libraries,
             f"command {shlex.join(sys.argv)}",
             f"folder {_folder()}",

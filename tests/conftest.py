@@ -18,17 +18,22 @@ import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
 from makers import SharedData
 from pyproj import Transformer
 
 from photogram.camera import Camera, Pose
 from photogram.cli.main import main
+from photogram.files import npz_json
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.stages import report_files
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.printing import browser_options, find_browser
+from photogram.report.record.json_schema import report_schema
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
@@ -231,6 +236,22 @@ def _small(values: dict[str, Any]) -> None:
     values["matching"] = {"ratio": 0.8}
 
 
+@pytest.fixture(scope="session", autouse=True)
+def reports_follow_their_schema() -> Iterator[None]:
+    """Hold every report.json that a test makes within its process against the JSON Schema."""
+    validator, write = Draft202012Validator(report_schema()), npz_json.write_json
+
+    def checked(path: Path, value: object) -> None:
+        write(path, value)
+        if path.name == report_files.NUMBERS:
+            fault = best_match(validator.iter_errors(json.loads(path.read_text(encoding="utf-8"))))
+            assert fault is None, f"{path}: {fault.json_path}: {fault.message}"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_files, "write_json", checked)
+        yield
+
+
 @pytest.fixture(scope="session")
 def small_plan() -> SurveyPlan:
     """The plan of the small survey."""
@@ -322,7 +343,7 @@ def open_browser(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]
 
 
 @pytest.fixture(scope="session")
-def full_report(finished_survey: Path) -> dict[str, Any]:
+def full_report(finished_survey: Path) -> Any:
     """A report with every key that a report may have: that of the small survey and, for what it does not show, figures
     of no survey; completed as for a project with targets."""
     report = json.loads((finished_survey / "results/report.json").read_text(encoding="utf-8"))

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
 from photogram.cli.screen.surface_table import surface_table
 from photogram.cli.screen.terminal import console
-from photogram.simulation.demonstration import Judgement
+from photogram.report.judgement import Judgement
+from photogram.report.record.diagnosis import DiagnosisRecord
+from photogram.report.record.positions import GnssRecord
+from photogram.report.record.report import Report, oriented
+from photogram.report.record.surfaces import CloudRecord
+from photogram.report.titles import CLOUD_TITLES
 
 MAXIMUM_SENTENCES = 4
 MAXIMUM_SUSPECTS = 5
 MAXIMUM_LEFT_OUT = 10
-_CLOUD_TITLES = {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 
 
-def _metres(value: float | None) -> str:
+def _fixed(value: float | None) -> str:
     return "–" if value is None else f"{value:.3f}"
 
 
-def _resections(report: Mapping[str, Any]) -> Table | None:
+def _resections(report: Report) -> Table | None:
     resected = {
-        n: p["resection"] for n, p in report["photographs"].items() if "gnss_difference_m" in p.get("resection", {})
+        name: (photograph["resection"], photograph["sigma_m"])
+        for name, photograph in oriented(report["photographs"]).items()
+        if "resection" in photograph and "gnss_difference_m" in photograph["resection"]
     }
     if not resected or len(resected) > 20:
         return None
@@ -32,21 +37,20 @@ def _resections(report: Mapping[str, Any]) -> Table | None:
     table.add_column("photograph", no_wrap=True)
     for title in ("P3P–GNSS m", "check px", "refined–GNSS m", "σE m", "σN m", "σH m"):
         table.add_column(title, justify="right")
-    for name, resection in resected.items():
-        sigma = [_metres(s) for s in report["photographs"][name]["sigma_m"]]
+    for name, (resection, sigma_m) in resected.items():
         check = resection["check_px"]
         refined = resection["refined"]["gnss_difference_m"]
         table.add_row(
             name,
-            _metres(resection["gnss_difference_m"]),
+            _fixed(resection["gnss_difference_m"]),
             "–" if check is None else f"{check:.1f}",
-            _metres(refined),
-            *sigma,
+            _fixed(refined),
+            *(_fixed(s) for s in sigma_m),
         )
     return table
 
 
-def _block(report: Mapping[str, Any]) -> Table:
+def _block(report: Report) -> Table:
     block = report["block"]
     table = Table("figure", "value", title="Block", show_header=False)
     table.add_row("photographs registered", f"{block['registered']} of {block['photographs']}, by {block['method']}")
@@ -69,7 +73,7 @@ def _block(report: Mapping[str, Any]) -> Table:
     return table
 
 
-def _left_out(report: Mapping[str, Any]) -> Table | None:
+def _left_out(report: Report) -> Table | None:
     missing = [(name, p["reason"]) for name, p in report["photographs"].items() if not p["registered"]]
     if not missing:
         return None
@@ -81,9 +85,9 @@ def _left_out(report: Mapping[str, Any]) -> Table | None:
     return table
 
 
-def show_gnss(gnss: Mapping[str, Any]) -> None:
+def show_gnss(gnss: GnssRecord) -> None:
     """Print what GNSS says of itself: who took part, offsets that are significant, warnings."""
-    if not gnss["flights"] and not gnss.get("warnings"):
+    if not gnss["flights"] and not gnss["warnings"]:
         return
     if gnss["flights"]:
         kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
@@ -100,21 +104,22 @@ def show_gnss(gnss: Mapping[str, Any]) -> None:
         console.print(f"and {more} more sentences, see gnss in report.json")
 
 
-def _consistency(report: Mapping[str, Any]) -> list[str]:
+def _consistency(report: Report) -> list[str]:
     """Return what check points say of the prediction, and which sigmas the survey refutes as too small."""
     achieved = report["predicted_against_achieved"]
     found = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
-    refuted = [c for c in report["variance_components"].values() if c["significant"] and c["sigma_factor"] > 1.0]
+    components = report["variance_components"].values()
+    refuted = [c for c in components if c["significant"] and (c["sigma_factor"] or 0.0) > 1.0]
     return found + [f"Stated sigmas: {c['sentence']}" for c in refuted]
 
 
-def _result(report: Mapping[str, Any]) -> Table:
+def _result(report: Report) -> Table:
     a = report["adjustment"]
     table = Table("figure", "value", title="Result", show_header=False)
     table.add_row("tie points, observations", f"{a['tie_points']}, {a['observations']}")
     table.add_row("discarded observations", str(a["discarded_observations"]))
-    table.add_row("reprojection RMS", f"{a['reprojection_rms_px']:.3f} px")
-    table.add_row("sigma0 (a priori 1)", f"{a['sigma0']:.3f}")
+    table.add_row("reprojection RMS", f"{_fixed(a['reprojection_rms_px'])} px")
+    table.add_row("sigma0 (a priori 1)", _fixed(a["sigma0"]))
     table.add_row(
         "converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s"
     )
@@ -125,9 +130,9 @@ def _result(report: Mapping[str, Any]) -> Table:
             f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
         )
     table.add_row(*_accuracy(report))
-    figures = [f for f in (report.get("verdict") or {}).get("figures", ()) if report["check_points"]["n"]]
-    if figures and all(f["rmse_m"] is not None and f["target_m"] is not None for f in figures):
-        reached, targets = (", ".join(f"{f[key]:.3f}" for f in figures) for key in ("rmse_m", "target_m"))
+    figures = [(f["rmse_m"], f["target_m"]) for f in report["verdict"]["figures"]]
+    if all(rmse_m is not None and target_m is not None for rmse_m, target_m in figures):
+        reached, targets = (", ".join(map(_fixed, values)) for values in zip(*figures, strict=True))
         table.add_row("the same with the uncertainty of their survey, targets", f"{reached} m; {targets} m")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
@@ -135,19 +140,19 @@ def _result(report: Mapping[str, Any]) -> Table:
     return table
 
 
-def _accuracy(report: Mapping[str, Any]) -> tuple[str, str]:
+def _accuracy(report: Report) -> tuple[str, str]:
     """Return what tests the accuracy, and what it found."""
     check, left = report["check_points"], report["leave_one_out"]
     if check["n"]:
-        tested, by = check, f"check points ({check['n']})"
+        by, plan_m, height_m = f"check points ({check['n']})", check["rmse_h_m"], check["rmse_v_m"]
     elif left is not None:
-        tested, by = left, f"leave-one-out ({left['n']}, no check points)"
+        by, plan_m, height_m = f"leave-one-out ({left['n']}, no check points)", left["rmse_h_m"], left["rmse_v_m"]
     else:
         return "check points", "none: the accuracy of this survey is predicted, not tested"
-    return f"{by}: RMSE in plan, height", f"{tested['rmse_h_m']:.3f}, {tested['rmse_v_m']:.3f} m"
+    return f"{by}: RMSE in plan, height", f"{_fixed(plan_m)}, {_fixed(height_m)} m"
 
 
-def _show_blunders(report: Mapping[str, Any]) -> None:
+def _show_blunders(report: Report) -> None:
     for blunder in report["blunders"]:
         console.print(f"[bold red]Left out:[/bold red] {escape(blunder['sentence'])}")
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
@@ -155,7 +160,7 @@ def _show_blunders(report: Mapping[str, Any]) -> None:
         console.print(escape(sentence[0].upper() + sentence[1:]))
 
 
-def _show_focal_lengths(report: Mapping[str, Any]) -> None:
+def _show_focal_lengths(report: Report) -> None:
     for name, camera in report["cameras"].items():
         if camera["focal_length"]:
             console.print(
@@ -163,7 +168,7 @@ def _show_focal_lengths(report: Mapping[str, Any]) -> None:
             )
 
 
-def _show_suspects(report: Mapping[str, Any]) -> None:
+def _show_suspects(report: Report) -> None:
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report["suspects"] if not report["blunders"] or s["kind"] == "GNSS position"]
     for n, suspect in enumerate(suspects[:MAXIMUM_SUSPECTS]):
@@ -171,7 +176,7 @@ def _show_suspects(report: Mapping[str, Any]) -> None:
         console.print(f"[bold]Suspect:[/bold] {escape(suspect['sentence'])}{also}")
 
 
-def _show_diagnosis(diagnosis: Mapping[str, Any]) -> None:
+def _show_diagnosis(diagnosis: DiagnosisRecord) -> None:
     for sentence in diagnosis["warnings"]:
         console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
     if diagnosis["warnings"] and diagnosis["remedies"]:
@@ -180,17 +185,17 @@ def _show_diagnosis(diagnosis: Mapping[str, Any]) -> None:
         console.print(escape(resections["sentence"]))
 
 
-def _over_reference(clouds: Mapping[str, Any]) -> Table | None:
+def _over_reference(clouds: Mapping[str, CloudRecord]) -> Table | None:
     if all(cloud["nmad_m"] is None for cloud in clouds.values()):
         return None
     table = Table("cloud", "points", "mean, m", "st. dev., m", "NMAD, m", title="Height over the reference")
     for name, cloud in clouds.items():
-        spread = (_metres(cloud[key]) for key in ("mean_m", "std_m", "nmad_m"))
-        table.add_row(_CLOUD_TITLES[name], str(cloud["points"]), *spread)
+        spread = (_fixed(value) for value in (cloud["mean_m"], cloud["std_m"], cloud["nmad_m"]))
+        table.add_row(CLOUD_TITLES[name], str(cloud["points"]), *spread)
     return table
 
 
-def show_report(report: Mapping[str, Any]) -> None:
+def show_report(report: Report) -> None:
     """Print the essentials of report.json."""
     _show_tables(_resections(report), _block(report), _left_out(report), _result(report))
     _show_blunders(report)
@@ -201,8 +206,7 @@ def show_report(report: Mapping[str, Any]) -> None:
     _show_suspects(report)
     _show_diagnosis(report["diagnosis"])
     _show_tables(surface_table(report), _over_reference(report["clouds"]))
-    if report.get("verdict"):
-        console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
+    console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
 
 
 def _show_tables(*tables: Table | None) -> None:
@@ -229,6 +233,6 @@ def show_judgement(judgement: Judgement) -> None:
     table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
     table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
     for name, nmad in j.nmad_m.items():
-        table.add_row(f"{_CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
+        table.add_row(f"{CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")
     table.add_row("adjusted closer to the truth than three-view", f"{j.gain:.1f} times", "")
     console.print(table)

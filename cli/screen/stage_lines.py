@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
+from photogram.wording import things
+
 Summary = Mapping[str, Any]
 
 _METHODS = {
@@ -15,20 +17,16 @@ _METHODS = {
 }
 
 
-def _count(number: int, one: str, many: str | None = None) -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
-
-
 def _cells(summary: Summary) -> str:
     return f"{summary['columns']} × {summary['rows']} cells of {summary['cell_m']:g} m"
 
 
 def _photographs(summary: Summary) -> str:
-    parts = [f"{_count(summary['photographs'], 'photograph')} read"]
+    parts = [f"{things(summary['photographs'], 'photograph')} read"]
     if summary.get("copies"):
-        parts.append(f"{_count(summary['copies'], 'copy', 'copies')} left out")
+        parts.append(f"{things(summary['copies'], 'copy', 'copies')} left out")
     if summary.get("frozen_positions"):
-        parts.append(f"{_count(summary['frozen_positions'], 'position')} of a stopped receiver not used")
+        parts.append(f"{things(summary['frozen_positions'], 'position')} of a stopped receiver not used")
     return ", ".join(parts)
 
 
@@ -38,29 +36,29 @@ def _features(summary: Summary) -> str:
 
 
 def _pairs(summary: Summary) -> str:
-    return f"{_count(summary['pairs'], 'pair')} selected"
+    return f"{things(summary['pairs'], 'pair')} selected"
 
 
 def _matches(summary: Summary) -> str:
-    return f"{summary['verified_pairs']} of {_count(summary['pairs'], 'pair')} verified"
+    return f"{summary['verified_pairs']} of {things(summary['pairs'], 'pair')} verified"
 
 
 def _tie_points(summary: Summary) -> str:
     left_out = summary["conflicts"]
-    return f"{_count(summary['tie_points'], 'tie point')}" + (
+    return f"{things(summary['tie_points'], 'tie point')}" + (
         f", {left_out} contradictory left out" if left_out else ""
     )
 
 
 def _orientation(summary: Summary) -> str:
     how = _METHODS.get(summary["method"], f"by {summary['method']}")
-    return f"{_count(summary['registered'], 'photograph')} oriented, {how}"
+    return f"{things(summary['registered'], 'photograph')} oriented, {how}"
 
 
 def _transfer(summary: Summary) -> str:
     if not summary["transferred"]:
-        return f"{_count(summary['tie_points'], 'tie point')}, no further observations"
-    return f"{_count(summary['transferred'], 'further observation')} of {_count(summary['tie_points'], 'tie point')}"
+        return f"{things(summary['tie_points'], 'tie point')}, no further observations"
+    return f"{things(summary['transferred'], 'further observation')} of {things(summary['tie_points'], 'tie point')}"
 
 
 def _intersection(summary: Summary) -> str:
@@ -68,19 +66,19 @@ def _intersection(summary: Summary) -> str:
 
 
 def _adjustment(summary: Summary) -> str:
-    iterations = _count(summary["iterations"], "iteration")
+    iterations = things(summary["iterations"], "iteration")
     parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
     parts.append(f"sigma0 {summary['sigma0']:.3f}")
     if summary.get("blunders"):
-        parts.append(f"{_count(summary['blunders'], 'blunder')} left out")
+        parts.append(f"{things(summary['blunders'], 'blunder')} left out")
     for key, what in (("disbelieved_headings", "heading"), ("disbelieved_attitudes", "attitude")):
         if summary.get(key):
-            parts.append(f"{_count(summary[key], what)} not used")
+            parts.append(f"{things(summary[key], what)} not used")
     return ", ".join(parts)
 
 
 def _dense(summary: Summary) -> str:
-    return f"{_cells(summary)}, {_count(summary['levels'], 'level')}" if "columns" in summary else "not asked for"
+    return f"{_cells(summary)}, {things(summary['levels'], 'level')}" if "columns" in summary else "not asked for"
 
 
 def _surface(summary: Summary) -> str:
@@ -93,9 +91,9 @@ def _surface(summary: Summary) -> str:
 def _relief(summary: Summary) -> str:
     parts = []
     if "interpolated" in summary:
-        parts.append(f"terrain with {_count(summary['interpolated'], 'interpolated cell')}")
+        parts.append(f"terrain with {things(summary['interpolated'], 'interpolated cell')}")
     if "contours" in summary:
-        lines = _count(summary["contours"], "contour line")
+        lines = things(summary["contours"], "contour line")
         parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
     return ", ".join(parts) or "not asked for"
 
@@ -105,16 +103,16 @@ def _orthophoto(summary: Summary) -> str:
         return f"left out: {summary['left_out']}"
     if "columns" not in summary:
         return "not asked for"
-    return f"{_cells(summary)} from {_count(summary['photographs'], 'photograph')}"
+    return f"{_cells(summary)} from {things(summary['photographs'], 'photograph')}"
 
 
 def _comparison(summary: Summary) -> str:
     clouds = summary["clouds"]
-    return f"{_count(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
+    return f"{things(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
 
 
 def _results(summary: Summary) -> str:
-    return f"{_count(len(summary['products']), 'file')} written"
+    return f"{things(len(summary['products']), 'file')} written"
 
 
 SENTENCES: dict[str, Callable[[Summary], str]] = {

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from rich.table import Table
 
+from photogram.report.record.report import Report
+from photogram.report.record.surfaces import DenseRecord
 
-def surface_table(report: Mapping[str, Any]) -> Table | None:
+
+def surface_table(report: Report) -> Table | None:
     """Return a short table of the keys `dense` and `orthophoto` of report.json, None where neither was made."""
     dense, orthophoto = report.get("dense"), report.get("orthophoto")
     if dense is None and orthophoto is None:
         return None
-    left_out = None if orthophoto is None else orthophoto.get("left_out")
-    title = "Orthophoto" if not dense else "Surface and orthophoto" if orthophoto and not left_out else "Surface"
+    made = orthophoto is not None and "left_out" not in orthophoto
+    title = "Orthophoto" if not dense else "Surface and orthophoto" if made else "Surface"
     table = Table("figure", "value", title=title, show_header=False)
     if dense is not None:
         _add_surface(table, dense)
-    if left_out is not None:
-        table.add_row("orthophoto", f"left out: {left_out}")
+    if orthophoto is not None and "left_out" in orthophoto:
+        table.add_row("orthophoto", f"left out: {orthophoto['left_out']}")
     elif orthophoto is not None:
         size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
         table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
     return table
 
 
-def _add_surface(table: Table, dense: Mapping[str, Any]) -> None:
+def _add_surface(table: Table, dense: DenseRecord) -> None:
     table.add_row("cell", f"{dense['cell_m']:.3f} m, {dense['columns']} × {dense['rows']} cells")
     cells, share = dense["cells"], dense["completeness"]
     filled = f", {cells['filled']} filled" if cells["filled"] else ""

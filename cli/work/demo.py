@@ -11,7 +11,8 @@ from photogram.cli.screen.terminal import bars, console
 from photogram.cli.screen.watching import Terminal, stage_weights
 from photogram.cli.work.adjust import say_results
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.simulation.demonstration import judge, write_demonstration
+from photogram.report.judgement import judge
+from photogram.simulation.demonstration import write_demonstration
 
 
 def run(folder: Path, seed: int, dense: bool) -> None:
@@ -27,7 +28,8 @@ def run(folder: Path, seed: int, dense: bool) -> None:
         progress.remove_task(task)
         survey = load_project(path)
         report = run_pipeline(survey, watcher=Terminal(progress, stage_weights(survey)))
-    show_report(report)
-    show_judgement(judge(folder, report))
+    if report is not None:
+        show_report(report)
+        show_judgement(judge(folder, report))
     console.print(f"Project file: {escape(str(path))}", soft_wrap=True)
     say_results(survey)

@@ -11,7 +11,7 @@ from rich.table import Table
 from photogram.cli.screen.terminal import console, steps
 from photogram.pipeline.new_project import Request, read_back, write_project
 from photogram.project.draft.draft import ProjectDraft
-from photogram.project.draft.text import count
+from photogram.wording import things
 
 _OPTIONS = {
     "picture_size_px": "--picture-size",
@@ -22,32 +22,34 @@ _OPTIONS = {
 
 def _show(draft: ProjectDraft, project: Path) -> None:
     table = Table(title=escape(str(project)), show_header=False)
-    flights = f" in {count(draft.flights, 'flight')}"
+    flights = f" in {things(draft.flights, 'flight')}"
     table.add_row("photographs", f"{len(draft.photographs)}{flights}")
     for camera in draft.cameras:
         number = sum(p.camera == camera.name for p in draft.photographs)
         focal = f"f {camera.focal_px:.0f} ± {camera.sigmas[0]:.0f} px"
-        table.add_row(camera.name, f"{count(number)}, {focal}: {escape(camera.source)}")
+        table.add_row(camera.name, f"{things(number, 'photograph')}, {focal}: {escape(camera.source)}")
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
     without = sum(p.gnss is None for p in draft.photographs)
     table.add_row(
         "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
     )
     for positions in draft.positions:
-        text = f"of {count(len(positions.rows))}" if positions.rows else f"not used: {positions.fault}"
+        text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.fault}"
         table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
     attitudes = sum(p.has_attitude for p in draft.photographs)
-    table.add_row("attitude", f"in the tags of {count(attitudes)}" if attitudes else "none")
+    table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
     if not draft.height_systems.known:
         table.add_row("heights", escape(f"say in {project} whether they are above the ellipsoid or a geoid"))
     for file in draft.control:
-        table.add_row(file.role, f"{count(len(file.position), 'point')} of {escape(file.path)}")
+        table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
             table.add_row("", f"no marks in photographs for {escape(file.path)}: give them with --marks FILE")
     for site in draft.other_sites:
         where = f"{site.distance_m / 1000:.1f} km away at {site.longitude_deg:.4f}, {site.latitude_deg:.4f}"
-        table.add_row("another site, left out", f"{count(len(site.names))} {where}: {escape(_short(site.names))}")
+        table.add_row(
+            "another site, left out", f"{things(len(site.names), 'photograph')} {where}: {escape(_short(site.names))}"
+        )
     for photograph in draft.left_out[:10]:
         table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
     for warning in draft.warnings:

@@ -6,7 +6,6 @@ free gauge, with nothing known of the ground.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -38,6 +37,7 @@ from photogram.factors.elimination.reduced import Layout, NormalEquations, Singu
 from photogram.factors.elimination.reprojection import Observations, calibration_scale
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
 from photogram.factors.elimination.state import State
+from photogram.machine import cores
 
 
 class SingularPointError(Singular):
@@ -104,12 +104,12 @@ def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
     Within, BLAS keeps to one thread: more of them slow down the compiled kernels beside it, and sum in an order that
     depends on the number of cores.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    threads = min(CHUNKS, cores())
     with _blas().limit(limits=1, user_api="blas"):
-        if observations < MANY_OBSERVATIONS or cores == 1:
+        if observations < MANY_OBSERVATIONS or threads == 1:
             yield None
             return
-        with ThreadPoolExecutor(min(CHUNKS, cores)) as pool:
+        with ThreadPoolExecutor(threads) as pool:
             yield pool
 
 

@@ -6,7 +6,6 @@ of the machine, and gathers all that is found wrong with them.
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -18,6 +17,7 @@ from photogram.files.atomic import unwritable
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.headers import PhotographHeader, read_headers
 from photogram.files.stage_folders import earlier_folders
+from photogram.machine import cores, memory_bytes
 from photogram.pipeline.pipeline import STAGES, load_project
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
@@ -46,10 +46,6 @@ def folder_findings(project: Project) -> list[Finding]:
     return findings
 
 
-def _memory_bytes() -> int:
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-
-
 def _copies(
     paths: Sequence[Path], headers: Sequence[PhotographHeader], cameras: Sequence[object], executor: Executor
 ) -> list[tuple[int, ...]]:
@@ -63,12 +59,12 @@ def validate_project(project: Project) -> Findings:
     Reads the headers of the photographs and asks the machine for its memory and free disk; nothing is decoded but
     photographs suspected to be there twice. Raises OSError where the disk cannot be asked.
     """
-    with ThreadPoolExecutor(os.cpu_count()) as executor:
+    with ThreadPoolExecutor(cores()) as executor:
         paths = [p.path for p in project.photographs]
         headers = read_headers(paths, executor)
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
-    survey = check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
+    survey = check_survey(project, headers, copies, free_disk_bytes, memory_bytes(), cores())
     return Findings(by_severity([*folder_findings(project), *survey]))
 
 
@@ -85,7 +81,7 @@ def validate_project_file(project: Path | str, photographs: Path | str | None = 
     try:
         survey = load_project(path, folder)
     except ProjectError as fault:
-        with ThreadPoolExecutor(os.cpu_count()) as executor:
+        with ThreadPoolExecutor(cores()) as executor:
             # Photographs that are missing are among these faults already.
             there = [p for p in photograph_paths(path, folder) if isfile(p)]
             headers = read_headers(there, executor)

@@ -18,6 +18,7 @@ from photogram.files.photographs.images import inspect_photograph
 from photogram.files.tables.control_files import read_points
 from photogram.files.tables.position_files import read_mrk
 from photogram.height_systems import HeightSystem
+from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import (
     ControlFile,
@@ -139,7 +140,7 @@ def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
 
 def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     found: list[TaggedPhotograph | LeftOut] = []
-    with ThreadPoolExecutor(os.cpu_count()) as executor:
+    with ThreadPoolExecutor(cores()) as executor:
         for result in executor.map(lambda name: _inspected(folder, name), names):
             found.append(result)
             progress(len(found), len(names), result.name)
@@ -152,7 +153,7 @@ def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[li
 def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     """Return the photographs once each, and those that are copies of another."""
     paths, tags = [folder / p.name for p in photographs], [p.tags for p in photographs]
-    with ThreadPoolExecutor(os.cpu_count()) as executor:
+    with ThreadPoolExecutor(cores()) as executor:
         groups = find_copies(paths, tags, [None] * len(paths), executor)
     original = {i: group[0] for group in groups for i in group[1:]}
     return (

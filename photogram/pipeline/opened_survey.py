@@ -20,6 +20,7 @@ from photogram.pipeline.store.stage import Stage
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
+from photogram.report.record.report import Report
 from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.survey import Block, Features, PointCloud, Raster, TiePoints
@@ -138,7 +139,7 @@ class OpenedSurvey:
         `comparison`."""
         return self._read("comparison", Run.comparisons)
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """Return every figure of the report, as report.json holds it (docs/report.md explains each). Needs the stage
         `results`."""
         return self._read("results", lambda run: read_report(run.project.results / NUMBERS))

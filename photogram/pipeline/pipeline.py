@@ -17,26 +17,27 @@ adjustment places it again (``Stage.as_made``).
 from __future__ import annotations
 
 import logging
-import os
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import overload
 
 from photogram import __version__
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
-from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
+from photogram.files.npz_json import file_fingerprint, fingerprint
+from photogram.machine import cores
 from photogram.pipeline.stages.adjustment import adjust_block
 from photogram.pipeline.stages.comparison import compare_clouds
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.orientation import intersect_clouds, orient_photographs, transfer_tie_points
 from photogram.pipeline.stages.orthophoto import make_orthophoto
 from photogram.pipeline.stages.photographs import read_photographs
+from photogram.pipeline.stages.report_files import NUMBERS
 from photogram.pipeline.stages.results import publish
 from photogram.pipeline.stages.surface import model_surface, trace_relief
 from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
@@ -54,13 +55,16 @@ from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
+from photogram.report.reading import read_report
+from photogram.report.record.report import Report
+from photogram.report.titles import STAGE_TITLES
 
 _LOG = logging.getLogger(__name__)
 
 STAGES = (
     Stage(
         "photographs",
-        "Photographs",
+        STAGE_TITLES["photographs"],
         (),
         photographs_settings,
         read_photographs,
@@ -68,35 +72,35 @@ STAGES = (
     ),
     Stage(
         "features",
-        "Features",
+        STAGE_TITLES["features"],
         (),
         lambda run: [run.photograph_fingerprints, run.project.features, run.project.quality],
         detect_features,
     ),
     Stage(
         "pairs",
-        "Pairs",
+        STAGE_TITLES["pairs"],
         ("photographs", "features"),
         lambda run: [run.project.pairs, run.project.cameras],
         choose_pairs,
     ),
     Stage(
         "matches",
-        "Matching",
+        STAGE_TITLES["matches"],
         ("features",),
         lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
         match_photographs,
     ),
     Stage(
         "tie_points",
-        "Tie points",
+        STAGE_TITLES["tie_points"],
         ("features", "matches"),
         lambda run: run.project.adjustment.tie_point_sigma_px,
         join_tie_points,
     ),
     Stage(
         "orientation",
-        "Orientation",
+        STAGE_TITLES["orientation"],
         ("photographs", "tie_points"),
         orientation_settings,
         orient_photographs,
@@ -104,15 +108,15 @@ STAGES = (
     ),
     Stage(
         "transfer",
-        "Tie point transfer",
+        STAGE_TITLES["transfer"],
         ("photographs", "tie_points", "orientation"),
         lambda run: [run.project.transfer, run.project.adjustment.tie_point_sigma_px],
         transfer_tie_points,
     ),
-    Stage("intersection", "Linear intersection", ("orientation", "transfer"), lambda _: None, intersect_clouds),
+    Stage("intersection", STAGE_TITLES["intersection"], ("orientation", "transfer"), lambda _: None, intersect_clouds),
     Stage(
         "adjustment",
-        "Joint adjustment",
+        STAGE_TITLES["adjustment"],
         ("orientation", "transfer"),
         lambda run: [
             run.project.adjustment,
@@ -125,29 +129,29 @@ STAGES = (
     ),
     Stage(
         "dense",
-        "Dense matching",
+        STAGE_TITLES["dense"],
         ("adjustment",),
         lambda run: [run.photograph_fingerprints, run.project.dense, run.project.surface.cell_m],
         match_surface,
     ),
-    Stage("surface", "Surface model", ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
+    Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
     Stage(
         "relief",
-        "Terrain and contours",
+        STAGE_TITLES["relief"],
         ("surface",),
         lambda run: [run.project.terrain, run.project.contours],
         trace_relief,
     ),
     Stage(
         "orthophoto",
-        "Orthophoto",
+        STAGE_TITLES["orthophoto"],
         ("adjustment", "surface"),
         lambda run: [run.photograph_fingerprints, run.project.orthophoto],
         make_orthophoto,
     ),
     Stage(
         "comparison",
-        "Comparison",
+        STAGE_TITLES["comparison"],
         ("intersection", "adjustment"),
         lambda run: (
             None
@@ -158,7 +162,7 @@ STAGES = (
     ),
     Stage(
         "results",
-        "Report",
+        STAGE_TITLES["results"],
         ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
         lambda run: [str(run.project.results), run.project.report],
         publish,
@@ -235,8 +239,30 @@ def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run
     Raises WorkspaceError when another process works there.
     """
     workspace = Workspace(project.work)
-    with workspace.locked(), ThreadPoolExecutor(os.cpu_count()) as own:
+    with workspace.locked(), ThreadPoolExecutor(cores()) as own:
         yield Run(project, workspace, executor or own)
+
+
+@overload
+def run_pipeline(
+    project: Project,
+    *,
+    watcher: Watcher | None = ...,
+    start: str | None = ...,
+    until: None = ...,
+    executor: Executor | None = ...,
+) -> Report: ...
+
+
+@overload
+def run_pipeline(
+    project: Project,
+    *,
+    watcher: Watcher | None = ...,
+    start: str | None = ...,
+    until: str | None,
+    executor: Executor | None = ...,
+) -> Report | None: ...
 
 
 def run_pipeline(
@@ -246,11 +272,11 @@ def run_pipeline(
     start: str | None = None,
     until: str | None = None,
     executor: Executor | None = None,
-) -> dict[str, Any]:
-    """Bring a project to its results, doing only what is not done yet; returns report.json as a dictionary.
+) -> Report | None:
+    """Bring a project to its results, doing only what is not done yet; returns what report.json holds.
 
-    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary
-    unless it is the last). Raises a PhotogramError that says what the user can mend.
+    ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns None unless it is the
+    last). Raises a PhotogramError that says what the user can mend.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]
@@ -262,8 +288,7 @@ def run_pipeline(
         if reason:
             raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
         _Progress(run, watcher, first, last).go_on()
-    report = project.results / "report.json"
-    return dict(read_json(report)) if last == len(names) - 1 else {}
+    return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,11 @@ from photogram.errors import PhotogramError, ReportError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.previews import previews
-from photogram.files.reading import read_whole
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.report_files import NUMBERS, VIEW
 from photogram.pipeline.store.results_record import recorded
-from photogram.report.reading import MOST_BYTES
-from photogram.report.view_record import ViewRecord, view_record
+from photogram.report.reading import read_report
+from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
 
 PROJECT = "project.yaml"
@@ -37,7 +36,7 @@ class Pictures:
     notes: tuple[str, ...] = ()
 
 
-def read_results(folder: Path) -> ViewRecord:
+def read_results(folder: Path) -> Report:
     """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
     is damaged or something else."""
     if not isdir(folder):
@@ -47,10 +46,7 @@ def read_results(folder: Path) -> ViewRecord:
         below = folder / "results"
         hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
-    try:
-        return view_record(read_whole(path, MOST_BYTES))
-    except ReportError as fault:
-        raise ReportError(f"{path}: {fault}: make it again with photogram adjust") from fault
+    return read_report(path)
 
 
 def cloud_of(folder: Path) -> Path:
@@ -81,12 +77,10 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mappin
     return {name: there[name] for name in names if name in there and there[name].is_file()}, ()
 
 
-def read_pictures(
-    results: Path, record: ViewRecord, folder: Path | None, progress: Progress = lambda *_: None
-) -> Pictures:
+def read_pictures(results: Path, report: Report, folder: Path | None, progress: Progress = lambda *_: None) -> Pictures:
     """Return small pictures of the registered photographs, and of how many there are none. Raises ReportError where
     ``folder`` does not exist."""
-    names = list(record.registered)
+    names = list(oriented(report["photographs"]))
     paths, notes = _paths(results, names, folder)
     if not paths:
         return Pictures(MappingProxyType({}), (*notes, "No pictures of photographs: --photographs names their folder"))
@@ -99,7 +93,7 @@ def read_pictures(
 
 def write_page(
     results: Path,
-    record: ViewRecord,
+    report: Report,
     cloud: Path,
     pictures: Pictures,
     points: int,
@@ -111,7 +105,7 @@ def write_page(
     progress(0, 3, f"reading {cloud.name}")
     described = read_described(cloud)
     progress(1, 3, f"thinning and packing {cloud.name}")
-    page = view_page(described, record, cloud.name, points, pictures.jpeg)
+    page = view_page(described, report, cloud.name, points, pictures.jpeg)
     progress(2, 3, f"writing {VIEW}")
     with recorded(results), replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")
@@ -135,7 +129,7 @@ def write_view(
     where the page cannot be written.
     """
     folder = Path(results)
-    record = read_results(folder)
+    report = read_results(folder)
     path = cloud_of(folder) if cloud is None else Path(cloud)
-    pictures = read_pictures(folder, record, None if photographs is None else Path(photographs))
-    return write_page(folder, record, path, pictures, points)
+    pictures = read_pictures(folder, report, None if photographs is None else Path(photographs))
+    return write_page(folder, report, path, pictures, points)

@@ -26,6 +26,7 @@ from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import Roles
+from photogram.wording import some, things
 
 ReadT = TypeVar("ReadT")
 
@@ -236,7 +237,8 @@ def _sigmas_m(document: Document, file: ProjectFile, source: _Source) -> FloatAr
         return np.array(rows, dtype=np.float64).reshape(-1, 3)
     if not any(document.at((*key, "sigma_m")) is not None for key in (source.key, ("control_points",))):
         column = "" if source.points.holds_marks else ", or a column sigma in the file"
-        text = f"{_some([p.name for p in bare])} without a standard deviation: give sigma_m here or for all points"
+        points = f"{things(len(bare), 'point')} ({some([p.name for p in bare])})"
+        text = f"{points} without a standard deviation: give sigma_m here or for all points"
         document.fault(source.key, text + column)
     return None
 
@@ -274,11 +276,6 @@ def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], 
         text = f"there is no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
         _note(document, source.key, source.marks_path, line, text)
     return [mark for mark in source.marks if mark.point in names]
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return f"{len(names)} {'point' if len(names) == 1 else 'points'} ({', '.join(names[:_MOST_NAMES])}{more})"
 
 
 # ---- marks ---------------------------------------------------------------------------------------------------------

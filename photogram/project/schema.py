@@ -7,7 +7,8 @@ a file; after Document.raise_faults none of them is None.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainValidator
@@ -37,6 +38,8 @@ from photogram.survey import Role, Roles
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
 
 Quality = Literal["high", "medium", "low"]
+REDUCTIONS: Mapping[Quality, int] = MappingProxyType({"high": 1, "medium": 2, "low": 4})
+"""How many times less wide the picture is in which key points are found."""
 Calibration = Literal["given", "auto"]
 PositionOf = Literal["camera", "antenna"]
 LeverArmAxes = Literal["body", "camera"]

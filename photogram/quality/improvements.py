@@ -23,7 +23,6 @@ from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.flight_lines import Course, flown
 from photogram.projection import PARAMETERS
 from photogram.quality.deformation import (
     DOME,
@@ -38,6 +37,7 @@ from photogram.quality.deformation import (
     stiffness,
 )
 from photogram.quality.fixed_parameters import with_held_freed
+from photogram.quality.flight_lines import Course, flown
 from photogram.quality.ground_errors import ground_errors
 from photogram.quality.residual_patterns import pattern_sigmas_m
 from photogram.results import Adjustment, Deformation

@@ -13,7 +13,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import QhullError
 
 from photogram.arrays import FloatArray
-from photogram.report.view_record import ViewRecord
+from photogram.report.record.report import Report
 
 NODES = 9
 """Of the grid, along each side."""
@@ -22,7 +22,7 @@ _DIGITS = 6  # of a metre
 
 
 def error_grid(
-    record: ViewRecord, origin_map_m: FloatArray, low_m: FloatArray, high_m: FloatArray, in_plan: bool
+    report: Report, origin_map_m: FloatArray, low_m: FloatArray, high_m: FloatArray, in_plan: bool
 ) -> dict[str, Any] | None:
     """Return the grid over the cloud, whose corners are given relative to the origin; None where nothing is known.
 
@@ -31,11 +31,11 @@ def error_grid(
     of the cloud scatter by themselves in the median, in plan and in height, None where that is not known: tie points
     where the cloud tells sigmas ``in_plan``, else the dense surface.
     """
-    errors = record.diagnosis and record.diagnosis.ground_errors
-    if not errors or not errors.position_map_m:
+    errors = report["diagnosis"]["ground_errors"]
+    if not errors or not errors["position_map_m"]:
         return None
-    places = np.array(errors.position_map_m)[:, :2] - origin_map_m[:2]
-    values = np.concatenate([np.array(errors.sigma_m)[:, :, None], np.array(errors.factor_m)], axis=2)
+    places = np.array(errors["position_map_m"])[:, :2] - origin_map_m[:2]
+    values = np.concatenate([np.array(errors["sigma_m"])[:, :, None], np.array(errors["factor_m"])], axis=2)
     east, north = (np.linspace(low_m[k], max(high_m[k], low_m[k] + 1e-3), NODES) for k in (0, 1))
     nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     on_grid = _interpolated(places, values.reshape(len(places), -1), nodes).reshape(len(nodes), 3, -1)
@@ -46,14 +46,15 @@ def error_grid(
         "rank": on_grid.shape[2] - 1,
         "sigma_m": np.round(on_grid[:, :, 0], _DIGITS).tolist(),
         "factor_m": np.round(on_grid[:, :, 1:], _DIGITS).tolist(),
-        "own_m": _own_m(record, in_plan),
+        "own_m": _own_m(report, in_plan),
     }
 
 
-def _own_m(record: ViewRecord, in_plan: bool) -> list[float | None]:
+def _own_m(report: Report, in_plan: bool) -> list[float | None]:
     if not in_plan:
-        return [None, record.dense.matching_sigma_m if record.dense else None]
-    east, north, height = (record.diagnosis and record.diagnosis.intersection_sigma_m) or [None] * 3
+        dense = report.get("dense")
+        return [None, None if dense is None else dense["matching_sigma_m"]]
+    east, north, height = report["diagnosis"]["intersection_sigma_m"]
     return [None if east is None or north is None else float(np.hypot(east, north)), height]
 
 

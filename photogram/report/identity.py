@@ -6,9 +6,6 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-Json = dict[str, Any]
 
 DIGITS = 16
 VOLATILE = frozenset({"seconds", "peak_memory_bytes", "processed", "report_id"})
@@ -25,7 +22,7 @@ def _content(value: object) -> object:
     return value
 
 
-def report_id(report: Mapping[str, Any]) -> str:
+def report_id(report: Mapping[str, object]) -> str:
     """Return 16 hexadecimal digits of the SHA-256 of everything in a report but times, memory and the date.
 
     Two runs over the same input have the same one; another measurement, setting, target or name gives another.

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from photogram.report.identity import grouped
-from photogram.report.numbers.completion import axis_roles
 from photogram.report.numbers.overall import length
 from photogram.report.numbers.traffic_lights import AXES, number
 from photogram.report.numbers.wording import (
@@ -32,8 +30,17 @@ from photogram.report.numbers.wording import (
 from photogram.report.numbers.wording import (
     fixed as fixed,
 )
+from photogram.report.record.block import CameraRecord
+from photogram.report.record.diagnosis import CalibrationRecord
+from photogram.report.record.ground import GroundPointRecord, MarkRecord
+from photogram.report.record.photographs import OrientedPhotograph
+from photogram.report.record.report import Report, oriented
+from photogram.report.record.surfaces import SurfacePointRecord
+from photogram.report.record.verdict import LightRecord
+from photogram.report.titles import CLOUD_TITLES, STAGE_TITLES
 
-Json = dict[str, Any]
+Row = dict[str, object]
+"""What a table of the page shows in one row, by the names that the template uses."""
 
 GRADES = {
     "good": ("●", "Good"),
@@ -47,22 +54,6 @@ MAXIMUM_PHOTOGRAPHS = 60
 MAXIMUM_MARKS = 40
 MAXIMUM_SURFACE_CHECKS = 20
 STRONG, VERY_STRONG = 0.8, 0.95
-STAGE_TITLES = {
-    "photographs": "Photographs read",
-    "features": "Features",
-    "pairs": "Pairs",
-    "matches": "Matching",
-    "tie_points": "Tie points",
-    "orientation": "Orientation",
-    "transfer": "Tie point transfer",
-    "intersection": "Linear intersection",
-    "adjustment": "Joint adjustment",
-    "dense": "Dense matching",
-    "surface": "Surface model",
-    "relief": "Terrain and contours",
-    "orthophoto": "Orthophoto",
-    "comparison": "Comparison",
-}
 LIBRARY_TITLES = {
     "python": "Python",
     "gtsam": "GTSAM",
@@ -72,7 +63,6 @@ LIBRARY_TITLES = {
     "scipy": "SciPy",
     "numba": "Numba",
 }
-CLOUD_TITLES = {"linear_2view": "Two views, linear", "linear_3view": "Three views, linear", "adjusted": "Adjusted"}
 
 
 def templates(undefined: type[Undefined]) -> Environment:
@@ -86,7 +76,7 @@ def templates(undefined: type[Undefined]) -> Environment:
     )
 
 
-def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]]) -> str:
+def report_page(report: Report, figures: Sequence[Mapping[str, str]]) -> str:
     """Return the page of a completed report with its figures, as `page_figures` drew them."""
     environment = templates(ChainableUndefined)
     environment.filters.update(
@@ -117,10 +107,10 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
         residual_figures=residuals,
         datum=_datum(report),
         control=control,
-        predicted_points=[p for p in control if any(row["left_out"] is not None for row in p["rows"])],
+        predicted_points=[row for row in control if row["predicted"]],
         check=_ground_rows(report, "check"),
         marks=_marks(report),
-        marks_total=sum(len(p.get("marks") or []) for p in report["control_points"]),
+        marks_total=sum(len(p["marks"]) for p in report["control_points"]),
         photographs=_photographs(report),
         calibration=_calibration(report),
         stages=_stages(report),
@@ -133,103 +123,93 @@ def report_page(report: Mapping[str, Any], figures: Sequence[Mapping[str, str]])
 # ---- what the tables hold ------------------------------------------------------------------------------------------
 
 
-def _datum(report: Mapping[str, Any]) -> str:
+def _datum(report: Report) -> str:
     """Return the reference system that every coordinate of the page is in."""
-    heights = report.get("heights") or {}
-    name = (report.get("survey") or {}).get("crs_name")
+    heights, name = report["heights"], report["survey"]["crs_name"]
     grid = f"{report['crs']} ({name})" if name and name != report["crs"] else report["crs"]
-    output = heights.get("output")
-    if not output:
+    if not heights["output"]:
         return f"{grid}; heights in the system in which the project gives them"
-    geoid = f", geoid {heights['geoid']}" if heights.get("geoid") else ""
-    return f"{grid}; heights {plain(output)}{geoid}"
+    geoid = f", geoid {heights['geoid']}" if heights["geoid"] else ""
+    return f"{grid}; heights {heights['output']}{geoid}"
 
 
-def _at(values: object, axis: int) -> object:
-    return values[axis] if isinstance(values, list | tuple) and len(values) > axis else None
+def _at(values: Sequence[float | None] | Sequence[float] | None, axis: int) -> float | None:
+    return None if values is None else values[axis]
 
 
-def _axis_row(point: Mapping[str, Any], axis: int) -> Json:
-    difference, sigma = number(_at(point.get("residual_m"), axis)), number(_at(point.get("sigma_m"), axis))
-    surveyed = number(_at(point.get("surveyed_sigma_m"), axis))
-    z = _at(point.get("z"), axis)
+def _axis_row(point: GroundPointRecord, axis: int) -> Row:
+    difference, sigma = number(_at(point["residual_m"], axis)), number(_at(point["sigma_m"], axis))
+    surveyed = number(point["surveyed_sigma_m"][axis])
+    z = _at(point["z"], axis)
     both = math.hypot(sigma, surveyed)
     return {
         "axis": AXES[axis],
-        "role": axis_roles(point)[axis],
-        "surveyed": _at(point["surveyed_map_m"], axis),
-        "adjusted": _at(point.get("adjusted_map_m"), axis),
+        "role": point["axis_roles"][axis],
+        "surveyed": point["surveyed_map_m"][axis],
+        "adjusted": _at(point["adjusted_map_m"], axis),
         "difference": difference,
         "sigma": sigma,
         "survey_sigma": surveyed,
         "z": difference / both if z is None and both > 0 else z,
-        **{
-            name: _at(point.get(key), axis)
-            for name, key in (
-                ("redundancy", "redundancy"),
-                ("w", "w"),
-                ("mdb", "mdb_m"),
-                ("effect", "effect_m"),
-                ("left_out", "left_out_m"),
-                ("left_out_sigma", "left_out_sigma_m"),
-            )
-        },
+        "redundancy": _at(point["redundancy"], axis),
+        "w": _at(point["w"], axis),
+        "mdb": _at(point["mdb_m"], axis),
+        "effect": _at(point["effect_m"], axis),
+        "left_out": _at(point["left_out_m"], axis),
+        "left_out_sigma": _at(point["left_out_sigma_m"], axis),
     }
 
 
-def _ground_rows(report: Mapping[str, Any], *roles: str) -> list[Json]:
+def _ground_rows(report: Report, *roles: str) -> list[Row]:
     """Return the points that have one of the roles along any axis, each with a row for each axis."""
-    points = [p for p in report["control_points"] if set(roles) & set(axis_roles(p))]
+    points = [p for p in report["control_points"] if set(roles) & set(p["axis_roles"])]
     return [
         {
             "name": p["name"],
-            "marks": len(p.get("marks") or []),
-            "suspect": bool(p.get("suspect")),
-            "verdict": p.get("verdict"),
-            "p": (p.get("chi2") or {}).get("p") if isinstance(p.get("chi2"), Mapping) else None,
+            "marks": len(p["marks"]),
+            "suspect": bool(p["suspect"]),
+            "verdict": p["verdict"],
+            "p": p["chi2"]["p"] if p["chi2"] else None,
+            "predicted": p["left_out_m"] is not None,
             "rows": [_axis_row(p, k) for k in range(3)],
         }
         for p in points
     ]
 
 
-def _marks(report: Mapping[str, Any]) -> list[Json]:
+def _marks(report: Report) -> list[Row]:
     """Return the marks of ground points whose test or residual is largest, largest first."""
 
-    def size(mark: Json) -> float:
-        test = [abs(number(w)) for w in mark["w"] or [] if w is not None]
-        return max(test) if test else math.hypot(*(number(v) for v in mark["residual_px"]))
+    def size(entry: tuple[GroundPointRecord, MarkRecord]) -> tuple[bool, float]:
+        _, mark = entry
+        test = [abs(w) for w in mark["w"] or [] if w is not None]
+        return mark["w"] is not None, max(test) if test else math.hypot(*mark["residual_px"] or [])
 
-    rows = [
-        {"point": p["name"], "role": p["role"], **mark}
-        for p in report["control_points"]
-        for mark in p.get("marks") or []
-        if mark.get("residual_px")
-    ]
-    tested = [row for row in rows if row.get("w")]
-    others = [{**row, "w": None} for row in rows if not row.get("w")]
-    return [*sorted(tested, key=size, reverse=True), *sorted(others, key=size, reverse=True)][:MAXIMUM_MARKS]
+    marks = [(point, mark) for point in report["control_points"] for mark in point["marks"] if mark["residual_px"]]
+    largest = sorted(marks, key=size, reverse=True)[:MAXIMUM_MARKS]
+    return [{"point": point["name"], "role": point["role"], **mark} for point, mark in largest]
 
 
-def _surface_checks(report: Mapping[str, Any]) -> list[Json]:
+def _surface_checks(report: Report) -> list[SurfacePointRecord]:
     """Return the check points on the dense surface: all, or those that are furthest off where they are many."""
-    rows = ((report.get("dense") or {}).get("check_points") or {}).get("points") or []
+    dense = report.get("dense")
+    rows = [] if dense is None else dense["check_points"]["points"]
     if len(rows) <= MAXIMUM_SURFACE_CHECKS:
-        return list(rows)
-    return sorted(rows, key=lambda row: -abs(number(row["difference_m"])))[:MAXIMUM_SURFACE_CHECKS]
+        return rows
+    return sorted(rows, key=lambda row: -abs(row["difference_m"]))[:MAXIMUM_SURFACE_CHECKS]
 
 
-def _lights(report: Mapping[str, Any]) -> list[Json]:
+def _lights(report: Report) -> list[LightRecord]:
     """Return the lights of the summary, all that nothing tests as one at the end."""
-    lights = [dict(light) for light in report["summary"]]
+    lights = report["summary"]
     dark = [light for light in lights if light["grade"] == "unknown"]
     if len(dark) < 2:
         return lights
     reasons: dict[str, list[str]] = {}
     for light in dark:
-        reasons.setdefault(str(light["finding"]).removeprefix("not tested: "), []).append(str(light["subject"]))
+        reasons.setdefault(light["finding"].removeprefix("not tested: "), []).append(light["subject"])
     finding = "; ".join(f"{', '.join(subjects)}: {reason}" for reason, subjects in reasons.items())
-    one = {
+    one: LightRecord = {
         "subject": f"{len(dark)} of {len(lights)} questions",
         "grade": "unknown",
         "finding": finding,
@@ -238,48 +218,49 @@ def _lights(report: Mapping[str, Any]) -> list[Json]:
     return [*(light for light in lights if light["grade"] != "unknown"), one]
 
 
-def _deliverables(report: Mapping[str, Any]) -> Json:
+def _deliverables(report: Report) -> Row:
     """Return the files that are listed, and how many pictures there are beside them."""
-    listed = report.get("deliverables") or []
-    files = [entry for entry in listed if not str(entry["file"]).startswith("pictures/")]
+    listed = report["deliverables"]
+    files = [entry for entry in listed if not entry["file"].startswith("pictures/")]
     return {"files": files, "pictures": len(listed) - len(files)}
 
 
-def _photographs(report: Mapping[str, Any]) -> Json:
+def _photographs(report: Report) -> Row:
     """Return the registered photographs: all, or those with the largest GNSS residuals where they are many."""
-    rows = [{"name": name, **p} for name, p in report["photographs"].items() if p.get("registered", True)]
-    if len(rows) <= MAXIMUM_PHOTOGRAPHS:
-        return {"rows": rows, "total": len(rows)}
 
-    def size(row: Json) -> float:
-        residual = row.get("gnss_residual_m")
+    def size(entry: tuple[str, OrientedPhotograph]) -> float:
+        residual = entry[1]["gnss_residual_m"]
         return math.hypot(*residual) if residual else -1.0
 
-    return {"rows": sorted(rows, key=size, reverse=True)[:MAXIMUM_PHOTOGRAPHS], "total": len(rows)}
+    shown = list(oriented(report["photographs"]).items())
+    total = len(shown)
+    if total > MAXIMUM_PHOTOGRAPHS:
+        shown = sorted(shown, key=size, reverse=True)[:MAXIMUM_PHOTOGRAPHS]
+    return {"rows": [{"name": name, **photograph} for name, photograph in shown], "total": total}
 
 
-def _calibration(report: Mapping[str, Any]) -> list[Json]:
+def _calibration(report: Report) -> list[Row]:
     """Return the parameters of every camera, and the correlations of those that were estimated."""
-    diagnosed = (report.get("diagnosis") or {}).get("cameras") or {}
+    diagnosed = report["diagnosis"]["cameras"]
     return [
         {
             "name": name,
             "camera": camera,
             "rows": _parameters(camera),
-            "correlation": _correlation(diagnosed.get(name) or {}),
+            "correlation": _correlation(diagnosed[name]) if name in diagnosed else None,
         }
         for name, camera in report["cameras"].items()
     ]
 
 
-def _parameters(camera: Mapping[str, Any]) -> list[Json]:
+def _parameters(camera: CameraRecord) -> list[Row]:
     values = {"focal_px": camera["focal_px"]}
-    values |= dict(zip(("cx_px", "cy_px"), camera["principal_point_px"], strict=False))
+    values |= dict(zip(("cx_px", "cy_px"), camera["principal_point_px"], strict=True))
     values |= dict(zip(("k1", "k2", "k3", "k4"), camera["radial"], strict=False))
-    values |= dict(zip(("p1", "p2"), camera["tangential"], strict=False))
-    values |= dict(zip(("b1", "b2"), camera.get("affinity") or (), strict=False))
-    held, prior = camera.get("held") or {}, camera.get("prior_sigma") or {}
-    rows = []
+    values |= dict(zip(("p1", "p2"), camera["tangential"], strict=True))
+    values |= dict(zip(("b1", "b2"), camera["affinity"], strict=True))
+    held, prior = camera["held"], camera["prior_sigma"]
+    rows = list[Row]()
     for name, value in values.items():
         sigma = camera["sigma"].get(name)
         if value == 0 and sigma is None:
@@ -299,14 +280,10 @@ def _parameters(camera: Mapping[str, Any]) -> list[Json]:
     return rows
 
 
-def _correlation(diagnosed: Mapping[str, Any]) -> Json | None:
-    """Return names and a matrix of correlations, each with how strong it is, None where they are not known."""
-    matrix, names = diagnosed.get("correlation"), diagnosed.get("parameters")
-    names = list(names) if names else None
-    if isinstance(matrix, Mapping):
-        names = list(matrix)
-        matrix = [[row.get(n) for n in names] if isinstance(row, Mapping) else row for row in matrix.values()]
-    if not matrix or not names:
+def _correlation(diagnosed: CalibrationRecord) -> Row | None:
+    """Return names and a matrix of correlations, each with how strong it is, None where nothing was estimated."""
+    matrix, names = diagnosed["correlation"], diagnosed["parameters"]
+    if not names:
         return None
 
     def grade(value: object) -> str:
@@ -320,8 +297,8 @@ def _correlation(diagnosed: Mapping[str, Any]) -> Json | None:
     return {"names": [name.removesuffix("_px") for name in names], "rows": rows}
 
 
-def _stages(report: Mapping[str, Any]) -> list[Json]:
-    peak = report.get("peak_memory_bytes") or {}
+def _stages(report: Report) -> list[Row]:
+    peak = report["peak_memory_bytes"]
     return [
         {"title": STAGE_TITLES.get(name, name.replace("_", " ")), "seconds": seconds, "bytes": peak.get(name)}
         for name, seconds in report["seconds"].items()

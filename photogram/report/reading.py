@@ -1,104 +1,95 @@
-"""report.json read back: photogram's own, whole, and its figures figures."""
+"""report.json read back, whole and checked: the one reader for the page, the view and other programs."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from jinja2 import TemplateError
+from pydantic import ValidationError
+from pydantic_core import from_json
 
 from photogram.errors import PhotogramError, ReportError
 from photogram.files.reading import read_whole
+from photogram.report.record.json_schema import report_types
+from photogram.report.record.report import Report, oriented
 from photogram.wording import printable, shortened
-
-Json = dict[str, Any]
 
 MOST_BYTES = 500_000_000
 """Of report.json: some 100 000 photographs."""
 
-NEEDED: Mapping[str, type] = {
-    "photogram": str,
-    "crs": str,
-    "cameras": dict,
-    "photographs": dict,
-    "control_points": list,
-}
-"""Keys of report.json without which there is no page, and what they hold."""
+NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
+"""Keys without which a file is no report of photogram at all."""
 
-LARGEST = 1e15
-"""Of any figure with a unit, without sign."""
-
-_UNITS = ("_m", "_px", "_deg", "_m2", "_px2", "_gsd", "_bytes", "_seconds")
-_IN_WORDS = ("held",)
-"""Blocks that say in words why a parameter was not estimated."""
-
+_MOST_SHOWN = 40  # characters of a wrong value
 _REMEDY = "make it again with photogram adjust"
 
 
-def read_report(path: Path) -> Json:
+def read_report(path: Path) -> Report:
     """Return what report.json holds. Raises ReportError where it cannot be read, is damaged or is something else."""
     try:
-        report = json.loads(read_whole(path, MOST_BYTES).decode("utf-8"), parse_constant=_no_number)
+        return report_of(read_whole(path, MOST_BYTES))
+    except ReportError as fault:  # an OSError too
+        raise ReportError(f"{path}: {fault}: {_REMEDY}") from fault
     except OSError as fault:
         raise ReportError(f"{path}: cannot be read ({fault.strerror}): {_REMEDY}") from fault
-    except (ValueError, RecursionError) as fault:
-        raise ReportError(f"{path}: damaged ({fault}): {_REMEDY}") from fault
-    if not isinstance(report, dict):
-        raise ReportError(f"{path}: no report of photogram, it is no block of keys: {_REMEDY}")
-    for key, kind in NEEDED.items():
-        if key not in report:
-            raise ReportError(f"{path}: no report of photogram, {key} is not in it: {_REMEDY}")
-        if not isinstance(report[key], kind):
-            raise ReportError(f"{path}: damaged, {key} is {_shown(report[key])}: {_REMEDY}")
-    damage = _first_fault(report, "") or _fault_of_points(report["control_points"])
-    if damage:
-        raise ReportError(f"{path}: damaged, {damage}: {_REMEDY}")
+
+
+def report_of(text: bytes | str) -> Report:
+    """Return what the text of report.json holds.
+
+    Raises ReportError, in a sentence without the file's name, where it is no JSON, no report of photogram, or damaged.
+    """
+    try:
+        report = report_types().validate_json(text)
+    except ValidationError as fault:
+        raise ReportError(_sentence(text, fault)) from fault
+    contradiction = _contradiction(report)
+    if contradiction:
+        raise ReportError(f"damaged, {contradiction}")
     return report
 
 
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number that JSON knows")
+def _sentence(text: bytes | str, fault: ValidationError) -> str:
+    """Return the first fault in words."""
+    first = fault.errors(include_url=False)[0]
+    if first["type"] == "json_invalid":
+        return f"damaged ({printable(first['ctx']['error'])})"
+    found: object = from_json(text)
+    if not isinstance(found, dict):
+        return "no report of photogram, it is no block of keys"
+    absent = next((key for key in NEEDED if key not in found), None)
+    if absent is not None:
+        return f"no report of photogram, {absent} is not in it"
+    place = printable(shortened(_place(first["loc"]), 100))
+    if first["type"].startswith("union_tag"):
+        return f"damaged, {place}.registered: it must be true or false"
+    if first["type"] == "missing":
+        return f"damaged, or not of this version of photogram: {place} is not in it"
+    reason = first["msg"][:1].lower() + first["msg"][1:]
+    return f"damaged, {place}: {reason}, found {printable(shortened(repr(first['input']), _MOST_SHOWN))}"
 
 
-def _shown(value: object) -> str:
-    return printable(shortened(repr(value), 40))
+def _place(location: Sequence[str | int]) -> str:
+    """Return where in the file something is wrong, as one writes it: control_points[1].residual_m[0]."""
+    # the types that an entry may be of are no keys of the file
+    parts = [part for part in location if not (isinstance(part, bool) or str(part).endswith("Record"))]
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
-def _first_fault(value: object, where: str, figures: bool = False) -> str:
-    """Return what is no figure under a key that ends in a unit, empty where there is nothing."""
-    if isinstance(value, dict):
-        # names of photographs are keys too, and may end in anything
-        parts = [
-            (v, f"{where}.{k}" if where else k, k.endswith(_UNITS) and not isinstance(v, dict))
-            for k, v in value.items()
-            if k not in _IN_WORDS
-        ]
-    elif isinstance(value, list):
-        parts = [(v, f"{where}[{i}]", figures) for i, v in enumerate(value)]
-    else:
-        figure = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
-        return f"{shortened(where, 100)} is {_shown(value)}" if figures and not figure and value is not None else ""
-    return next((fault for part in parts if (fault := _first_fault(*part))), "")
-
-
-def _fault_of_points(points: list[Any]) -> str:
-    for i, point in enumerate(points):
-        if not isinstance(point, dict):
-            return f"control_points[{i}] is {_shown(point)}"
-        for key, kind in (("name", str), ("role", str), ("surveyed_map_m", list)):
-            if not isinstance(point.get(key), kind):
-                return f"control_points[{i}].{key} is {_shown(point.get(key))}"
-        for key in ("surveyed_map_m", "residual_m", "sigma_m", "surveyed_sigma_m"):
-            figures = point.get(key)
-            if figures is not None and not (isinstance(figures, list) and len(figures) == 3):
-                return f"control_points[{i}].{key} is {_shown(figures)}"
+def _contradiction(report: Report) -> str:
+    """Return where parts of a report contradict each other, empty where they do not."""
+    for name, photograph in oriented(report["photographs"]).items():
+        if photograph["camera"] not in report["cameras"]:
+            return f"photographs.{name}: its camera {photograph['camera']!r} is none of the cameras"
+    errors = report["diagnosis"]["ground_errors"]
+    if errors is not None:
+        counts = {len(errors["position_map_m"]), len(errors["sigma_m"]), len(errors["factor_m"])}
+        ranks = {len(row) for factor in errors["factor_m"] for row in factor}
+        if len(counts) > 1 or len(ranks) > 1:
+            return "diagnosis.ground_errors: its lists are not of one length"
     return ""
-
-
-_TRIPS = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 
 
 @contextmanager

@@ -25,8 +25,9 @@ from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
 from photogram.report.page import fixed, templates
+from photogram.report.record.block import CameraRecord
+from photogram.report.record.report import Report, oriented
 from photogram.report.thinning import even_choice
-from photogram.report.view_record import CameraRecord, ViewRecord
 
 Json = dict[str, Any]
 
@@ -41,7 +42,7 @@ _WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
 
 def view_page(
     cloud: DescribedCloud,
-    record: ViewRecord,
+    report: Report,
     cloud_name: str,
     maximum_points: int,
     pictures: Mapping[str, bytes] = MappingProxyType({}),
@@ -51,47 +52,46 @@ def view_page(
     Shows at most ``maximum_points`` of the cloud, evenly thinned. ``cloud_name`` is the file that the cloud came from,
     ``pictures`` small JPEGs of photographs by name. Raises ReportError where cloud and report are far apart.
     """
-    _check_together(cloud.position_map_m, record, cloud_name)
+    _check_together(cloud.position_map_m, report, cloud_name)
     total = len(cloud)
     shown = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
     scene, arrays = _cloud(shown)
     origin = np.array(scene["origin_map_m"])
-    photographs = _photographs(record, origin)
+    photographs = _photographs(report, origin)
     in_plan = scene["sigma_plan_step_m"] is not None
     scene |= {
         "file": cloud_name,
         "total": total,
         "photographs": photographs,
         "frustum_m": _frustum_m(photographs, scene["extent_m"]),
-        "points": _ground_points(record),
-        "exaggeration": _exaggeration(record, scene["extent_m"]),
+        "points": _ground_points(report),
+        "exaggeration": _exaggeration(report, scene["extent_m"]),
         "maps": {name: _colour_map(title) for name, title in COLOUR_MAPS.items()},
-        "errors": error_grid(record, origin, np.array(scene["low_m"]), np.array(scene["high_m"]), in_plan),
+        "errors": error_grid(report, origin, np.array(scene["low_m"]), np.array(scene["high_m"]), in_plan),
     }
     encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
     environment = templates(StrictUndefined)
     environment.filters.update(whole=lambda n: fixed(n, 0))
     return environment.get_template("view.html.jinja").render(
-        title=(record.survey and record.survey.name) or "Photogrammetric survey",
-        version=record.photogram,
-        system=_system(record),
+        title=report["survey"]["name"] or "Photogrammetric survey",
+        version=report["photogram"],
+        system=_system(report),
         scene=scene,
         arrays=arrays,
         pictures=encoded,
-        identity=_identity(record),
+        identity=_identity(report),
     )
 
 
-def _identity(record: ViewRecord) -> str:
-    """Return which report the page belongs to, empty where report.json does not say."""
-    number, day = record.report_id or "", f"processed {record.processed}" if record.processed else ""
-    groups = grouped(number)
-    return ", ".join(part for part in (f"report {groups}" if groups else "", day) if part)
+def _identity(report: Report) -> str:
+    """Return which report the page belongs to."""
+    return f"report {grouped(report['report_id'])}, processed {report['processed']}"
 
 
-def _check_together(position_map_m: FloatArray, record: ViewRecord, cloud_name: str) -> None:
+def _check_together(position_map_m: FloatArray, report: Report, cloud_name: str) -> None:
     """Raise ReportError where photographs and ground points lie nowhere near the cloud."""
-    places = [p.position_map_m for p in record.registered.values()] + [p.surveyed_map_m for p in record.control_points]
+    places = [photograph["position_map_m"] for photograph in oriented(report["photographs"]).values()]
+    places += [point["surveyed_map_m"] for point in report["control_points"]]
     if not places:
         return
     known = np.array(places)
@@ -100,16 +100,16 @@ def _check_together(position_map_m: FloatArray, record: ViewRecord, cloud_name: 
     if apart.min() > _FARTHEST_M:
         raise ReportError(
             f"{cloud_name}: the cloud lies {apart.min() / 1000:.0f} km from every photograph and ground point of "
-            f"report.json: give a cloud of this survey in its map grid, {record.crs}"
+            f"report.json: give a cloud of this survey in its map grid, {report['crs']}"
         )
 
 
-def _system(record: ViewRecord) -> str:
+def _system(report: Report) -> str:
     """Return the reference system of all coordinates in words."""
-    name = record.survey and record.survey.crs_name
-    grid = f"{name} ({record.crs})" if name and name != record.crs else record.crs
+    name, crs = report["survey"]["crs_name"], report["crs"]
+    grid = f"{name} ({crs})" if name and name != crs else crs
     kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
-    output = record.heights and record.heights.output
+    output = report["heights"]["output"]
     return f"{grid}, {kind.get(str(output), 'heights in the system in which the project gives them')}"
 
 
@@ -209,14 +209,14 @@ def reported_camera(camera: CameraRecord) -> Camera:
     """Return a camera of report.json as a camera model, without its name and sigmas."""
     return Camera(
         "",
-        camera.width_px,
-        camera.height_px,
-        camera.focal_px,
-        np.array(camera.principal_point_px),
-        radial=np.array(camera.radial),
-        tangential=np.array(camera.tangential),
-        affinity=np.array(camera.affinity),
-        model=camera.model,
+        camera["width_px"],
+        camera["height_px"],
+        camera["focal_px"],
+        np.array(camera["principal_point_px"]),
+        radial=np.array(camera["radial"]),
+        tangential=np.array(camera["tangential"]),
+        affinity=np.array(camera["affinity"]),
+        model=camera["model"],
     )
 
 
@@ -236,20 +236,20 @@ def _corner_rays(camera: CameraRecord) -> FloatArray:
     return np.column_stack([ideal / wide, np.ones(4)])
 
 
-def _photographs(record: ViewRecord, origin_map_m: FloatArray) -> list[Json]:
+def _photographs(report: Report, origin_map_m: FloatArray) -> list[Json]:
     """Return the registered photographs: centre relative to the origin, rays to the corners in the map, and sigmas."""
-    rays = {name: _corner_rays(camera) for name, camera in record.cameras.items()}
+    rays = {name: _corner_rays(camera) for name, camera in report["cameras"].items()}
     return [
         {
             "name": name,
-            "camera": photograph.camera,
-            "centre_m": (np.array(photograph.position_map_m) - origin_map_m).tolist(),
-            "rays": (rays[photograph.camera] @ np.array(photograph.rotation_camera_from_map)).tolist(),
-            "sigma_m": _all_known(photograph.sigma_m),
-            "angles_deg": photograph.omega_phi_kappa_deg,
-            "tie_points": photograph.tie_points,
+            "camera": photograph["camera"],
+            "centre_m": (np.array(photograph["position_map_m"]) - origin_map_m).tolist(),
+            "rays": (rays[photograph["camera"]] @ np.array(photograph["rotation_camera_from_map"])).tolist(),
+            "sigma_m": photograph["sigma_m"],
+            "angles_deg": photograph["omega_phi_kappa_deg"],
+            "tie_points": photograph["tie_points"],
         }
-        for name, photograph in record.registered.items()
+        for name, photograph in oriented(report["photographs"]).items()
     ]
 
 
@@ -260,19 +260,19 @@ def _frustum_m(photographs: list[Json], extent_m: float) -> float:
     return float(np.clip(0.4 * apart, 0.008 * extent_m, 0.05 * extent_m))
 
 
-def _ground_points(record: ViewRecord) -> list[Json]:
+def _ground_points(report: Report) -> list[Json]:
     """Return control and check points with their surveyed positions in the map, residuals and sigmas."""
     return [
         {
-            "name": point.name,
-            "role": point.role,
-            "axis_roles": point.axis_roles or [point.role] * 3,
-            "surveyed_map_m": point.surveyed_map_m,
-            "residual_m": _all_known(point.residual_m),
-            "sigma_m": _all_known(point.sigma_m),
-            "surveyed_sigma_m": _all_known(point.surveyed_sigma_m),
+            "name": point["name"],
+            "role": point["role"],
+            "axis_roles": point["axis_roles"],
+            "surveyed_map_m": point["surveyed_map_m"],
+            "residual_m": point["residual_m"],
+            "sigma_m": _all_known(point["sigma_m"]),
+            "surveyed_sigma_m": _all_known(point["surveyed_sigma_m"]),
         }
-        for point in record.control_points
+        for point in report["control_points"]
     ]
 
 
@@ -282,10 +282,10 @@ def _all_known(values: list[float | None] | None) -> list[float] | None:
     return known if len(known) == 3 else None
 
 
-def _exaggeration(record: ViewRecord, extent_m: float) -> float:
+def _exaggeration(report: Report, extent_m: float) -> float:
     """Return the round enlargement that draws a large but usual residual or sigma as a fortieth of the survey."""
-    points = record.control_points
-    vectors = [v for p in points for v in (_all_known(p.residual_m), _all_known(p.sigma_m)) if v]
+    points = report["control_points"]
+    vectors = [v for p in points for v in (p["residual_m"], _all_known(p["sigma_m"])) if v]
     size = np.linalg.norm(np.array(vectors).reshape(-1, 3), axis=1)
     if not len(size) or not size.max() > 0:
         return 1.0

@@ -4,7 +4,6 @@ that truth."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,28 +26,6 @@ from photogram.simulation.simulated_survey import (
 from photogram.simulation.survey_files import photograph_tags, truth_record
 
 TRUTH_CELL_M = 0.1
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A simulated survey's result against its truth; errors in m, ``gsd_m`` the size of a pixel on the ground.
-
-    Check points took no part in the adjustment; NMAD is that of a cloud's heights over the true surface.
-    """
-
-    gsd_m: float
-    check_points: int
-    check_rmse_plan_m: float
-    check_rmse_height_m: float
-    camera_rmse_m: float
-    focal_error_px: float
-    focal_sigma_px: float
-    nmad_m: dict[str, float]
-
-    @property
-    def gain(self) -> float:
-        """Return how many times closer to the truth the adjusted cloud is than the linear cloud from three views."""
-        return self.nmad_m["linear_3view"] / self.nmad_m["adjusted"]
 
 
 def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], digits: int) -> str:
@@ -184,25 +161,3 @@ def write_demonstration(
     write_json(truth, truth_record(survey))
     progress(count, count, "")
     return project
-
-
-def judge(folder: Path, report: dict[str, Any]) -> Judgement:
-    """Compare report.json of the demonstration in ``folder`` with the truth beside it."""
-    truth = read_json(folder / "truth.json")
-    error = [
-        np.array(report["photographs"][name]["position_map_m"]) - np.array(position)
-        for name, position in truth["positions_map_m"].items()
-        if report["photographs"][name]["registered"]
-    ]
-    camera = report["cameras"][truth["camera"]["name"]]
-    check = report["check_points"]
-    return Judgement(
-        float(truth["gsd_m"]),
-        int(check["n"]),
-        float(check["rmse_h_m"]),
-        float(check["rmse_v_m"]),
-        float(np.sqrt(np.mean(np.sum(np.square(error), axis=1)))),
-        float(camera["focal_px"] - truth["camera"]["parameters"][0]),
-        float(camera["sigma"]["focal_px"]),
-        {name: float(cloud["nmad_m"]) for name, cloud in report["clouds"].items() if cloud["nmad_m"] is not None},
-    )

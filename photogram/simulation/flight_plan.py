@@ -16,9 +16,9 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import check_range
-from photogram.flight_lines import Course, flown
 from photogram.frames import LocalFrame
 from photogram.projection import CLASSIC, PARAMETERS
+from photogram.quality.flight_lines import Course, flown
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan

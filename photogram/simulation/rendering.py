@@ -8,7 +8,6 @@ Nothing in here depends on the number of threads.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from os import cpu_count
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.ndimage import gaussian_filter
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane
 from photogram.compilation import njit
+from photogram.machine import cores
 from photogram.projection import ideal_point
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
@@ -281,7 +281,7 @@ def render(
     R, C = np.ascontiguousarray(pose.rotation_world_from_camera), np.ascontiguousarray(pose.position_world_m)
     readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
-    with ThreadPoolExecutor(threads or cpu_count()) as pool:
+    with ThreadPoolExecutor(threads or cores()) as pool:
         tasks = [
             pool.submit(
                 _render_rows,

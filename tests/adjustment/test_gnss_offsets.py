@@ -4,6 +4,7 @@ against each other. Surveys are simulated."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,11 @@ PLAN = SurveyPlan(
     strips=3, photographs_per_strip=4, control_points=8, check_points=2, gnss_offset_sigma_m=(0.0, 0.0, 0.0),
     calibration_sigmas=(0.0,) * 8,
 )  # fmt: skip
+
+
+def gnss_of(adjusted: Adjustment) -> Any:
+    """The GNSS part of the report, as one reads it from the file."""
+    return gnss_numbers(adjusted)
 
 
 def shifted(block: Block, by_m: FloatArray, flight: str = "1") -> Block:
@@ -93,7 +99,7 @@ def test_an_offset_held_at_zero_is_implied_as_one_set_free_would_be(block: Block
 
 
 def test_control_and_gnss_that_agree_are_said_to(block: Block) -> None:
-    numbers = gnss_numbers(adjust(block, SETTINGS))
+    numbers = gnss_of(adjust(block, SETTINGS))
     flight = numbers["flights"]["1"]
     assert (flight["estimated"], flight["significant"]) == (False, False)
     assert "control and GNSS agree" in flight["sentence"]
@@ -102,7 +108,7 @@ def test_control_and_gnss_that_agree_are_said_to(block: Block) -> None:
 
 
 def test_a_contradiction_without_an_offset_is_a_warning(block: Block) -> None:
-    numbers = gnss_numbers(adjust(shifted(block, np.array([0.0, 0.0, 0.5])), SETTINGS))
+    numbers = gnss_of(adjust(shifted(block, np.array([0.0, 0.0, 0.5])), SETTINGS))
     flight = numbers["flights"]["1"]
     assert flight["significant"]
     assert flight["p"] < 1e-6
@@ -115,19 +121,19 @@ def test_a_contradiction_without_an_offset_is_a_warning(block: Block) -> None:
 
 def test_an_estimated_offset_is_tested_and_one_beyond_its_prior_warned_of(block: Block) -> None:
     off = replace(shifted(block, np.array([0.5, 0.0, 0.0])), gnss_offset_sigma_m=np.array([0.3, 0.3, 0.3]))
-    flight = gnss_numbers(adjust(off, SETTINGS))["flights"]["1"]
+    flight = gnss_of(adjust(off, SETTINGS))["flights"]["1"]
     assert flight["estimated"]
     assert flight["significant"]
     assert flight["offset_m"][0] == pytest.approx(-0.5, abs=0.15)
     assert "it is estimated and removed" in flight["sentence"]
 
     other = replace(shifted(block, np.array([0.0, 0.0, 71.0])), gnss_offset_sigma_m=np.full(3, 100.0))
-    numbers = gnss_numbers(adjust(other, SETTINGS))
+    numbers = gnss_of(adjust(other, SETTINGS))
     assert "estimated and removed, but no antenna makes so much" in numbers["flights"]["1"]["sentence"]
     assert numbers["flights"]["1"]["sentence"] in numbers["warnings"]
 
     far = replace(shifted(block, np.array([0.0, 0.0, -44.0])), gnss_offset_sigma_m=np.array([1.0, 1.0, 1.0]))
-    numbers = gnss_numbers(adjust(far, SETTINGS))
+    numbers = gnss_of(adjust(far, SETTINGS))
     assert "beyond the prior" in numbers["flights"]["1"]["sentence"]
     assert "height" in numbers["flights"]["1"]["sentence"]
     assert numbers["warnings"]
@@ -137,7 +143,7 @@ def test_without_control_no_statement_is_made(block: Block) -> None:
     none = replace(block, control_points=block.control_points.with_role("check"))
     for sigma in (0.0, 0.5):
         free = replace(none, gnss_offset_sigma_m=np.full(3, sigma))
-        flight = gnss_numbers(adjust(free, SETTINGS))["flights"]["1"]
+        flight = gnss_of(adjust(free, SETTINGS))["flights"]["1"]
         assert flight["degrees_of_freedom"] == 0
         assert (flight["chi2"], flight["p"], flight["significant"]) == (None, None, None)
         assert "without control points" in flight["sentence"] or "needs control points" in flight["sentence"]
@@ -145,7 +151,7 @@ def test_without_control_no_statement_is_made(block: Block) -> None:
 
 def test_each_flight_is_tested_by_itself() -> None:
     made = simulate_block(replace(PLAN, flights=2, strips=4), 7, tie_points=400).block
-    numbers = gnss_numbers(adjust(shifted(made, np.array([0.0, 0.0, 0.4]), "2"), SETTINGS))
+    numbers = gnss_of(adjust(shifted(made, np.array([0.0, 0.0, 0.4]), "2"), SETTINGS))
     assert set(numbers["flights"]) == {"1", "2"}
     assert numbers["flights"]["2"]["significant"]
     assert abs(numbers["flights"]["2"]["offset_m"][2]) > abs(numbers["flights"]["1"]["offset_m"][2])

@@ -4,6 +4,7 @@ show when an arm is ignored. Surveys are simulated."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -34,6 +35,11 @@ PLAN = SurveyPlan(
 
 
 # ---- the factor ------------------------------------------------------------------------------------------------------
+
+
+def gnss_of(adjusted: Adjustment) -> Any:
+    """The GNSS part of the report, as one reads it from the file."""
+    return gnss_numbers(adjusted)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -112,7 +118,7 @@ def with_arm(made: SimulatedBlock, arm: FloatArray, engine: str = "fast") -> Adj
 
 
 def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: SimulatedBlock) -> None:
-    ignored = gnss_numbers(adjust(made.block, SETTINGS))
+    ignored = gnss_of(adjust(made.block, SETTINGS))
     left = ignored["lever_arm_left"]
     assert left["significant"]
     forward, right, down = left["forward_right_down_m"]
@@ -124,7 +130,7 @@ def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: Simulated
     assert down is None
     assert any("turns with the camera" in sentence for sentence in ignored["warnings"])
 
-    given = gnss_numbers(with_arm(made, ARM))
+    given = gnss_of(with_arm(made, ARM))
     assert not given["lever_arm_left"]["significant"]
     assert np.abs(given["lever_arm_left"]["forward_right_down_m"][:2]).max() < 4 * max(sigma[:2])
     assert given["warnings"] == []
@@ -136,7 +142,7 @@ def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: Simulated
 
 def test_the_arm_that_is_left_is_the_one_that_is_missing(made: SimulatedBlock) -> None:
     part = np.array([0.02, 0.1, -0.05])
-    left = gnss_numbers(with_arm(made, part))["lever_arm_left"]
+    left = gnss_of(with_arm(made, part))["lever_arm_left"]
     assert left["forward_right_down_m"][0] == pytest.approx(-0.2, abs=4 * left["sigma_m"][0])
 
 
@@ -147,7 +153,7 @@ def test_a_free_principal_point_takes_the_arm_and_the_sigma_says_so() -> None:
     result = adjust(of_antennas(made), SETTINGS)
     moved = result.block.cameras[0].principal_point_px - made.truth.camera.principal_point_px
     assert moved[1] == pytest.approx(-plan.focal_px * ARM[1] / plan.flying_height_m, abs=1.0)
-    left = gnss_numbers(result)["lever_arm_left"]
+    left = gnss_of(result)["lever_arm_left"]
     assert left is None or left["sigma_m"][0] is None or left["sigma_m"][0] > 0.03
 
 
@@ -158,7 +164,7 @@ def test_an_offset_that_is_estimated_is_not_taken_for_an_arm(made: SimulatedBloc
     )
     for sigma in (0.0, 0.5):
         block = replace(made.block, photographs=moved, gnss_offset_sigma_m=np.full(3, sigma))
-        assert not gnss_numbers(adjust(block, SETTINGS))["lever_arm_left"]["significant"]
+        assert not gnss_of(adjust(block, SETTINGS))["lever_arm_left"]["significant"]
 
 
 def test_p_is_uniform_without_an_arm_and_without_an_offset() -> None:

@@ -43,6 +43,7 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
         (("demo",), ["FOLDER", "--seed"]),
         (("study",), ["ransac"]),
+        (("schema",), ["report"]),
         (("study", "ransac"), ["PROJECT", "--pair", "--iterations", "--sample-sizes", "--thresholds", "--seed"]),
     ],
 )
@@ -94,6 +95,7 @@ def test_help_shows_every_word_that_is_written_for_it(
         ("compare", "--reference", "surface.tif"),
         ("demo", "--seed", "one"),
         ("study",),
+        ("schema", "reports"),
         ("study", "ransac", "project.yaml", "--sample-sizes", "eight"),
         ("study", "ransac", "project.yaml", "--residual", "sampsn"),
     ],

@@ -47,7 +47,7 @@ def said(*arguments):
     except SystemExit as end:
         return end.code, out.getvalue()
 
-commands = ["adjust", "check", "compare", "demo", "init", "plan", "report", "study", "view"]
+commands = ["adjust", "check", "compare", "demo", "init", "plan", "report", "schema", "study", "view"]
 for arguments in ([], ["study", "ransac"], *([c] for c in commands)):
     code, text = said(*arguments, "--help")
     assert code == 0 and "Usage: photogram" in text, (arguments, code, text)

@@ -12,7 +12,7 @@ from photogram.cli.screen import report_tables
 Json = dict[str, Any]
 
 
-def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
+def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Any:
     """The parts of report.json that are shown."""
     names = [f"DJI_{i:04d}.JPG" for i in range(photographs)]
     entries: Json = {name: {"registered": True, "reason": None, "sigma_m": [0.01] * 3} for name in names}
@@ -31,7 +31,8 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Json:
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
         "suspects": [], "blunders": [], "blunders_effect": None,
-        "gnss": {"flights": {}},
+        "gnss": {"flights": {}, "warnings": []},
+        "verdict": {"sentence": "", "figures": [{"rmse_m": None, "target_m": None}] * 2},
         "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
         "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip
@@ -83,7 +84,7 @@ def test_what_is_not_known_is_not_shown(shown: Console) -> None:
 def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console) -> None:
     sentences = [f"control point [{n}], height: everything else predicts +0.620 m, 14.0 sigma" for n in range(7)]
     found = [{"kind": "control point", "sentence": sentence} for sentence in sentences]
-    report_tables.show_report({**report(), "suspects": found})
+    report_tables.show_report(report() | {"suspects": found})
     text = shown.export_text()
     for sentence in sentences[: report_tables.MAXIMUM_SUSPECTS]:
         assert f"Suspect: {sentence}" in text
@@ -95,7 +96,7 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
     suspects = [{"kind": kind, "sentence": f"{kind} X is off"} for kind in ("control point", "mark", "GNSS position")]
     blunders = [{"sentence": "control point [3]: everything else predicts another height (height -0.6 m, 13 sigma)"}]
     effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
-    report_tables.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
+    report_tables.show_report(report() | {"suspects": suspects, "blunders": blunders, "blunders_effect": effect})
     text = shown.export_text()
     assert f"Left out: {blunders[0]['sentence']}" in text
     assert "Without that, the RMSE of 5 check points" in text
@@ -105,7 +106,7 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
 
 def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> None:
     left = {"n": 7, "rmse_h_m": 0.0213, "rmse_v_m": 0.0346}
-    report_tables.show_report({**report(), "leave_one_out": left})
+    report_tables.show_report(report() | {"leave_one_out": left})
     text = shown.export_text()
     assert "leave-one-out (7, no check points): RMSE in plan, height" in text
     assert "0.021, 0.035 m" in text
@@ -120,7 +121,7 @@ def test_what_is_refuted_is_said(shown: Console) -> None:
         "calibration": {"sentence": None, "significant": False, "sigma_factor": None},
     }
     achieved = {"sentence": "9 check points: as large as [predicted]"}
-    report_tables.show_report({**report(), "variance_components": components, "predicted_against_achieved": achieved})
+    report_tables.show_report(report() | {"variance_components": components, "predicted_against_achieved": achieved})
     lines = shown.export_text().splitlines()
     assert "Predicted against achieved, 9 check points: as large as [predicted]" in lines
     assert [line for line in lines if line.startswith("Stated sigmas")] == ["Stated sigmas: marks scatter twice"]
@@ -132,13 +133,13 @@ def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> Non
         "remedies": [{"sentence": "RTK instead of these"}, {"sentence": "One strip across"}],
         "resections": [{"sentence": "Resection with the given focal length [px]"}],
     }
-    report_tables.show_report({**report(), "diagnosis": diagnosis})
+    report_tables.show_report(report() | {"diagnosis": diagnosis})
     text = shown.export_text()
     assert "Weak: The block may be bent to a dome of 0.061 m" in text
     assert "What would help most: RTK instead of these" in text
     assert "One strip across" not in text
     assert "Resection with the given focal length [px]" in text
-    report_tables.show_report({**report(), "diagnosis": {**diagnosis, "warnings": []}})
+    report_tables.show_report(report() | {"diagnosis": {**diagnosis, "warnings": []}})
     assert "What would help" not in shown.export_text()
 
 

@@ -33,7 +33,6 @@ from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page
 from photogram.report.reading import making_of, read_report
-from photogram.report.view_record import view_record
 from photogram.report.viewer import view_page
 
 
@@ -219,10 +218,10 @@ def report(case: Case) -> None:
 
 def view(case: Case) -> None:
     """Make the view of a report."""
-    record = view_record(case.path.read_bytes())
+    report = read_report(case.path)
     described = read_described(case.bench.corpus / "cloud.laz")
     with making_of(case.path):
-        view_page(described, record, "cloud.laz", 1000)
+        view_page(described, report, "cloud.laz", 1000)
 
 
 def _spoil_picture(data: bytes, random: Random) -> bytes:

@@ -17,7 +17,6 @@ from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
 from photogram.factors.graph import Problem
 from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
-from photogram.flight_lines import Course
 from photogram.projection import PARAMETERS
 from photogram.quality.deformation import (
     CENTRES,
@@ -34,6 +33,7 @@ from photogram.quality.deformation import (
     stiffness,
 )
 from photogram.quality.fixed_parameters import with_held_freed
+from photogram.quality.flight_lines import Course
 from photogram.quality.improvements import deformation_and_remedies, strips, with_rtk, with_strip
 from photogram.results import Deformation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block

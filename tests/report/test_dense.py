@@ -244,8 +244,9 @@ def test_refuted_sigmas_are_a_warning_and_right_ones_are_none() -> None:
 
 
 def test_ground_marks_follow_the_role_in_height() -> None:
-    point: dict[str, Any] = {"name": "P", "surveyed_map_m": [1.0, 2.0, 3.0], "surveyed_sigma_m": [0.1, 0.1, 0.2]}
-    roles = [{"role": "control", "axis_roles": ["control", "control", "check"]}, {"role": "control"}, {"role": "check"}]
-    marks = ground_marks([{**point, **role} for role in roles])
+    point = {"name": "P", "surveyed_map_m": [1.0, 2.0, 3.0], "surveyed_sigma_m": [0.1, 0.1, 0.2]}
+    roles = (["control", "control", "check"], ["control"] * 3, ["check"] * 3)
+    points: list[Any] = [point | {"axis_roles": role} for role in roles]
+    marks = ground_marks(points)
     assert marks.checks_height.tolist() == [True, False, True]
     assert ground_marks([]).place_map_m.shape == (0, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,11 +17,16 @@ from photogram.quality.deformation import places_of
 from photogram.quality.ground_errors import ground_errors
 from photogram.report.distances import NODES, error_grid
 from photogram.report.numbers.diagnosis import ground_error_numbers
-from photogram.report.view_record import GroundErrorsRecord, ViewRecord, view_record
+from photogram.report.record.diagnosis import GroundErrorsRecord
+from photogram.report.record.report import Report
 from photogram.results import Deformation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
-MINIMAL = {"photogram": "1", "crs": "EPSG:25832", "cameras": {}, "photographs": {}, "control_points": []}
+
+def reported(errors: GroundErrorsRecord | None) -> Report:
+    """The part of a report that distances need."""
+    diagnosis = {"ground_errors": errors, "intersection_sigma_m": [None] * 3}
+    return cast(Report, {"diagnosis": diagnosis})
 
 
 def at(grid: dict[str, Any], place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +61,7 @@ def test_sigmas_of_height_differences_are_those_of_the_whole_system(control: int
     numbers = ground_error_numbers(SimpleNamespace(block=made.block, deformation=known))  # type: ignore[arg-type]
     assert numbers is not None
     assert len(json.dumps(numbers)) < 120_000
-    record = view_record(json.dumps({**MINIMAL, "diagnosis": {"ground_errors": numbers}}))
+    record = reported(numbers)
     map_m = frame.map_from_world(state.tie_point)
     origin = np.floor(map_m.min(axis=0))
     low, high = map_m[places.points].min(axis=0) - origin, map_m[places.points].max(axis=0) - origin
@@ -80,11 +85,10 @@ def test_sigmas_of_height_differences_are_those_of_the_whole_system(control: int
     assert (total > 1.0) == (control == 0)
 
 
-def errors(places: list[list[float]]) -> ViewRecord:
+def errors(places: list[list[float]]) -> Report:
     count = len(places)
     factor = [[[k * 1e-3]] * 3 for k in range(count)]
-    part = {"position_map_m": places, "sigma_m": [[0.01] * 3] * count, "factor_m": factor}
-    return view_record(json.dumps({**MINIMAL, "diagnosis": {"ground_errors": part}}))
+    return reported({"position_map_m": places, "sigma_m": [[0.01] * 3] * count, "factor_m": factor})
 
 
 @pytest.mark.parametrize(
@@ -99,6 +103,4 @@ def test_few_places_or_places_in_a_line_give_the_nearest(places: list[list[float
 
 
 def test_without_ground_errors_there_is_no_grid() -> None:
-    record = view_record(json.dumps(MINIMAL))
-    assert error_grid(record, np.zeros(3), np.zeros(3), np.ones(3), in_plan=True) is None
-    assert GroundErrorsRecord.model_fields.keys() == {"position_map_m", "sigma_m", "factor_m"}
+    assert error_grid(reported(None), np.zeros(3), np.zeros(3), np.ones(3), in_plan=True) is None

@@ -17,7 +17,7 @@ from photogram.pipeline.store.results_record import recorded
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id
 from photogram.report.numbers.completion import complete
-from photogram.report.numbers.overall import length, overall
+from photogram.report.numbers.overall import length
 from photogram.report.numbers.wording import capitalised, css_string, matching_settings
 from photogram.report.page import report_page
 
@@ -101,7 +101,7 @@ def test_a_survey_that_did_not_converge_is_bad_whatever_its_check_points(bare: J
 
 def test_figures_of_the_first_screen_are_those_of_the_report(bare: Json) -> None:
     report = checked(bare, 0.04, 8, **TARGETS)
-    plan, height = overall(report)["figures"]
+    plan, height = report["verdict"]["figures"]
     assert (plan["rmse_m"], plan["n"], plan["target_m"]) == (report["asprs"]["rmse_h_m"], 8, 0.05)
     assert height["rmse_m"] == pytest.approx((height["fit_m"] ** 2 + height["survey_m"] ** 2) ** 0.5)
     text = report_page(report, [])
@@ -233,7 +233,7 @@ def test_deliverables_are_all_files_with_their_checksums(finished_survey: Path, 
     results = finished_survey / "results"
     listed = {entry["file"]: entry for entry in bare["deliverables"]}
     files = {p.relative_to(results).as_posix() for p in results.rglob("*") if p.is_file()}
-    assert set(listed) == files - {"report.json", "report.html", "checksums.sha256"}
+    assert set(listed) == files - {"report.json", "report.schema.json", "report.html", "checksums.sha256"}
     assert deliverables(results, list(listed)) == bare["deliverables"]
     text = (results / "report.html").read_text(encoding="utf-8")
     assert listed["dsm.tif"]["sha256"] in text

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
 from photogram.report.printing import find_browser
-from photogram.report.view_record import view_record
+from photogram.report.reading import report_of
 from photogram.report.viewer import view_page
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
@@ -58,7 +58,7 @@ def page(
     path = tmp_path_factory.mktemp("view") / "view.html"
     paths = {p.name: p for p in sorted((finished_survey / "photographs").glob("*.JPG"))}
     pictures, _ = previews(paths, lambda *_: None)
-    text = view_page(cloud, view_record(json.dumps(full_report)), "dense.laz", 100_000, pictures)
+    text = view_page(cloud, report_of(json.dumps(full_report)), "dense.laz", 100_000, pictures)
     path.write_text(text, encoding="utf-8")
     return path
 

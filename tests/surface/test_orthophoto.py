@@ -353,7 +353,8 @@ def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest
     monkeypatch.setattr(orthophoto_stage, "LEAST_DEPRESSION_DEG", 91.0)
     assert (adjusted_survey / "results/orthophoto.tif").is_file()
     report = run_pipeline(load_project(adjusted_survey / "project.yaml"), start="orthophoto")
-    reason = report["orthophoto"]["left_out"]
+    reason = dict(report["orthophoto"])["left_out"]
+    assert isinstance(reason, str)
     assert reason.startswith("the photographs look sideways (median optical axis 8")
     assert not (adjusted_survey / "results/orthophoto.tif").exists()
     assert f"Orthophoto left out: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")

@@ -16,6 +16,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.report.record.report import oriented
 from photogram.sfm.orientation import resections_of
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
@@ -131,7 +132,7 @@ def test_a_survey_from_tables_and_frames_runs_to_the_report(
     # a longer focal length flies higher, and over this ground nothing else changes
     higher_m = (camera["focal_px"] / 20656.5 - 1.0) * 1776.0
     for name, expected in zip(FRAMES, CENTRES, strict=True):
-        off = np.array(report["photographs"][name]["position_map_m"]) - expected
+        off = np.array(oriented(report["photographs"])[name]["position_map_m"]) - expected
         np.testing.assert_allclose(off, [0.0, 0.0, higher_m], rtol=0, atol=3.0)
     checks = {p["name"]: p for p in report["control_points"] if p["role"] == "check"}
     assert checks.keys() == CHECK.keys()

@@ -22,6 +22,7 @@ from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.project.findings import Finding
 from photogram.project.project import Project
 from photogram.project.validation.heights import height_system_findings
+from photogram.report.record.report import oriented
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "dtu_phantom4" / "project.yaml"
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -283,13 +284,12 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     edit(survey / "project.yaml", above_geoid)
     report = run_pipeline(load_project(survey / "project.yaml"))
     assert report["adjustment"]["sigma0"] == pytest.approx(plain["adjustment"]["sigma0"], rel=1e-3)
-    for name, photograph in report["photographs"].items():
-        place = np.array(plain["photographs"][name]["position_map_m"])
+    before = oriented(plain["photographs"])
+    for name, photograph in oriented(report["photographs"]).items():
+        place = np.array(before[name]["position_map_m"])
         place[2] -= sloping_geoid.at("EPSG:25832", place[None])[0]
         np.testing.assert_allclose(photograph["position_map_m"], place, rtol=0, atol=0.002)
-        np.testing.assert_allclose(
-            photograph["omega_phi_kappa_deg"], plain["photographs"][name]["omega_phi_kappa_deg"], atol=0.003
-        )
+        np.testing.assert_allclose(photograph["omega_phi_kappa_deg"], before[name]["omega_phi_kappa_deg"], atol=0.003)
     heights = report["heights"]
     assert (heights["output"], heights["geoid"]) == ("orthometric", "EGM96 (EPSG:5773)")
     origin = np.array([report["world"]["origin_map_m"]])

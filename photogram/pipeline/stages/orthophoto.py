@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
@@ -17,6 +16,7 @@ from photogram.crs import plan_of
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
+from photogram.machine import memory_bytes
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
@@ -72,9 +72,8 @@ class HeldPhotographs:
 
 def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
     """Return how many decoded photographs of these sizes fit into a sixteenth of the memory, LEAST_HELD at least."""
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     largest = max((3 * width * height for width, height in sizes_px), default=1)
-    return max(LEAST_HELD, memory // 16 // largest)
+    return max(LEAST_HELD, memory_bytes() // 16 // largest)
 
 
 def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,8 @@ from photogram.report.figures.surface_figures import (
 from photogram.report.figures.thumbnails import thumbnails
 from photogram.report.numbers.dense import dense_numbers, orthophoto_numbers, sigma_numbers
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
+from photogram.report.record.ground import GroundPointRecord
+from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord
 from photogram.surface.dsm import FILLED, MEASURED
 
 PRODUCTS = {
@@ -165,7 +167,7 @@ def matching_sigma_m(run: Run) -> float | None:
     return float(np.median(sigma)) if len(sigma) else None
 
 
-def _shown(run: Run, dense: DenseSurface, numbers: dict[str, Any]) -> tuple[DenseSurface, dict[str, Any], float | None]:
+def _shown(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
     """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
     them: where it would hide everything else."""
     shape, relative = run.shape(), run.surface_relative_sigma()
@@ -178,23 +180,33 @@ def _shown(run: Run, dense: DenseSurface, numbers: dict[str, Any]) -> tuple[Dens
     return without, {**numbers, "sigma_m": spread}, datum_sigma_m
 
 
-def report_surface(
-    run: Run, numbers: dict[str, Any], results: Path
-) -> tuple[dict[str, Any], list[PageFigure], list[str]]:
-    """Return what report.json says of the orthophoto and of the dense surface, their figures for the page, and the
-    names of their pictures, which are written; nothing of what the project asks for none of."""
-    value = dict[str, Any]()
-    drawn, ground = list[DrawnFigure](), ground_marks(numbers["control_points"])
-    orthophoto, dense = orthophoto_picture(run), dense_surface(run)
-    if orthophoto is not None:
-        value["orthophoto"] = orthophoto_numbers(orthophoto)
-        drawn.append(drawn_orthophoto(orthophoto, ground))
+@dataclass(frozen=True)
+class ReportedSurface:
+    """What report.json says of the orthophoto and of the dense surface, None of what was not made, their figures for
+    the page, and the names of their pictures."""
+
+    orthophoto: OrthophotoRecord | NoOrthophotoRecord | None
+    dense: DenseRecord | None
+    figures: list[PageFigure]
+    pictures: list[str]
+
+
+def report_surface(run: Run, control_points: Sequence[GroundPointRecord], results: Path) -> ReportedSurface:
+    """Report on the orthophoto and on the dense surface, and write their pictures; nothing of what the project asks for
+    none of."""
+    drawn, ground = list[DrawnFigure](), ground_marks(control_points)
+    picture, dense = orthophoto_picture(run), dense_surface(run)
+    orthophoto: OrthophotoRecord | NoOrthophotoRecord | None = None
+    if picture is not None:
+        orthophoto = orthophoto_numbers(picture)
+        drawn.append(drawn_orthophoto(picture, ground))
     if run.workspace.has("orthophoto", LEFT_OUT):
-        value["orthophoto"] = dict(read_json(run.workspace.file("orthophoto", LEFT_OUT)))
+        orthophoto = {"left_out": str(read_json(run.workspace.file("orthophoto", LEFT_OUT))["left_out"])}
+    numbers: DenseRecord | None = None
     if dense is not None:
-        value["dense"] = {**dense_numbers(dense, ground), "matching_sigma_m": matching_sigma_m(run)}
-        target_m = run.project.report.target_rmse_v_m
-        shown, numbers_shown, datum_sigma_m = _shown(run, dense, value["dense"])
-        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
+        numbers = dense_numbers(dense, ground, matching_sigma_m(run))
+        shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
+        drawn += drawn_surface(shown, ground, numbers_shown, run.project.report.target_rmse_v_m, datum_sigma_m)
     names = write_surface_pictures(results / "pictures", drawn)
-    return value, surface_figures(drawn) + thumbnails(orthophoto, run.surface()), [f"pictures/{name}" for name in names]
+    figures = surface_figures(drawn) + thumbnails(picture, run.surface())
+    return ReportedSurface(orthophoto, numbers, figures, [f"pictures/{name}" for name in names])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from photogram.crs import crs_title
 from photogram.errors import ReportError
@@ -17,56 +17,80 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete
+from photogram.report.numbers.numbers import Disbelieved
+from photogram.report.numbers.verdicts import FoundBlunders
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 from photogram.report.reading import making_of, read_report
+from photogram.report.record.json_schema import report_schema
+from photogram.report.record.report import Report, SurveyNumbers
+from photogram.report.record.verdict import DeliverableRecord, SurveyRecord
 from photogram.report.versions import versions
 
 PAGE, PRINTED, NUMBERS, FIGURES, VIEW = "report.html", "report.pdf", "report.json", "figures.json", "view.html"
+SCHEMA = "report.schema.json"
 
 
-def run_facts(run: Run, stages: Sequence[str]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class RunFacts:
+    """What a run knows of the survey beside its adjustment; memory by stage, None where the system cannot tell."""
+
+    survey: SurveyRecord
+    versions: dict[str, str | None]
+    peak_memory_bytes: dict[str, int | None]
+
+
+def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
     """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
     tags = run.notes()
     days = sorted(tag["time"][:10] for tag in tags if tag.get("time"))
-    return {
-        "survey": {
-            "flown_first": days[0] if days else None,
-            "flown_last": days[-1] if days else None,
-            "crs_name": crs_title(run.project.crs),
-        },
-        "versions": versions(),
-        "peak_memory_bytes": {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages},
+    names = run.project.report
+    survey: SurveyRecord = {
+        "flown_first": days[0] if days else None,
+        "flown_last": days[-1] if days else None,
+        "crs_name": crs_title(run.project.crs),
+        "name": names.name or None,
+        "client": names.client or None,
+        "author": names.author or None,
     }
+    memory = {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages}
+    return RunFacts(survey, versions(), memory)
 
 
-def disbelieved(run: Run) -> dict[str, int]:
+def disbelieved(run: Run) -> Disbelieved:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
     summary = run.workspace.summary("adjustment")
-    return {name: int(summary.get(name, 0)) for name in ("disbelieved_attitudes", "disbelieved_headings")}
+    return Disbelieved(int(summary.get("disbelieved_attitudes", 0)), int(summary.get("disbelieved_headings", 0)))
 
 
-def write_report(
-    project: Project, numbers: dict[str, Any], figures: Sequence[PageFigure], kept: Path, products: Sequence[str]
-) -> list[str]:
-    """Complete the numbers, write report.json and report.html, and keep the figures in the folder ``kept``.
+def found_blunders(run: Run) -> FoundBlunders:
+    """Return the blunders that the adjustment left out, and what they do to the check points."""
+    verdict = run.verdict()
+    return FoundBlunders(
+        verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict.get("focal_lengths", {})
+    )
 
-    ``products`` are the other files that this run has made in the folder of results: they are listed with size and
-    checksum, and what an earlier run has made and this one has not is removed. Returns what was written into the
-    folder of results. Raises WorkspaceError where a file cannot be written.
+
+def today() -> str:
+    """Return the date, as report.json has it."""
+    return datetime.now().astimezone().date().isoformat()
+
+
+def write_report(project: Project, numbers: SurveyNumbers, figures: Sequence[PageFigure], kept: Path) -> list[str]:
+    """Complete the numbers, write report.json with its schema and report.html, and keep the figures in the folder
+    ``kept``. Returns what was written into the folder of results. Raises WorkspaceError where a file cannot be written.
     """
     write_json(kept / FIGURES, [figure.to_json() for figure in figures])
-    numbers["processed"] = datetime.now().astimezone().date().isoformat()
-    numbers["deliverables"] = deliverables(project.results, products)
     _write(project, complete(numbers, project.report), [figure.to_json() for figure in figures])
-    return [NUMBERS, PAGE]
+    return [NUMBERS, SCHEMA, PAGE]
 
 
-def _write(project: Project, completed: dict[str, Any], figures: Sequence[dict[str, str]]) -> None:
+def _write(project: Project, completed: Report, figures: Sequence[dict[str, str]]) -> None:
     path = project.results / NUMBERS
     write_json(path, completed)
+    write_json(project.results / SCHEMA, report_schema())
     # from the file itself, so that the page of today and one made again from it are the same
-    page = report_page(read_json(path), figures)
+    page = report_page(read_report(path), figures)
     with replacing(project.results / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
@@ -74,7 +98,7 @@ def _write(project: Project, completed: dict[str, Any], figures: Sequence[dict[s
 # ---- what belongs to a result ----------------------------------------------------------------------------------------
 
 
-def deliverables(results: Path, products: Sequence[str]) -> list[dict[str, Any]]:
+def deliverables(results: Path, products: Sequence[str]) -> list[DeliverableRecord]:
     """Return `{file, bytes, sha256}` of files in the folder of results, by name."""
     return [
         {"file": name, "bytes": (results / name).stat().st_size, "sha256": file_fingerprint(results / name)}
@@ -102,7 +126,7 @@ def remake_report(project: Project) -> Path:
         raise ReportError(f"{path}: there are no results yet: run photogram adjust {project.path} first")
     drawn = read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else []
     numbers = read_report(path)
-    former = numbers.get("report_id")
+    former = numbers["report_id"]
     with making_of(path):
         completed = complete(numbers, project.report)
         if completed["report_id"] != former:

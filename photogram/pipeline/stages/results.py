@@ -23,7 +23,15 @@ from photogram.files.npz_json import write_record
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
-from photogram.pipeline.stages.report_files import disbelieved, discard_prints, run_facts, write_report
+from photogram.pipeline.stages.report_files import (
+    deliverables,
+    disbelieved,
+    discard_prints,
+    found_blunders,
+    run_facts,
+    today,
+    write_report,
+)
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
@@ -40,6 +48,7 @@ from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
 from photogram.report.numbers.overlap import Overlap, ground_overlap
 from photogram.report.numbers.statistics import dsm_numbers
+from photogram.report.record.report import SurveyNumbers
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import file_stem
@@ -173,33 +182,45 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     """Write the report over everything; ``products`` are the files that were written before it."""
     run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
-    value = report_numbers(
+    stages = STAGE_NAMES[:-1]
+    adjusted = report_numbers(
         outcome.result,
         replace(run.orientation(), resections=run.resections()),
         clouds,
         run.comparisons(),
         outcome.overlap,
         version=__version__,
-        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in STAGE_NAMES[:-1]},
+        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
         held=run.held(),
-        verdict=run.verdict(),
+        found=found_blunders(run),
+        disbelieved=disbelieved(run),
         measured=run.block().control_points,
         sources=run.project.camera_source,
     )
-    value["heights"] = height_numbers(
-        run.project.heights,
-        outcome.result.block.frame,
-        run.gnss_systems(),
-        [point.heights for point in run.project.control_points],
-    )
-    value["gnss"] = gnss_numbers(outcome.result, run.notes())
     shape, relative = run.shape(), run.surface_relative_sigma()
     datum = None if shape is None else shape.datum_covariance_m2
-    value["dsm"] = dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
-    value = {**value, **run_facts(run, STAGE_NAMES[:-1])}
-    value["adjustment"].update(disbelieved(run))
-    surface, drawn, pictures = report_surface(run, value, outcome.results)
-    value |= surface
-    sparse = None if "dense" in surface else run.surface()
-    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons()) + drawn
-    return write_report(run.project, value, figures, outcome.folder, products + pictures) + pictures
+    facts = run_facts(run, stages)
+    surface = report_surface(run, adjusted["control_points"], outcome.results)
+    numbers: SurveyNumbers = {
+        **adjusted,
+        "heights": height_numbers(
+            run.project.heights,
+            outcome.result.block.frame,
+            run.gnss_systems(),
+            [point.heights for point in run.project.control_points],
+        ),
+        "gnss": gnss_numbers(outcome.result, run.notes()),
+        "dsm": dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum),
+        "survey": facts.survey,
+        "versions": facts.versions,
+        "peak_memory_bytes": facts.peak_memory_bytes,
+        "processed": today(),
+        "deliverables": deliverables(outcome.results, products + surface.pictures),
+    }
+    if surface.orthophoto is not None:
+        numbers["orthophoto"] = surface.orthophoto
+    if surface.dense is not None:
+        numbers["dense"] = surface.dense
+    sparse = run.surface() if surface.dense is None else None
+    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons())
+    return write_report(run.project, numbers, figures + surface.figures, outcome.folder) + surface.pictures

@@ -15,14 +15,13 @@ from photogram.files.npz_json import read_arrays, read_record, write_arrays, wri
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.project.project import Project
+from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.sfm.tie_points.matching import match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
 from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px
 from photogram.survey import Features, Matches
-
-REDUCTIONS = {"high": 1, "medium": 2, "low": 4}
 
 
 def _coarseness(project: Project, photograph: int) -> float:

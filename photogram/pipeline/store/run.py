@@ -5,7 +5,6 @@ A stage reads only what earlier stages have written, so that a resumed run sees 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.height_systems import HeightSystem
+from photogram.machine import cores
 from photogram.pipeline.store.stored_results import (
     ADJUSTED,
     COVARIANCES,
@@ -58,7 +58,7 @@ class Run:
     def photograph_fingerprints(self) -> tuple[str, ...]:
         """Return the content fingerprint of every photograph."""
         # with workers of its own, since one of the executor's may be the first to ask
-        with ThreadPoolExecutor(os.cpu_count()) as workers:
+        with ThreadPoolExecutor(cores()) as workers:
             return tuple(workers.map(file_fingerprint, [p.path for p in self.project.photographs]))
 
     def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:

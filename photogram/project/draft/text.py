@@ -12,6 +12,7 @@ from math import isfinite
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+from photogram.wording import things
 
 _WIDTH = 116
 _PLAIN = re.compile(r"[\w./][\w./()+-]*(?:[: ][\w./()+-]+)*", re.ASCII)
@@ -95,13 +96,9 @@ def _left_out(left_out: Sequence[LeftOut]) -> list[str]:
 
 def _other_site(site: OtherSite) -> list[str]:
     where = f"longitude {site.longitude_deg:.5f}, latitude {site.latitude_deg:.5f}"
-    text = f"Left out: another site, {site.distance_m / 1000:.1f} km away at {where}, {count(len(site.names))}"
+    photographs = things(len(site.names), "photograph")
+    text = f"Left out: another site, {site.distance_m / 1000:.1f} km away at {where}, {photographs}"
     return [*_comment(text, 4), *(f"    # - {{name: {_scalar(name)}}}" for name in site.names)]
-
-
-def count(number: int, what: str = "photograph") -> str:
-    """Return a number and what is counted, in the plural where it is due."""
-    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def _gnss_comment(draft: ProjectDraft) -> list[str]:
@@ -135,7 +132,7 @@ def _positions(draft: ProjectDraft) -> list[str]:
             2,
         ),
         "  positions:",
-        *(f"    - {{path: {_scalar(file.path)}}} # {count(len(file.rows))}" for file in used),
+        *(f"    - {{path: {_scalar(file.path)}}} # {things(len(file.rows), 'photograph')}" for file in used),
     ]
 
 
@@ -153,7 +150,7 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     if common is not None:
         lines.append(f"  gnss_sigma_m: {_sigma3(common)}")
     if with_attitude:
-        all_of_them = count(len(draft.photographs))
+        all_of_them = things(len(draft.photographs), "photograph")
         text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."
         lines += [*_comment(text, 2), "  attitude_sigma_deg: 2.0"]
     else:
@@ -235,7 +232,9 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
     """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
     members = Counter(p.camera for p in draft.photographs)
     left = sum(len(site.names) for site in draft.other_sites) + len(draft.left_out)
-    head = f"Made by photogram init from {count(len(draft.photographs))}" + (f", {left} left out" if left else "")
+    head = f"Made by photogram init from {things(len(draft.photographs), 'photograph')}" + (
+        f", {left} left out" if left else ""
+    )
     lines = [
         *_comment(f"{head}. Everything may be changed."),
         "photogram: 1",

@@ -6,7 +6,7 @@ it is cut into. The bytes of a cell are those of the files' own layout where not
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -20,7 +20,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.project.findings import Finding, Severity
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
-from photogram.project.schema import Quality
+from photogram.project.schema import REDUCTIONS
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, round_cell_m
 from photogram.surface.ortho.orthophoto import LEAST_HELD
@@ -39,9 +39,6 @@ BYTES_PER_PX = 12
 BYTES_PER_TILE_PX = 240
 """Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
 tiles of 800 and of 1728 px."""
-
-SCALE: Mapping[Quality, float] = {"high": 1.0, "medium": 0.5, "low": 0.25}
-"""Width of the picture in which key points are found, by ``quality``."""
 
 MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 8.0 / 3.0, 23.0
 """On disk for a cell of the surface: what the matching writes of it, what its coarser levels hold meanwhile, and what
@@ -194,7 +191,7 @@ def _memory_needs(project: Project, size: SurfaceSize, workers: int) -> list[tup
     fewer, coarser = "lower features.maximum or quality", "choose a larger surface.cell_m"
     largest_px = max(c.width_px * c.height_px for c in project.cameras)
     tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
-    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, SCALE[project.quality] ** 2 * largest_px)
+    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, largest_px / REDUCTIONS[project.quality] ** 2)
     key_points = len(project.photographs) * project.features.maximum
     needs = [(one, fewer), (key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3), fewer)]
     cells = size.surface_cells

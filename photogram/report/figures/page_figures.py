@@ -39,13 +39,13 @@ from photogram.report.figures.style import (
     surface_figure,
 )
 from photogram.report.numbers.overlap import Overlap
+from photogram.report.titles import CLOUD_TITLES
 from photogram.results import Adjustment
 from photogram.survey import PointCloud, Raster
 
 PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40
 IMAGE_DPI = 170
-CLOUD_TITLES = {"linear_2view": "two views", "linear_3view": "three views", "adjusted": "adjusted"}
 
 
 @dataclass(frozen=True)

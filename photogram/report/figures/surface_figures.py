@@ -24,8 +24,8 @@ from photogram.report.figures.surface_maps import (
     sigma_figure,
     target_shares,
 )
-from photogram.report.numbers.dense import Json
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
+from photogram.report.record.surfaces import DenseRecord, SigmaRecord
 
 GROUND_RGB = (0xD4, 0xD4, 0xD4)
 JPEG_QUALITY = 88
@@ -57,7 +57,7 @@ class DrawnFigure:
 def drawn_surface(
     dense: DenseSurface,
     ground: GroundMarks,
-    numbers: Json,
+    numbers: DenseRecord,
     target_rmse_v_m: float | None = None,
     datum_sigma_m: float | None = None,
 ) -> list[DrawnFigure]:
@@ -67,8 +67,9 @@ def drawn_surface(
     standard deviation in height where the sigmas of ``dense`` are relative, None where they contain it.
     """
     drawn = [_relief(dense, ground, numbers)]
-    if numbers["sigma_m"] is not None:
-        drawn += [_sigma(dense, numbers, target_rmse_v_m, datum_sigma_m), _rays(dense, numbers)]
+    sigma = numbers["sigma_m"]
+    if sigma is not None:
+        drawn += [_sigma(dense, sigma, target_rmse_v_m, datum_sigma_m), _rays(dense, numbers)]
         drawn.append(_histogram(dense, numbers, target_rmse_v_m))
     profiles = surface_profiles(dense, ground)
     if profiles:
@@ -135,7 +136,7 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
     return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
 
 
-def _relief(dense: DenseSurface, ground: GroundMarks, numbers: Json) -> DrawnFigure:
+def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> DrawnFigure:
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells = numbers["cells"]
@@ -166,7 +167,7 @@ def _of_datum(datum_sigma_m: float | None) -> str:
     )
 
 
-def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None, datum_sigma_m: float | None) -> DrawnFigure:
+def _sigma(dense: DenseSurface, sigma: SigmaRecord, target_m: float | None, datum_sigma_m: float | None) -> DrawnFigure:
     classes = ""
     if target_m is not None:
         within = float(target_shares(dense, target_m)[:3].sum())
@@ -178,14 +179,14 @@ def _sigma(dense: DenseSurface, numbers: Json, target_m: float | None, datum_sig
         "Predicted standard deviation of every height: the scatter of the matching, from how sharply the photographs "
         "agree and under which angles they look, together with the uncertainty of the adjusted photographs. It does "
         "not contain wrong matches, what moves or grows between photographs, edges that the cells cut through, nor "
-        f"errors of the geoid or the control survey’s datum. Median {numbers['sigma_m']['median']:.3f} m."
+        f"errors of the geoid or the control survey’s datum. Median {sigma['median']:.3f} m."
         f"{_of_datum(datum_sigma_m)}{classes}"
     )
     alternative = "Map of the predicted standard deviation of the heights of the dense surface"
     return DrawnFigure("dense sigma", sigma_figure(dense, target_m, WIDTH_IN), caption, alternative)
 
 
-def _histogram(dense: DenseSurface, numbers: Json, target_m: float | None) -> DrawnFigure:
+def _histogram(dense: DenseSurface, numbers: DenseRecord, target_m: float | None) -> DrawnFigure:
     count = numbers["cells"]["measured"] + numbers["cells"]["measured_beyond"]
     caption = (
         f"Left: the predicted standard deviations of {count} measured cells. Right: how they "
@@ -196,7 +197,7 @@ def _histogram(dense: DenseSurface, numbers: Json, target_m: float | None) -> Dr
     return DrawnFigure("dense sigma histogram", figure, caption, "Histogram of standard deviations of heights")
 
 
-def _rays(dense: DenseSurface, numbers: Json) -> DrawnFigure:
+def _rays(dense: DenseSurface, numbers: DenseRecord) -> DrawnFigure:
     share = numbers["share_3_or_more"]
     three = "" if share is None else f" {_percent(share)} of the heights come from three photographs or more."
     caption = (

@@ -6,15 +6,14 @@ made anew whenever that changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from photogram.quality.asprs import (
     STANDARD,
     Accuracy,
+    AxisAccuracy,
     ReportSettings,
     accuracy,
     blunders,
@@ -27,55 +26,56 @@ from photogram.report.identity import report_id
 from photogram.report.numbers.overall import overall
 from photogram.report.numbers.ranked_warnings import ranked_warnings
 from photogram.report.numbers.traffic_lights import AXES, traffic_lights
+from photogram.report.record.ground import GroundPointRecord
+from photogram.report.record.report import Report, SurveyNumbers
+from photogram.report.record.verdict import AsprsRecord, AxisAccuracyRecord, DiscardedRecord
+from photogram.report.titles import CLOUD_TITLES
 
-Json = dict[str, Any]
-CLOUDS = {"linear_2view": "two-view", "linear_3view": "three-view"}
 
-
-def complete(report: Mapping[str, Any], settings: ReportSettings) -> Json:
-    """Return the report with `survey`, `asprs`, `discarded`, `warnings`, `summary`, `verdict` and `report_id` made from
-    its other figures."""
-    whole = dict(report)
-    whole["survey"] = {**(report.get("survey") or {}), **_named(settings)}
-    whole["asprs"] = asprs_numbers(report["control_points"], settings)
-    whole["discarded"] = discarded(whole)
-    whole["warnings"] = ranked_warnings(whole)
-    whole["summary"] = [asdict(light) for light in traffic_lights(whole)]
-    whole["verdict"] = overall(whole)
+def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Report:
+    """Return the report with its names, and `asprs`, `discarded`, `warnings`, `summary`, `verdict` and `report_id` made
+    from its other figures."""
+    asprs = asprs_numbers(numbers["control_points"], settings)
+    warnings = ranked_warnings(numbers, asprs)
+    lights = [light.record for light in traffic_lights(numbers, asprs)]
+    whole: Report = {
+        **numbers,
+        "survey": {
+            **numbers["survey"],
+            "name": settings.name or None,
+            "client": settings.client or None,
+            "author": settings.author or None,
+        },
+        "asprs": asprs,
+        "discarded": discarded(numbers),
+        "warnings": warnings,
+        "summary": lights,
+        "verdict": overall(numbers, asprs, lights, warnings),
+        "report_id": "",
+    }
     whole["report_id"] = report_id(whole)
     return whole
-
-
-def _named(settings: ReportSettings) -> Json:
-    return {"name": settings.name or None, "client": settings.client or None, "author": settings.author or None}
 
 
 # ---- accuracy by the standard --------------------------------------------------------------------------------------
 
 
-def axis_roles(point: Mapping[str, Any]) -> list[str]:
-    """Return the role of a ground point along easting, northing and height."""
-    roles = point.get("axis_roles")
-    if isinstance(roles, Mapping):
-        return [str(roles.get(axis)) for axis in AXES]
-    return [str(role) for role in roles] if roles else [str(point["role"])] * 3
-
-
-def asprs_numbers(points: Sequence[Mapping[str, Any]], settings: ReportSettings) -> Json:
+def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings) -> AsprsRecord:
     """Return accuracy and statements of the ASPRS standard from the check points of a report; control points never
     enter here."""
-    rows = [p for p in points if "check" in axis_roles(p) and p.get("residual_m") and p.get("surveyed_sigma_m")]
-    checked = np.array([[role == "check" for role in axis_roles(p)] for p in rows], dtype=bool).reshape(-1, 3)
+    rows = [p for p in points if "check" in p["axis_roles"] and p["residual_m"]]
+    checked = np.array([[role == "check" for role in p["axis_roles"]] for p in rows], dtype=bool).reshape(-1, 3)
     # None, where an axis has no figure, becomes NaN
     difference_m = np.array([p["residual_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
     difference_m = np.where(checked, difference_m, np.nan)
     sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
-    found, names = accuracy(difference_m, sigma_m), [str(p["name"]) for p in rows]
+    found, names = accuracy(difference_m, sigma_m), [p["name"] for p in rows]
+    statements, not_stated = _stated(found, settings)
     return {
         "standard": STANDARD,
         "n_h": found.n_h,
         "n_v": found.n_v,
-        "axes": {name: asdict(axis) for name, axis in zip(AXES, found.axes, strict=True)},
+        "axes": {"easting": _axis(found.axes[0]), "northing": _axis(found.axes[1]), "height": _axis(found.axes[2])},
         "fit_rmse_h_m": found.fit_h_m,
         "fit_rmse_v_m": found.fit_v_m,
         "survey_rmse_h_m": found.survey_h_m,
@@ -85,7 +85,8 @@ def asprs_numbers(points: Sequence[Mapping[str, Any]], settings: ReportSettings)
         "rmse_3d_m": found.rmse_3d_m,
         "target_rmse_h_m": settings.target_rmse_h_m,
         "target_rmse_v_m": settings.target_rmse_v_m,
-        **_stated(found, settings),
+        "statements": statements,
+        "not_stated": not_stated,
         "blunders": blunders(difference_m, names, settings),
         "systematic": systematic(found, settings),
         "survey": coarse_survey(found, settings),
@@ -95,9 +96,13 @@ def asprs_numbers(points: Sequence[Mapping[str, Any]], settings: ReportSettings)
     }
 
 
-def _stated(found: Accuracy, settings: ReportSettings) -> Json:
+def _axis(axis: AxisAccuracy) -> AxisAccuracyRecord:
+    return {"n": axis.n, "rmse_m": axis.rmse_m, "mean_m": axis.mean_m, "sd_m": axis.sd_m}
+
+
+def _stated(found: Accuracy, settings: ReportSettings) -> tuple[list[str], list[str]]:
     """Return the standard's statements, and for each that cannot be made a sentence that says why."""
-    statements, missing = [], []
+    statements, missing = list[str](), list[str]()
     rows = (
         ("horizontal", "h", found.n_h, found.rmse_h_m, settings.target_rmse_h_m, statement_h),
         ("vertical", "v", found.n_v, found.rmse_v_m, settings.target_rmse_v_m, statement_v),
@@ -118,7 +123,7 @@ def _stated(found: Accuracy, settings: ReportSettings) -> Json:
                 f"No statement of {name} accuracy: the tested RMSE of {rmse_m:.3f} m (n = {n}) does not meet the class "
                 f"of {target_m:.3f} m."
             )
-    return {"statements": statements, "not_stated": missing}
+    return statements, missing
 
 
 # ---- what was discarded --------------------------------------------------------------------------------------------
@@ -127,17 +132,17 @@ def _stated(found: Accuracy, settings: ReportSettings) -> Json:
 CONTRADICTED = "everything else contradicts it"
 
 
-def discarded(report: Mapping[str, Any]) -> list[Json]:
-    """Return what took no part in the result, and why: `{what, count, reason}`."""
-    adjustment, found = report["adjustment"], list[Json]()
+def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
+    """Return what took no part in the result, and why."""
+    adjustment, found = report["adjustment"], list[DiscardedRecord]()
 
     def add(what: str, count: int, reason: str) -> None:
         if count:
             found.append({"what": what, "count": count, "reason": reason})
 
     for name, photograph in report["photographs"].items():
-        if not photograph.get("registered", True):
-            add(f"photograph {name}", 1, photograph.get("reason") or "not registered")
+        if not photograph["registered"]:
+            add(f"photograph {name}", 1, photograph["reason"])
     add(
         "tie-point observations",
         adjustment["discarded_observations"],
@@ -145,20 +150,18 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     )
     add("tie points", adjustment["discarded_tie_points"], "fewer than two observations were left of them")
     for point in report["control_points"]:
-        if point.get("adjusted_map_m") is None:
+        if point["adjusted_map_m"] is None:
             add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs that meet")
-        axes = [axis for axis, role in zip(AXES, axis_roles(point), strict=True) if role == "left out"]
+        axes = [axis for axis, role in zip(AXES, point["axis_roles"], strict=True) if role == "left out"]
         add(f"{', '.join(axes)} of control point {point['name']}", len(axes), CONTRADICTED)
-        for mark in point.get("marks") or []:
-            add(f"mark of {point['name']} in {mark['photograph']}", int(bool(mark.get("left_out"))), CONTRADICTED)
-    for entry in (report.get("gnss") or {}).get("not_used") or []:
-        add(f"GNSS position of {entry.get('photograph')}", 1, str(entry.get("reason")))
-    for key, what, reason in (
-        ("disbelieved_attitudes", "attitudes of the gimbal", "they contradict the tie points"),
-        ("disbelieved_headings", "headings of the gimbal", "they contradict the tie points; the tilt is used"),
-    ):
-        add(what, int(adjustment.get(key) or 0), reason)
+        for mark in point["marks"]:
+            add(f"mark of {point['name']} in {mark['photograph']}", int(mark["left_out"]), CONTRADICTED)
+    for entry in report["gnss"]["not_used"]:
+        add(f"GNSS position of {entry['photograph']}", 1, entry["reason"])
+    add("attitudes of the gimbal", adjustment["disbelieved_attitudes"], "they contradict the tie points")
+    reason = "they contradict the tie points; the tilt is used"
+    add("headings of the gimbal", adjustment["disbelieved_headings"], reason)
     for name, cloud in report["clouds"].items():
         reason = "taken away by the statistical outlier filter before the comparison"
-        add(f"points of the {CLOUDS.get(name, name)} cloud", int(cloud.get("removed_by_sor") or 0), reason)
+        add(f"points of the {CLOUD_TITLES.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)
     return found

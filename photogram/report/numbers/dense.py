@@ -7,12 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.grid import bands
 from photogram.quality.asprs import MINIMUM_POINTS, accuracy
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
-
-Json = dict[str, Any]
+from photogram.report.record.surfaces import (
+    CellsRecord,
+    ConfidenceRecord,
+    DenseRecord,
+    OrthophotoRecord,
+    SigmaRecord,
+    SurfaceCheckRecord,
+    SurfacePointRecord,
+    SurfaceSummaryRecord,
+    UntestedPointRecord,
+)
 
 FEWEST_CHECKS = 3
 """With fewer check points on the surface no RMSE is given."""
@@ -20,30 +29,52 @@ REFUTED_RMS_Z = 2.0
 """Differences that are so many times their predicted standard deviations refute these."""
 
 
-def dense_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
-    """Return the key `dense` of report.json: size and completeness, standard deviations, and check points."""
+def dense_numbers(dense: DenseSurface, ground: GroundMarks, matching_sigma_m: float | None = None) -> DenseRecord:
+    """Return the key `dense` of report.json: size and completeness, standard deviations, and check points;
+    ``matching_sigma_m`` is what the matched heights scatter by themselves, None where that is not known."""
     rows, columns = dense.heights.values.shape
     check_points = surface_check_numbers(dense, ground)
+    cells, by_rays = _counted(dense)
+    several, rays = int(by_rays[3:].sum()), int(by_rays.sum())
     return {
         "cell_m": dense.cell_m,
         "rows": rows,
         "columns": columns,
-        **_cell_numbers(dense),
+        "cells": cells,
+        "completeness": cells["measured"] / cells["footprint"] if cells["footprint"] else None,
+        "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
+        "share_3_or_more": several / rays if rays else None,
         "sigma_m": sigma_numbers(dense),
-        "confidence": _spread(_measured(dense, dense.confidence), 5),
+        "confidence": _confidence(dense),
         "photographs": {"used": len(dense.photographs), "names": list(dense.photographs)},
         "settings": dict(dense.settings),
         "check_points": check_points,
         "warnings": _warnings(check_points),
+        "matching_sigma_m": matching_sigma_m,
     }
 
 
-def sigma_numbers(dense: DenseSurface) -> Json | None:
+def sigma_numbers(dense: DenseSurface) -> SigmaRecord | None:
     """Return the spread of the standard deviations of the measured cells, None where there are none."""
-    return _spread(_measured(dense, dense.sigma.values), 95)
+    values = _measured(dense, dense.sigma.values)
+    if not len(values):
+        return None
+    mean, maximum = float(values.mean(dtype=np.float64)), float(values.max())
+    median, far = np.percentile(values, [50, 95], overwrite_input=True).tolist()
+    return {"median": median, "mean": mean, "percentile_95": far, "maximum": maximum}
 
 
-def _cell_numbers(dense: DenseSurface) -> Json:
+def _confidence(dense: DenseSurface) -> ConfidenceRecord | None:
+    """Return the spread of the confidence of the measured cells, None where there are none."""
+    values = _measured(dense, dense.confidence)
+    if not len(values):
+        return None
+    mean, minimum = float(values.mean(dtype=np.float64)), float(values.min())
+    median, far = np.percentile(values, [50, 5], overwrite_input=True).tolist()
+    return {"median": median, "mean": mean, "percentile_5": far, "minimum": minimum}
+
+
+def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray]:
     """Count cells: of the footprint the measured, filled and empty ones, which add up, and those measured by so many
     photographs."""
     shape = dense.heights.values.shape
@@ -57,20 +88,15 @@ def _cell_numbers(dense: DenseSurface) -> Json:
         filled += int((dense.filled[band] & within).sum())
         beyond += int((known & ~within).sum())
         by_rays += np.bincount(dense.rays[band][known], minlength=256)
-    several = int(by_rays[3:].sum())
-    return {
-        "cells": {
-            "grid": shape[0] * shape[1],
-            "footprint": footprint,
-            "measured": measured,
-            "filled": filled,
-            "holes": footprint - measured - filled,
-            "measured_beyond": beyond,
-        },
-        "completeness": measured / footprint if footprint else None,
-        "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
-        "share_3_or_more": several / int(by_rays.sum()) if by_rays.any() else None,
+    cells: CellsRecord = {
+        "grid": shape[0] * shape[1],
+        "footprint": footprint,
+        "measured": measured,
+        "filled": filled,
+        "holes": footprint - measured - filled,
+        "measured_beyond": beyond,
     }
+    return cells, by_rays
 
 
 def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:
@@ -88,17 +114,7 @@ def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> n
     return np.asarray(dense.measured(band) & np.isfinite(values[band]))
 
 
-def _spread(values: np.ndarray[Any, Any], percentile: int) -> Json | None:
-    """Return median, mean, extremes and a percentile, None of nothing."""
-    if not len(values):
-        return None
-    mean, least, most = float(values.mean(dtype=np.float64)), float(values.min()), float(values.max())
-    middle, far = np.percentile(values, [50, percentile], overwrite_input=True)
-    extreme = {"maximum": most} if percentile > 50 else {"minimum": least}
-    return {"median": float(middle), "mean": mean, f"percentile_{percentile}": float(far), **extreme}
-
-
-def orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
+def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:
     """Return the key `orthophoto` of report.json: size, and which part of it shows anything."""
     rows, columns = orthophoto.source_shape
     covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
@@ -108,7 +124,7 @@ def orthophoto_numbers(orthophoto: OrthophotoPicture) -> Json:
 # ---- the surface at the check points -------------------------------------------------------------------------------
 
 
-def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
+def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> SurfaceCheckRecord:
     """Return the heights of the surface, interpolated bilinearly, minus those of the points that are checks in height.
 
     Control points never enter: the adjustment was fitted to them. The standard deviation of a difference is
@@ -125,8 +141,8 @@ def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
         z = difference_m / sigma_m
     reason = np.where(at.filled, "its cells are filled, not measured", "it lies in a hole")
     reason = np.where(at.inside, reason, "it lies outside the surface")
-    numbers = _summary(difference_m[known], survey_m[known], z[known])
-    numbers["points"] = [
+    summary = _summary(difference_m[known], survey_m[known], z[known])
+    points: list[SurfacePointRecord] = [
         {
             "name": checks.name[i],
             "surveyed_m": float(checks.place_map_m[i, 2]),
@@ -138,18 +154,26 @@ def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> Json:
         }
         for i in np.flatnonzero(known).tolist()
     ]
-    numbers["not_tested"] = [
+    not_tested: list[UntestedPointRecord] = [
         {"name": checks.name[i], "reason": str(reason[i])} for i in np.flatnonzero(~known).tolist()
     ]
-    return {**numbers, "sentence": _sentence(numbers)}
+    sentence = _sentence(summary, points, not_tested)
+    return {**summary, "points": points, "not_tested": not_tested, "sentence": sentence}
 
 
-def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> Json:
+def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> SurfaceSummaryRecord:
     """Return n and, from FEWEST_CHECKS on, mean, RMSE and normalised RMS of differences (n,), null before."""
     n = len(difference_m)
     if n < FEWEST_CHECKS:
-        nothing = ("mean_m", "sd_m", "rmse_m", "survey_rmse_m", "rmse_v_m", "rms_z")
-        return {"n": n, **dict.fromkeys(nothing)}
+        return {
+            "n": n,
+            "mean_m": None,
+            "sd_m": None,
+            "rmse_m": None,
+            "survey_rmse_m": None,
+            "rmse_v_m": None,
+            "rms_z": None,
+        }
     plan = np.full((n, 2), np.nan)
     found = accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
     height, tested = found.axes[2], z[np.isfinite(z)]
@@ -164,10 +188,12 @@ def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> J
     }
 
 
-def _sentence(numbers: Json) -> str:
-    n, points = numbers["n"], numbers["points"]
+def _sentence(
+    summary: SurfaceSummaryRecord, points: list[SurfacePointRecord], not_tested: list[UntestedPointRecord]
+) -> str:
+    n = summary["n"]
     if not n:
-        why = f" ({len(numbers['not_tested'])} lie beside it or in holes)" if numbers["not_tested"] else ""
+        why = f" ({len(not_tested)} lie beside it or in holes)" if not_tested else ""
         return (
             f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
         )
@@ -175,12 +201,12 @@ def _sentence(numbers: Json) -> str:
         found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
         return f"the dense surface is tested by {found} only: too few check points for an RMSE"
     few = f"; the standard asks for {MINIMUM_POINTS} check points or more" if n < MINIMUM_POINTS else ""
-    mean = f"{numbers['mean_m']:+.3f}".replace("-", "−")
-    times = "" if numbers["rms_z"] is None else f", {numbers['rms_z']:.2g} times the predicted sigmas"
-    return f"the dense surface at {n} check points: RMSE {numbers['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
+    mean = f"{summary['mean_m']:+.3f}".replace("-", "−")
+    times = "" if summary["rms_z"] is None else f", {summary['rms_z']:.2g} times the predicted sigmas"
+    return f"the dense surface at {n} check points: RMSE {summary['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
 
 
-def _warnings(check_points: Json) -> list[str]:
+def _warnings(check_points: SurfaceCheckRecord) -> list[str]:
     rms_z = check_points["rms_z"]
     if rms_z is None or not math.isfinite(rms_z) or rms_z <= REFUTED_RMS_Z:
         return []

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, check_shape
-from photogram.report.numbers.completion import axis_roles
+from photogram.report.record.ground import GroundPointRecord
 from photogram.survey import Raster
 
 
@@ -32,7 +32,7 @@ class DenseSurface:
     confidence: NDArray[np.float32]
     footprint: BoolArray | None = None
     photographs: tuple[str, ...] = ()
-    settings: Mapping[str, object] = field(default_factory=dict)
+    settings: Mapping[str, bool | int | float | str | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         shape = self.heights.values.shape
@@ -88,11 +88,11 @@ class GroundMarks:
         return GroundMarks(names, self.checks_height[keep], self.place_map_m[keep], self.sigma_m[keep])
 
 
-def ground_marks(control_points: Sequence[Mapping[str, Any]]) -> GroundMarks:
+def ground_marks(control_points: Sequence[GroundPointRecord]) -> GroundMarks:
     """Return the ground points of report.json's list `control_points`."""
     return GroundMarks(
-        tuple(str(p["name"]) for p in control_points),
-        np.array([axis_roles(p)[2] == "check" for p in control_points], dtype=bool),
+        tuple(p["name"] for p in control_points),
+        np.array([p["axis_roles"][2] == "check" for p in control_points], dtype=bool),
         np.array([p["surveyed_map_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
         np.array([p["surveyed_sigma_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
     )

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.projection import PARAMETER_NAMES
-from photogram.quality.diagnosis import REMEDIES, Diagnosis, diagnose
+from photogram.quality.diagnosis import REMEDIES, Diagnosis, Dome, diagnose
 from photogram.quality.ground_errors import factor_of_differences
+from photogram.quality.placing import Placing
 from photogram.quality.resection_vs_gnss import resection_differences
+from photogram.report.record.diagnosis import (
+    CalibrationRecord,
+    DiagnosisRecord,
+    DomeRecord,
+    GroundErrorsRecord,
+    PlacingRecord,
+)
 from photogram.results import Adjustment
 from photogram.sfm.resection import Resection
-
-Json = dict[str, Any]
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _cameras(result: Adjustment, found: Diagnosis) -> Json:
+def _cameras(result: Adjustment, found: Diagnosis) -> dict[str, CalibrationRecord]:
     """Return the free parameters of every camera with their sigmas and correlations."""
-    numbers: Json = {}
+    numbers: dict[str, CalibrationRecord] = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         free = np.flatnonzero(sigma > 0)
@@ -42,7 +47,7 @@ def _rounded(values: FloatArray, digits: int) -> list[Any]:
     return list(np.round(values, digits).tolist())
 
 
-def ground_error_numbers(result: Adjustment) -> Json | None:
+def ground_error_numbers(result: Adjustment) -> GroundErrorsRecord | None:
     """Return what photographs and calibration do to the ground at places over the block, easting, northing, height;
     None where there are too few tie points to say."""
     frame, known = result.block.frame, result.deformation
@@ -60,7 +65,32 @@ def ground_error_numbers(result: Adjustment) -> Json | None:
     }
 
 
-def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> Json:
+def _dome(dome: Dome) -> DomeRecord:
+    return {
+        "radius_m": _finite(dome.radius_m),
+        "measured_m": _finite(dome.measured_m),
+        "sigma_m": _finite(dome.sigma_m),
+        "significant": dome.significant,
+        "predicted_sigma_m": _finite(dome.predicted_sigma_m),
+        "points": dome.points,
+        "control_points": dome.control_points,
+    }
+
+
+def _placing(placing: Placing) -> PlacingRecord:
+    return {
+        "absolute_plan_m": _finite(placing.absolute_plan_m),
+        "absolute_height_m": _finite(placing.absolute_height_m),
+        "relative_plan_m": _finite(placing.relative_plan_m),
+        "relative_height_m": _finite(placing.relative_height_m),
+        "shift_plan_m": _finite(placing.shift_plan_m),
+        "shift_height_m": _finite(placing.shift_height_m),
+        "tilt_m": _finite(placing.tilt_m),
+        "radius_m": _finite(placing.radius_m),
+    }
+
+
+def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> DiagnosisRecord:
     """Return what a finished block is weak in, and what would help."""
     found = diagnose(result)
     differences = resection_differences(result, resections)
@@ -75,19 +105,37 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             }
             for name, focal in found.focal_height.items()
         },
-        "residual_pattern": {name: asdict(pattern) for name, pattern in found.patterns.items()},
+        "residual_pattern": {
+            name: {
+                "pattern_px": pattern.pattern_px,
+                "residual_px": pattern.residual_px,
+                "chance_px": pattern.chance_px,
+                "squares": pattern.squares,
+                "significant": pattern.significant,
+            }
+            for name, pattern in found.patterns.items()
+        },
         "pattern_effect": {
             "slopes_m": [_finite(s) for s in result.deformation.pattern_sigma_m[:2]],
             "dome_m": _finite(result.deformation.pattern_sigma_m[2]),
             "radius_m": _finite(result.deformation.radius_m),
         },
-        "dome": {name: v if isinstance(v, bool | int) else _finite(v) for name, v in asdict(found.dome).items()},
-        "placing": None if found.placing is None else {k: _finite(v) for k, v in asdict(found.placing).items()},
+        "dome": _dome(found.dome),
+        "placing": None if found.placing is None else _placing(found.placing),
         "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
         "ground_errors": ground_error_numbers(result),
         "warnings": list(found.warnings),
         "remedies": [
-            {**asdict(remedy), "title": REMEDIES[remedy.what], "helps": remedy.helps, "sentence": remedy.sentence}
+            {
+                "what": remedy.what,
+                "sigma_height_before_m": remedy.sigma_height_before_m,
+                "sigma_height_after_m": remedy.sigma_height_after_m,
+                "sigma_dome_before_m": remedy.sigma_dome_before_m,
+                "sigma_dome_after_m": remedy.sigma_dome_after_m,
+                "title": REMEDIES[remedy.what],
+                "helps": remedy.helps,
+                "sentence": remedy.sentence,
+            }
             for remedy in found.remedies
         ],
         "undetermined": list(found.undetermined),

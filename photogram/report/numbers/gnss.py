@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,11 +13,17 @@ from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test,
 from photogram.adjustment.lever_arms import LeftArm
 from photogram.arrays import FloatArray
 from photogram.report.numbers.numbers import gnss_residual_m
+from photogram.report.record.positions import (
+    FlightRecord,
+    GnssRecord,
+    LeverArmLeftRecord,
+    LeverArmRecord,
+    UnusedPositionRecord,
+)
 from photogram.results import Adjustment
 from photogram.survey import Photograph
 from photogram.wording import some, things
 
-Json = dict[str, Any]
 Notes = Sequence[Mapping[str, Any]]
 """By photograph, what measured_positions.position_note says of its position."""
 
@@ -102,7 +108,7 @@ def _held_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: Flo
     )
 
 
-def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Json:
+def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> FlightRecord:
     """Return the numbers of one flight; ``used`` (N,) are the photographs whose positions took part."""
     block = result.block
     members = used & np.array([p.flight == flight for p in block.photographs], dtype=bool)
@@ -143,9 +149,9 @@ def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Json:
     }
 
 
-def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> list[Json]:
+def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> list[UnusedPositionRecord]:
     """Return the photographs without a part of their own in GNSS, and why."""
-    missing = []
+    missing = list[UnusedPositionRecord]()
     for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
         if takes_part:
             continue
@@ -163,30 +169,35 @@ def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes)
     return missing
 
 
-def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> Json | None:
+def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> dict[str, LeverArmRecord] | None:
     """Return by flight how many positions were brought to the camera by a lever arm, and how."""
-    arms: Json = {}
+    arms: dict[str, list[tuple[Literal["world", "camera"], float]]] = {}
     for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
-        for axes, arm in (("world", note.get("lever_arm_enu_m")), ("camera", note.get("lever_arm_camera_m"))):
-            if takes_part and arm is not None:
-                entry = arms.setdefault(photograph.flight, {"n": 0, "axes": [], "length_m": []})
-                entry["n"] += 1
-                entry["axes"].append(axes)
-                entry["length_m"].append(float(np.linalg.norm(arm)))
-    for entry in arms.values():
-        entry["axes"] = Counter(entry["axes"]).most_common(1)[0][0]
-        entry["length_m"] = float(np.mean(entry["length_m"]))
-    return arms or None
+        kept = arms.setdefault(photograph.flight, [])
+        if takes_part and note.get("lever_arm_enu_m") is not None:
+            kept.append(("world", float(np.linalg.norm(note["lever_arm_enu_m"]))))
+        if takes_part and note.get("lever_arm_camera_m") is not None:
+            kept.append(("camera", float(np.linalg.norm(note["lever_arm_camera_m"]))))
+    counted: dict[str, LeverArmRecord] = {
+        flight: {
+            "n": len(kept),
+            "axes": Counter(axes for axes, _ in kept).most_common(1)[0][0],
+            "length_m": float(np.mean([length_m for _, length_m in kept])),
+        }
+        for flight, kept in arms.items()
+        if kept
+    }
+    return counted or None
 
 
-def _left_arm(result: Adjustment) -> tuple[Json | None, str]:
+def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     """Return the lever arm that the positions show beside the one that is counted, and the warning it deserves."""
     found = LeftArm(result.left_arm_camera_m, result.left_arm_sigma_m, result.left_arm_p)
     if not np.isfinite(found.p):
         return None, ""
     right, backward, down = found.arm_camera_m
     body, spread = np.array([-backward, right, down]), found.sigma_m[[1, 0, 2]]
-    numbers = {
+    numbers: LeverArmLeftRecord = {
         "forward_right_down_m": [None if np.isnan(x) else float(x) for x in body],
         "sigma_m": [None if np.isnan(x) else float(x) for x in spread],
         "p": found.p,
@@ -245,7 +256,11 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     return warnings
 
 
-def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
+def _large(offset_m: Sequence[float | None] | None) -> bool:
+    return any(o is not None and abs(o) > LARGE_OFFSET_M for o in offset_m or ())
+
+
+def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
     """Return ``gnss`` of report.json; ``notes`` are those of the photographs, in their order, or none."""
     photographs = result.block.photographs
     notes = notes or [{"name": p.name} for p in photographs]
@@ -262,8 +277,7 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> Json:
     doubtful = [
         f["sentence"]
         for f in flights.values()
-        if f["significant"]
-        and (f["beyond_prior"] or not f["estimated"] or np.max(np.abs(f["offset_m"])) > LARGE_OFFSET_M)
+        if f["significant"] and (f["beyond_prior"] or not f["estimated"] or _large(f["offset_m"]))
     ]
     return {
         "sentence": sentence,

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from photogram.crs import product_crs, written_crs
 from photogram.frames import LocalFrame
 from photogram.height_systems import DeclaredHeights, HeightSystem
-
-Json = dict[str, Any]
+from photogram.report.record.positions import HeightCountsRecord, HeightInputsRecord, HeightsRecord
 
 _WORDS: dict[HeightSystem | None, str] = {
     "ellipsoidal": "above the ellipsoid",
@@ -21,7 +19,7 @@ _WORDS: dict[HeightSystem | None, str] = {
 }
 
 
-def _input(systems: Sequence[HeightSystem | None]) -> Json:
+def _input(systems: Sequence[HeightSystem | None]) -> HeightCountsRecord:
     """Return how many heights are of each system."""
     counts = Counter(systems)
     return {
@@ -31,7 +29,7 @@ def _input(systems: Sequence[HeightSystem | None]) -> Json:
     }
 
 
-def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs: dict[str, Json]) -> str:
+def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs: HeightInputsRecord) -> str:
     if heights.output is None:
         return (
             "Nothing declares what the heights are counted from: they are those of the control points and GNSS "
@@ -60,7 +58,7 @@ def height_numbers(
     frame: LocalFrame,
     gnss: Sequence[HeightSystem | None],
     control_points: Sequence[HeightSystem | None],
-) -> Json:
+) -> HeightsRecord:
     """Return the height systems: of the results, of every GNSS height and of every ground point's height as given.
 
     ``geoid_height_m`` is that at the origin of ``frame``, null without a geoid and where its grid does not reach.
@@ -70,7 +68,7 @@ def height_numbers(
     if heights.geoid is not None:
         place = LocalFrame(frame.crs, frame.origin_map_m, "grid", heights.geoid)
         geoid_m = float(place.geoid_height_m(np.array([frame.origin_map_m]))[0])
-    inputs = {"gnss": _input(gnss), "control_points": _input(control_points)}
+    inputs: HeightInputsRecord = {"gnss": _input(gnss), "control_points": _input(control_points)}
     return {
         "output": heights.output,
         "geoid": None if heights.geoid is None else heights.geoid.name,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -19,16 +18,35 @@ from photogram.quality.cloud_comparison import Comparison
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.numbers.statistics import consistency_numbers
-from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
+from photogram.report.numbers.verdicts import NO_BLUNDERS, FoundBlunders, control_test, control_verdict
+from photogram.report.record.block import AdjustmentRecord, BlockRecord, CameraRecord, OverlapRecord
+from photogram.report.record.ground import AxisRole, BlunderRecord, CheckPointsRecord, GroundPointRecord, MarkRecord
+from photogram.report.record.photographs import (
+    OrientedPhotograph,
+    PhotographRecord,
+    ResectedPoseRecord,
+    ResectionRecord,
+)
+from photogram.report.record.report import AdjustedNumbers
+from photogram.report.record.surfaces import CloudRecord
 from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.survey import ControlPoints, Photograph, PointCloud
 
-Json = dict[str, Any]
 Held = Mapping[str, Mapping[str, str]]
 """Why parameters are held, by the names of the camera and of the parameter."""
 
+
+@dataclass(frozen=True)
+class Disbelieved:
+    """How many measured attitudes and headings contradict the tie points and were not used."""
+
+    attitudes: int = 0
+    headings: int = 0
+
+
+BELIEVED = Disbelieved()
 NOT_ADJUSTED = "no measurement of it took part in the adjustment"
 
 
@@ -46,15 +64,17 @@ def _difference_map_m(frame: LocalFrame, position_world_m: FloatArray, reference
     return _map(frame, position_world_m) - _map(frame, reference_world_m)
 
 
-def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, names: list[str]) -> Json:
-    def place(pose: Pose) -> Json:
-        value: Json = {"position_map_m": _map(frame, pose.position_world_m).tolist()}
+def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, names: list[str]) -> ResectionRecord:
+    def place(pose: Pose) -> ResectedPoseRecord:
+        rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
+        value: ResectedPoseRecord = {
+            "position_map_m": _map(frame, pose.position_world_m).tolist(),
+            "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
+        }
         if photograph.gnss_world_m is not None:
             difference = _difference_map_m(frame, pose.position_world_m, photograph.gnss_world_m)
             value["gnss_difference_m"] = float(np.linalg.norm(difference))
             value["gnss_difference_map_m"] = difference.tolist()
-        rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
-        value["omega_phi_kappa_deg"] = omega_phi_kappa_deg(rotation.T).tolist()
         return value
 
     return {
@@ -85,42 +105,50 @@ def gnss_residual_m(result: Adjustment) -> FloatArray:
     return frame.map_from_world(centre) - frame.map_from_world(expected)
 
 
-def _exterior(result: Adjustment, index: int, pose: Pose) -> Json:
-    frame = result.block.frame
-    rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
-    return {
-        "position_map_m": _map(frame, pose.position_world_m).tolist(),
-        "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.position_covariance_m2[index]),
-        "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
-        "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[index]))).tolist(),
-        "rotation_camera_from_map": rotation.tolist(),
-    }
-
-
-def photograph_numbers(result: Adjustment, orientation: Orientation) -> Json:
+def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str, PhotographRecord]:
     """Return exterior orientation, sigmas and resection of every photograph; of those that are not registered, why."""
-    block, frame = result.block, result.block.frame
+    block, frame, reliability = result.block, result.block.frame, result.reliability
     control = block.control_points.fully_controlled()
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
     gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
-    numbers: Json = {}
+    numbers: dict[str, PhotographRecord] = {}
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
-        entry: Json = {"camera": block.cameras[photograph.camera].name, "registered": pose is not None}
-        numbers[photograph.name] = entry
+        camera = block.cameras[photograph.camera].name
         if pose is None:
             left_out = result.reason[i] if result.reason else ""
-            entry.update(reason=orientation.reason[i] or left_out or NOT_ADJUSTED, tie_points=0, gnss_residual_m=None)
+            numbers[photograph.name] = {
+                "camera": camera,
+                "registered": False,
+                "reason": orientation.reason[i] or left_out or NOT_ADJUSTED,
+                "tie_points": 0,
+                "gnss_residual_m": None,
+            }
             continue
-        entry.update(reason=None, **_exterior(result, i, pose), tie_points=int(rays[i]))
-        entry["gsd_m"] = float(gsd_m[i])
-        entry["gnss_residual_m"] = residual_m[i].tolist() if np.isfinite(residual_m[i]).all() else None
+        rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
         sigma_m = np.full(3, np.nan) if photograph.gnss_sigma_m is None else photograph.gnss_sigma_m
-        gnss = _tested("m", result.reliability.gnss_redundancy[i], result.reliability.gnss_w[i], sigma_m)
-        entry.update({f"gnss_{name}": value for name, value in gnss.items()})
+        gnss = _tested(reliability.gnss_redundancy[i], reliability.gnss_w[i], sigma_m)
+        entry: OrientedPhotograph = {
+            "camera": camera,
+            "registered": True,
+            "reason": None,
+            "position_map_m": _map(frame, pose.position_world_m).tolist(),
+            "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.position_covariance_m2[i]),
+            "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
+            "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[i]))).tolist(),
+            "rotation_camera_from_map": rotation.tolist(),
+            "tie_points": int(rays[i]),
+            "gsd_m": float(gsd_m[i]),
+            "gnss_residual_m": residual_m[i].tolist() if np.isfinite(residual_m[i]).all() else None,
+            "gnss_redundancy": gnss.redundancy,
+            "gnss_w": gnss.w,
+            "gnss_mdb_m": gnss.mdb,
+            "gnss_suspect": gnss.suspect,
+        }
         resection = orientation.resections[i]
         if resection is not None:
             names = [control.name[g] for g in control.mark_point[control.mark_photograph == i]]
             entry["resection"] = _resection(frame, photograph, resection, names)
+        numbers[photograph.name] = entry
     return numbers
 
 
@@ -128,7 +156,7 @@ def _rms(values: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(values))) if len(values) else None
 
 
-def _overlap(overlap: Overlap) -> Json:
+def _overlap(overlap: Overlap) -> OverlapRecord:
     return {
         "median": float(np.median(overlap.counts)),
         "mean": float(overlap.counts.mean()),
@@ -139,7 +167,7 @@ def _overlap(overlap: Overlap) -> Json:
     }
 
 
-def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap | None) -> Json:
+def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap | None) -> BlockRecord:
     """Return what describes the block as a whole; ``overlap`` is None where the tie points span no area."""
     block, tie = result.block, result.block.tie_points
     names = np.array([photograph.name for photograph in block.photographs])
@@ -169,11 +197,11 @@ def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap
 
 def camera_numbers(
     result: Adjustment, held: Held, sources: Sequence[str], focal_lengths: Mapping[str, str] = MappingProxyType({})
-) -> Json:
+) -> dict[str, CameraRecord]:
     """Return the interior orientation of every camera, the sigmas of its free parameters (null where it was held) and
     what was known before; ``sources`` by camera, or empty; ``focal_lengths`` what was decided where the photographs
     contradict the source."""
-    numbers: Json = {}
+    numbers: dict[str, CameraRecord] = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         free = (camera.sigmas > 0) & (sigma > 0)
@@ -197,42 +225,51 @@ def camera_numbers(
     return numbers
 
 
-def _tested(unit: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> Json:
-    """Return redundancy numbers, w-tests and minimal detectable blunders along the axes of a measurement, null where
-    it is not tested."""
+@dataclass(frozen=True)
+class _Tested:
+    """Redundancy numbers, w-tests and minimal detectable blunders along the axes of a measurement, and whether it is
+    suspect; None where it is not tested."""
+
+    redundancy: list[float | None] | None = None
+    w: list[float | None] | None = None
+    mdb: list[float | None] | None = None
+    suspect: bool | None = None
+
+
+def _tested(redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> _Tested:
+    """Return the tests of a measurement; blunders are in the unit of its ``sigma``."""
     if not np.isfinite(redundancy).any():
-        return {"redundancy": None, "w": None, f"mdb_{unit}": None, "suspect": None}
-    return {
-        "redundancy": _finites(redundancy),
-        "w": _finites(w),
-        f"mdb_{unit}": _finites(minimal_detectable_blunder(sigma, redundancy)),
-        "suspect": bool(np.any(np.abs(w) > CRITICAL)),
-    }
+        return _Tested()
+    mdb = minimal_detectable_blunder(sigma, redundancy)
+    return _Tested(_finites(redundancy), _finites(w), _finites(mdb), bool(np.any(np.abs(w) > CRITICAL)))
 
 
 def _finites(values: FloatArray) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def _ground_reliability(result: Adjustment, g: int) -> Json:
-    """Return the tests of a control point's surveyed coordinates, the effect of a blunder that just escapes them on
-    the adjusted ones, and what everything else would predict; null for check points."""
+@dataclass(frozen=True)
+class _Predicted:
+    """Of a control point the effect of a blunder that just escapes its tests on the adjusted coordinates, and what
+    everything else predicts for it minus what was surveyed, m; None for check points."""
+
+    effect_m: list[float | None] | None = None
+    left_out_m: list[float | None] | None = None
+    left_out_sigma_m: list[float | None] | None = None
+
+
+def _predicted(result: Adjustment, g: int) -> _Predicted:
     r, sigma_m = result.reliability, result.block.control_points.sigma_m[g]
-    numbers = _tested("m", r.ground_redundancy[g], r.ground_w[g], sigma_m)
-    if numbers["redundancy"] is None:
-        return {**numbers, "effect_m": None, "left_out_m": None, "left_out_sigma_m": None}
-    effect = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
-    spread = np.sqrt(np.diag(r.ground_left_out_covariance_m2[g]))
-    predicted = bool(np.isfinite(spread).any())
-    return {
-        **numbers,
-        "effect_m": _finites(effect),
-        "left_out_m": _finites(r.ground_left_out_m[g]) if predicted else None,
-        "left_out_sigma_m": _finites(spread) if predicted else None,
-    }
+    if not np.isfinite(r.ground_redundancy[g]).any():
+        return _Predicted()
+    effect_m = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
+    spread_m = np.sqrt(np.diag(r.ground_left_out_covariance_m2[g]))
+    if not np.isfinite(spread_m).any():
+        return _Predicted(_finites(effect_m))
+    return _Predicted(_finites(effect_m), _finites(r.ground_left_out_m[g]), _finites(spread_m))
 
 
-def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[str]:
+def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[AxisRole]:
     """Return the role of a ground point along its axes: control, check, or left out of the adjustment."""
     return [
         ("control" if part else "left out") if control else "check"
@@ -241,20 +278,20 @@ def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[st
 
 
 def ground_numbers(
-    result: Adjustment, blunders: Sequence[Mapping[str, Any]] = (), measured: ControlPoints | None = None
-) -> list[Json]:
+    result: Adjustment, blunders: Sequence[BlunderRecord] = (), measured: ControlPoints | None = None
+) -> list[GroundPointRecord]:
     """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment.
 
     ``measured`` are the points as they were given, with what was left out of the adjustment.
     """
-    block, frame, used = result.block, result.block.frame, result.block.control_points
+    frame, used = result.block.frame, result.block.control_points
     points = used if measured is None else measured
-    r, numbers = result.reliability, list[Json]()
+    r, numbers = result.reliability, list[GroundPointRecord]()
     for g, name in enumerate(points.name):
         surveyed = _map(frame, points.position_world_m[g])
         known = bool(np.isfinite(result.ground_world_m[g]).all())
         adjusted = _map(frame, result.ground_world_m[g])
-        marks = np.flatnonzero(points.mark_point == g)
+        tested, predicted = _tested(r.ground_redundancy[g], r.ground_w[g], used.sigma_m[g]), _predicted(result, g)
         numbers.append(
             {
                 "name": name,
@@ -264,30 +301,43 @@ def ground_numbers(
                 "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
-                "sigma_m": _sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])
+                "sigma_m": [*_sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])]
                 if known
                 else None,
-                **_ground_reliability(result, g),
+                "redundancy": tested.redundancy,
+                "w": tested.w,
+                "mdb_m": tested.mdb,
+                "suspect": tested.suspect,
+                "effect_m": predicted.effect_m,
+                "left_out_m": predicted.left_out_m,
+                "left_out_sigma_m": predicted.left_out_sigma_m,
                 "chi2": control_test(r.ground_left_out_m[g], r.ground_left_out_covariance_m2[g]),
                 "verdict": control_verdict(result, g, blunders),
-                "marks": [
-                    {
-                        "photograph": block.photographs[points.mark_photograph[m]].name,
-                        "left_out": bool(np.isinf(used.mark_sigma_px[m])),
-                        "pixel": points.mark_pixel[m].tolist(),
-                        "residual_px": result.mark_residual_px[m].tolist()
-                        if np.isfinite(result.mark_residual_px[m]).all()
-                        else None,
-                        **_tested("px", r.mark_redundancy[m], r.mark_w[m], np.full(2, points.mark_sigma_px[m])),
-                    }
-                    for m in marks
-                ],
+                "marks": [_mark(result, points, m) for m in np.flatnonzero(points.mark_point == g).tolist()],
+                "z": None,
+                "mahalanobis": None,
             }
         )
     return numbers
 
 
-def check_numbers(points: list[Json]) -> Json:
+def _mark(result: Adjustment, points: ControlPoints, m: int) -> MarkRecord:
+    reliability, residual_px = result.reliability, result.mark_residual_px[m]
+    sigma_px = np.full(2, points.mark_sigma_px[m])
+    tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], sigma_px)
+    return {
+        "photograph": result.block.photographs[points.mark_photograph[m]].name,
+        "left_out": bool(np.isinf(result.block.control_points.mark_sigma_px[m])),
+        "pixel": points.mark_pixel[m].tolist(),
+        "residual_px": residual_px.tolist() if np.isfinite(residual_px).all() else None,
+        "redundancy": tested.redundancy,
+        "w": tested.w,
+        "mdb_px": tested.mdb,
+        "suspect": tested.suspect,
+    }
+
+
+def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
     """Summarise the differences of the check points: control points never enter here."""
     rows = [
         [d if role == "check" else np.nan for d, role in zip(p["residual_m"], p["axis_roles"], strict=True)]
@@ -295,10 +345,17 @@ def check_numbers(points: list[Json]) -> Json:
         if p["residual_m"] is not None
     ]
     accuracy = check_accuracy(np.array(rows).reshape(-1, 3))
-    return {name: getattr(accuracy, name) for name in ("n", "n_axis", "rmse_m", "mean_m", "rmse_h_m", "rmse_v_m")}
+    return {
+        "n": accuracy.n,
+        "n_axis": list(accuracy.n_axis),
+        "rmse_m": list(accuracy.rmse_m),
+        "mean_m": list(accuracy.mean_m),
+        "rmse_h_m": accuracy.rmse_h_m,
+        "rmse_v_m": accuracy.rmse_v_m,
+    }
 
 
-def adjustment_numbers(result: Adjustment, seconds: float) -> Json:
+def adjustment_numbers(result: Adjustment, seconds: float, disbelieved: Disbelieved = BELIEVED) -> AdjustmentRecord:
     """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
     residual = np.sum(result.residual_px**2, axis=1)
     rays = result.block.tie_points.rays
@@ -323,12 +380,17 @@ def adjustment_numbers(result: Adjustment, seconds: float) -> Json:
             for f, flight in enumerate(result.flights)
         },
         "seconds": seconds,
+        "disbelieved_attitudes": disbelieved.attitudes,
+        "disbelieved_headings": disbelieved.headings,
     }
 
 
-def _comparison(comparison: Comparison) -> Json:
-    surface, cloud = comparison.cloud_to_surface, comparison.cloud_to_cloud
+def _cloud(cloud: PointCloud, comparison: Comparison | None) -> CloudRecord:
+    if comparison is None:
+        return {"points": len(cloud), "mean_m": None, "std_m": None, "median_m": None, "nmad_m": None}
+    surface, nearest = comparison.cloud_to_surface, comparison.cloud_to_cloud
     return {
+        "points": len(cloud),
         "compared": surface.compared,
         "removed_by_sor": comparison.removed,
         "mean_m": surface.mean_m,
@@ -336,21 +398,17 @@ def _comparison(comparison: Comparison) -> Json:
         "median_m": surface.median_m,
         "nmad_m": surface.nmad_m,
         "cloud_to_cloud": {
-            "mean_m": cloud.mean_m,
-            "std_m": cloud.std_m,
-            "median_m": cloud.median_m,
-            "nmad_m": cloud.nmad_m,
+            "mean_m": nearest.mean_m,
+            "std_m": nearest.std_m,
+            "median_m": nearest.median_m,
+            "nmad_m": nearest.nmad_m,
         },
     }
 
 
-def cloud_numbers(clouds: Mapping[str, PointCloud], comparisons: Mapping[str, Comparison]) -> Json:
+def cloud_numbers(clouds: Mapping[str, PointCloud], comparisons: Mapping[str, Comparison]) -> dict[str, CloudRecord]:
     """Return the size of every cloud and its differences from the reference, null where there is none."""
-    nothing = {"mean_m": None, "std_m": None, "median_m": None, "nmad_m": None}
-    return {
-        name: {"points": len(cloud), **(_comparison(comparisons[name]) if name in comparisons else nothing)}
-        for name, cloud in clouds.items()
-    }
+    return {name: _cloud(cloud, comparisons.get(name)) for name, cloud in clouds.items()}
 
 
 def report_numbers(
@@ -364,32 +422,38 @@ def report_numbers(
     seconds: Mapping[str, float],
     held: Held = MappingProxyType({}),
     sources: Sequence[str] = (),
-    verdict: Mapping[str, Any] = MappingProxyType({"blunders": ()}),
+    found: FoundBlunders = NO_BLUNDERS,
+    disbelieved: Disbelieved = BELIEVED,
     measured: ControlPoints | None = None,
-) -> Json:
-    """Return the whole of report.json.
+) -> AdjustedNumbers:
+    """Return what report.json says of an adjusted block.
 
     ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
-    calibration of each camera comes from, empty texts where that is not known, ``verdict`` the blunders found,
-    ``measured`` the ground points as they were given.
+    calibration of each camera comes from, empty texts where that is not known, ``found`` the blunders found,
+    ``disbelieved`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given.
     """
-    frame, blunders = result.block.frame, verdict["blunders"]
-    points = ground_numbers(result, blunders, measured)
-    effect = {name: verdict[name] for name in ("check_points", "check_points_without")} if blunders else None
+    frame = result.block.frame
+    points = ground_numbers(result, found.blunders, measured)
+    consistency = consistency_numbers(result, points)
     return {
         "photogram": version,
         "crs": frame.crs,
         "world": {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)},
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
-        "cameras": camera_numbers(result, held, sources, verdict.get("focal_lengths", {})),
-        "adjustment": adjustment_numbers(result, seconds["adjustment"]),
+        "cameras": camera_numbers(result, held, sources, found.focal_lengths),
+        "adjustment": adjustment_numbers(result, seconds["adjustment"], disbelieved),
         "control_points": points,
         "check_points": check_numbers(points),
-        "blunders": list(blunders),
-        "blunders_effect": effect and {**effect, "sentence": effect_sentence(*effect.values())},
-        **consistency_numbers(result, points),
-        "suspects": [{**asdict(s), "sentence": s.sentence} for s in suspects(result)],
+        "blunders": list(found.blunders),
+        "blunders_effect": found.effect,
+        "predicted_against_achieved": consistency.predicted_against_achieved,
+        "leave_one_out": consistency.leave_one_out,
+        "variance_components": consistency.variance_components,
+        "suspects": [
+            {"kind": s.kind, "name": s.name, "axis": s.axis, "w": s.w, "off": s.off, "sentence": s.sentence}
+            for s in suspects(result)
+        ],
         "diagnosis": diagnosis_numbers(result, orientation.resections),
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 from photogram.quality.asprs import MINIMUM_POINTS
-from photogram.report.numbers.traffic_lights import number
-
-Json = dict[str, Any]
+from photogram.report.numbers.traffic_lights import Direction, directions, number
+from photogram.report.record.report import SurveyNumbers
+from photogram.report.record.verdict import (
+    AsprsRecord,
+    Grade,
+    LightRecord,
+    VerdictFigureRecord,
+    VerdictRecord,
+    WarningRecord,
+)
 
 FAR_APART = 1.5
 """Times the relative sigma, from which the absolute one is said beside it."""
 MOST_TO_DO = 3
-_DIRECTIONS = (("h", "in plan"), ("v", "in height"))
+_WORST_FIRST: tuple[Grade, ...] = ("bad", "attention", "unknown", "few", "good")
 
 
 def length(value_m: object) -> str:
@@ -27,18 +33,20 @@ def length(value_m: object) -> str:
     return f"{scaled:.{digits}f}\u202f{unit}"
 
 
-def overall(report: Mapping[str, Any]) -> Json:
-    """Return `{grade, sentence, also, figures, to_do}` of a report with `asprs`, `summary` and `warnings` in it."""
-    grade, sentence = _verdict(report)
-    also = _also(report)
+def overall(
+    report: SurveyNumbers, asprs: AsprsRecord, lights: Sequence[LightRecord], warnings: Sequence[WarningRecord]
+) -> VerdictRecord:
+    """Return the verdict on a survey, from its numbers, its accuracy by the standard, its lights and its warnings."""
+    grade, sentence = _verdict(report, directions(asprs), lights)
+    also = _also(lights)
     if also and grade in ("good", "few"):
         grade = "attention"
     return {
         "grade": grade,
         "sentence": sentence,
         "also": also,
-        "figures": [_figure(report, letter, where) for letter, where in _DIRECTIONS],
-        "to_do": _to_do(report),
+        "figures": [_figure(report, direction) for direction in directions(asprs)],
+        "to_do": _to_do(asprs, warnings),
     }
 
 
@@ -46,88 +54,80 @@ def _points(count: int) -> str:
     return f"{count} independent check point{'s' if count > 1 else ''}"
 
 
-def _verdict(report: Mapping[str, Any]) -> tuple[str, str]:
-    asprs = report["asprs"]
+def _verdict(report: SurveyNumbers, both: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
     if not report["adjustment"]["converged"]:
         return "bad", "The adjustment did not converge: use nothing of this result."
-    tested = [(letter, where) for letter, where in _DIRECTIONS if asprs[f"n_{letter}"]]
+    tested = [d for d in both if d.n]
     if not tested:
         return "unknown", _predicted(report)
-    aimed = [(letter, where) for letter, where in tested if asprs[f"target_rmse_{letter}_m"] is not None]
+    aimed = [d for d in tested if d.target_m is not None]
     if not aimed:
-        return _without_target(report, tested)
-    missed = [
-        (letter, where) for letter, where in aimed if not asprs[f"rmse_{letter}_m"] <= asprs[f"target_rmse_{letter}_m"]
-    ]
+        return _without_target(tested, lights)
+    missed = [d for d in aimed if not number(d.rmse_m) <= number(d.target_m)]
     if missed:
-        said = " and ".join(
-            f"{where} (RMSE {length(asprs[f'rmse_{letter}_m'])}, target {length(asprs[f'target_rmse_{letter}_m'])})"
-            for letter, where in missed
-        )
-        count = max(asprs[f"n_{letter}"] for letter, _ in missed)
-        return "bad", f"Misses its target {said} at {_points(count)}."
-    least = min(asprs[f"n_{letter}"] for letter, _ in aimed)
-    what = "targets" if len(aimed) == 2 else f"target {aimed[0][1]}"
-    rest = [where for letter, where in _DIRECTIONS if (letter, where) not in aimed]
-    untested = f"; {rest[0]} nothing is tested against a target" if rest else ""
+        said = " and ".join(f"in {d.where} (RMSE {length(d.rmse_m)}, target {length(d.target_m)})" for d in missed)
+        return "bad", f"Misses its target {said} at {_points(max(d.n for d in missed))}."
+    least = min(d.n for d in aimed)
+    what = "targets" if len(aimed) == 2 else f"target in {aimed[0].where}"
+    rest = [d.where for d in both if d not in aimed]
+    untested = f"; in {rest[0]} nothing is tested against a target" if rest else ""
     return "good" if least >= MINIMUM_POINTS else "few", f"Meets its {what} at {_points(least)}{untested}."
 
 
-def _without_target(report: Mapping[str, Any], tested: list[tuple[str, str]]) -> tuple[str, str]:
+def _without_target(tested: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
     """Judge check points of a survey without a target as their lights do, by the size of a pixel on the ground."""
-    asprs = report["asprs"]
-    said = " and ".join(f"{length(asprs[f'rmse_{letter}_m'])} {where}" for letter, where in tested)
-    count = min(asprs[f"n_{letter}"] for letter, _ in tested)
-    subjects = {f"Check points {where}" for _, where in tested}
-    grades = [light["grade"] for light in report["summary"] if light["subject"] in subjects]
-    order = ("bad", "attention", "unknown", "few", "good")
-    grade = min(grades, key=order.index, default="unknown")
-    return grade, f"RMSE of {said} at {_points(count)}; the project names no target."
+    said = " and ".join(f"{length(d.rmse_m)} in {d.where}" for d in tested)
+    subjects = {f"Check points in {d.where}" for d in tested}
+    grades = [light["grade"] for light in lights if light["subject"] in subjects]
+    grade: Grade = min(grades, key=_WORST_FIRST.index, default="unknown")
+    return grade, f"RMSE of {said} at {_points(min(d.n for d in tested))}; the project names no target."
 
 
-def _predicted(report: Mapping[str, Any]) -> str:
-    placing = (report.get("diagnosis") or {}).get("placing")
+def _predicted(report: SurveyNumbers) -> str:
+    placing = report["diagnosis"]["placing"]
     if not placing:
         return "Accuracy not tested: there are no check points."
-    figures, sizes = [], []
-    for which in ("relative", "absolute"):
-        plan, height = number(placing[f"{which}_plan_m"]), number(placing[f"{which}_height_m"])
-        sizes.append((plan, height))
-        figures.append(f"±\u202f{length(plan)} in plan and ±\u202f{length(height)} in height")
-    far = any(a > FAR_APART * r for r, a in zip(*sizes, strict=True))
+    relative = number(placing["relative_plan_m"]), number(placing["relative_height_m"])
+    absolute = number(placing["absolute_plan_m"]), number(placing["absolute_height_m"])
+    figures = [
+        f"±\u202f{length(plan)} in plan and ±\u202f{length(height)} in height" for plan, height in (relative, absolute)
+    ]
+    far = any(a > FAR_APART * r for r, a in zip(relative, absolute, strict=True))
     said = f"{figures[0]} relative to each other, {figures[1]} absolute" if far else figures[1]
     return f"Accuracy predicted, not tested: {said} (1 sigma)."
 
 
-def _also(report: Mapping[str, Any]) -> str:
+def _also(lights: Sequence[LightRecord]) -> str:
     """Return which other lights are red, those of the check points being said already."""
-    red = [light["subject"] for light in report["summary"] if light["grade"] == "bad"]
+    red = [light["subject"] for light in lights if light["grade"] == "bad"]
     red = [subject for subject in red if not subject.startswith(("Check points", "Adjustment"))]
     return f"Red below: {', '.join(red)}." if red else ""
 
 
-def _figure(report: Mapping[str, Any], letter: str, where: str) -> Json:
+def _figure(report: SurveyNumbers, tested: Direction) -> VerdictFigureRecord:
     """Return one of the two figures of the first screen: RMSE at check points with its target, or what is predicted."""
-    asprs = report["asprs"]
-    placing = (report.get("diagnosis") or {}).get("placing") or {}
-    name = "plan" if letter == "h" else "height"
+    placing = report["diagnosis"]["placing"]
+    relative_m = absolute_m = None
+    if placing:
+        plan = tested.where == "plan"
+        relative_m = placing["relative_plan_m"] if plan else placing["relative_height_m"]
+        absolute_m = placing["absolute_plan_m"] if plan else placing["absolute_height_m"]
     return {
-        "where": where,
-        "n": asprs[f"n_{letter}"],
-        "rmse_m": asprs[f"rmse_{letter}_m"] if asprs[f"n_{letter}"] else None,
-        "fit_m": asprs[f"fit_rmse_{letter}_m"] if asprs[f"n_{letter}"] else None,
-        "survey_m": asprs[f"survey_rmse_{letter}_m"] if asprs[f"n_{letter}"] else None,
-        "target_m": asprs[f"target_rmse_{letter}_m"],
-        "relative_sigma_m": placing.get(f"relative_{name}_m"),
-        "absolute_sigma_m": placing.get(f"absolute_{name}_m"),
+        "where": f"in {tested.where}",
+        "n": tested.n,
+        "rmse_m": tested.rmse_m if tested.n else None,
+        "fit_m": tested.fit_m if tested.n else None,
+        "survey_m": tested.survey_m if tested.n else None,
+        "target_m": tested.target_m,
+        "relative_sigma_m": relative_m,
+        "absolute_sigma_m": absolute_m,
     }
 
 
-def _to_do(report: Mapping[str, Any]) -> list[str]:
+def _to_do(asprs: AsprsRecord, warnings: Sequence[WarningRecord]) -> list[str]:
     """Return the first things to do: the remedies of the gravest warnings, or what the standard still asks for."""
-    remedies = [w["remedy"] for w in report["warnings"] if w["severity"] != "note" and w["remedy"]]
+    remedies = [w["remedy"] for w in warnings if w["severity"] != "note" and w["remedy"]]
     remedies = list(dict.fromkeys(remedies))[:MOST_TO_DO]
-    asprs = report["asprs"]
     least = min(asprs["n_h"], asprs["n_v"])
     if not remedies and 0 < least < MINIMUM_POINTS:
         return [f"nothing; for the standard’s full statement survey {MINIMUM_POINTS} check points ({least} now)"]

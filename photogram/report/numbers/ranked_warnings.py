@@ -7,15 +7,17 @@ that were stated a little off, quantities that change together and cost no heigh
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Sequence
 
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.quality.placing import WHOLE_BLOCK
 from photogram.report.numbers.traffic_lights import number
+from photogram.report.record.block import BlockRecord
+from photogram.report.record.diagnosis import DiagnosisRecord
+from photogram.report.record.ground import VarianceComponentRecord
+from photogram.report.record.report import SurveyNumbers
+from photogram.report.record.verdict import AsprsRecord, Severity, WarningRecord
 
-Json = dict[str, Any]
-Severity = Literal["bad", "attention", "note"]
 SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
 
 CALIBRATE = ": calibrate the camera"
@@ -37,92 +39,84 @@ GROUP_TITLES = {
 }
 
 
-def ranked_warnings(report: Mapping[str, Any]) -> list[Json]:
-    """Return `{part, severity, sentence, remedy}` of a report with `asprs` in it, the gravest first."""
+def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRecord]:
+    """Return what a reader of these numbers, and of the accuracy by the standard, must not overlook, the gravest
+    first."""
+    dense = report.get("dense")
     found = [
         *_adjustment(report),
         *_focal_lengths(report),
         *_blunders(report),
-        *_check_points(report),
+        *_check_points(asprs),
         *_prediction(report),
         *_heights(report),
         *_geometry(report),
-        *_several("surface", (report.get("dense") or {}).get("warnings")),
-        *_several("GNSS", (report.get("gnss") or {}).get("warnings")),
+        *_several("surface", [] if dense is None else dense["warnings"]),
+        *_several("GNSS", report["gnss"]["warnings"]),
         *_block(report["block"]),
-        *_stated_sigmas(report.get("variance_components") or {}),
-        *_too_few(report["asprs"]),
+        *_stated_sigmas(report["variance_components"]),
+        *_too_few(asprs),
     ]
     return sorted(found, key=lambda w: SEVERITIES.index(w["severity"]))
 
 
-def _warning(part: str, severity: Severity, sentence: str, remedy: str = "") -> Json:
+def _warning(part: str, severity: Severity, sentence: str, remedy: str = "") -> WarningRecord:
     return {"part": part, "severity": severity, "sentence": sentence, "remedy": remedy}
 
 
-def sentences(values: object) -> list[str]:
-    """Return the sentences of a list of texts, or of entries that each have one."""
-    rows = values if isinstance(values, list) else []
-    said = [str(row.get("sentence") or "") if isinstance(row, Mapping) else str(row) for row in rows]
-    return [sentence for sentence in said if sentence]
-
-
-def _several(part: str, values: object, severity: Severity = "attention", remedy: str = "") -> list[Json]:
+def _several(part: str, said: Sequence[str], severity: Severity = "attention", remedy: str = "") -> list[WarningRecord]:
     """Warn of the first sentences of a list, and of how many more there are."""
-    said = sentences(values)
     found = [_warning(part, severity, sentence, remedy) for sentence in said[:MOST_NAMED]]
     more = len(said) - MOST_NAMED
     return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
 
 
-def _adjustment(report: Mapping[str, Any]) -> list[Json]:
+def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
     if report["adjustment"]["converged"]:
         return []
     sentence = "the adjustment did not converge: use nothing of this result"
     return [_warning("adjustment", "bad", sentence, "look at the warnings below, and at photogram check")]
 
 
-def _focal_lengths(report: Mapping[str, Any]) -> list[Json]:
-    found = []
+def _focal_lengths(report: SurveyNumbers) -> list[WarningRecord]:
+    found = list[WarningRecord]()
     for name, camera in report["cameras"].items():
-        said, calibrate, more = str(camera.get("focal_length") or "").partition(CALIBRATE)
+        said, calibrate, more = (camera["focal_length"] or "").partition(CALIBRATE)
         remedy = f"{calibrate}{more}".removeprefix(": ") or "correct focal_px in the project file"
         found += [_warning("calibration", "bad", f"focal length of {name}: {said}", remedy)] if said else []
     return found
 
 
-def _blunders(report: Mapping[str, Any]) -> list[Json]:
-    decided = any(camera.get("focal_length") for camera in report["cameras"].values())
-    named = [b for b in report.get("blunders") or [] if not (decided and b.get("kind") == "focal length")]
-    found = list[Json]()
+def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
+    decided = any(camera["focal_length"] for camera in report["cameras"].values())
+    named = [b for b in report["blunders"] if not (decided and b["kind"] == "focal length")]
+    found = list[WarningRecord]()
     remedy = "it is left out: check it where it was measured"
-    harmless = [b.get("kind") in ("GNSS position", "attitude") for b in named]
-    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if not h], "bad", remedy)
-    found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if h], "attention", remedy)
-    effect = sentences([report.get("blunders_effect") or ""])
-    found += [_warning("blunders", "note", sentence) for sentence in effect]
+    harmless = ("GNSS position", "attitude")
+    found += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
+    found += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
+    effect = report["blunders_effect"]
+    if effect is not None and effect["sentence"]:
+        found.append(_warning("blunders", "note", effect["sentence"]))
     # what one blunder spreads to its neighbours is suspected too
-    suspects = [s for s in report.get("suspects") or [] if not named or s.get("kind") == "GNSS position"]
+    suspects = [s for s in report["suspects"] if not named or s["kind"] == "GNSS position"]
     if suspects:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
-        severity: Severity = "attention" if all(s.get("kind") == "GNSS position" for s in suspects) else "bad"
+        severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
         remedy = "check it, and leave it out where it is wrong"
-        found.append(_warning("suspects", severity, f"{suspects[0].get('sentence', '')}{others}", remedy))
+        found.append(_warning("suspects", severity, f"{suspects[0]['sentence']}{others}", remedy))
     return found
 
 
-def _heights(report: Mapping[str, Any]) -> list[Json]:
-    heights = report.get("heights") or {}
-    found = _several("heights", heights.get("warnings"))
-    if heights and heights.get("output") is None:
-        said = str(heights.get("sentence") or "")
-        found.append(_warning("heights", "attention", said, "write heights: … in the project file") if said else {})
-    return [warning for warning in found if warning]
+def _heights(report: SurveyNumbers) -> list[WarningRecord]:
+    heights = report["heights"]
+    if heights["output"] is not None:
+        return []
+    return [_warning("heights", "attention", heights["sentence"], "write heights: … in the project file")]
 
 
-def _check_points(report: Mapping[str, Any]) -> list[Json]:
-    asprs = report["asprs"]
-    part, found = "check points", list[Json]()
+def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
+    part, found = "check points", list[WarningRecord]()
     if asprs["blunders"]:
         first, count = asprs["blunders"][0], len(asprs["blunders"])
         more = f"; so are {count - 1} more coordinates" if count > 1 else ""
@@ -134,23 +128,22 @@ def _check_points(report: Mapping[str, Any]) -> list[Json]:
     return found + _several(part, asprs["survey"], remedy="survey them again, more precisely")
 
 
-def _prediction(report: Mapping[str, Any]) -> list[Json]:
-    found = report.get("predicted_against_achieved") or {}
-    if found.get("consistent") is not False:
+def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
+    found = report["predicted_against_achieved"]
+    if found is None or found["consistent"]:
         return []
-    larger = number((found.get("chi2") or {}).get("p")) < 0.5
-    sentence = found.get("sentence") or "differences of check points contradict their predicted sigmas"
+    larger = found["chi2"]["p"] < 0.5
     remedy = "believe the check points, not the predicted sigmas" if larger else ""
-    return [_warning("prediction", "bad" if larger else "note", sentence, remedy)]
+    return [_warning("prediction", "bad" if larger else "note", found["sentence"], remedy)]
 
 
-def best_remedy(diagnosis: Mapping[str, Any]) -> str:
+def best_remedy(diagnosis: DiagnosisRecord) -> str:
     """Return what would help a weak block most, as computed; empty where nothing that was tried helps."""
-    helpful = [r for r in diagnosis.get("remedies") or [] if r.get("helps")]
+    helpful = [r for r in diagnosis["remedies"] if r["helps"]]
     if not helpful:
         return ""
-    best = min(helpful, key=lambda r: number(r.get("sigma_height_after_m")))
-    title = str(best["title"])
+    best = min(helpful, key=lambda r: r["sigma_height_after_m"])
+    title = best["title"]
     title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
         f"{title} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
@@ -158,12 +151,12 @@ def best_remedy(diagnosis: Mapping[str, Any]) -> str:
     )
 
 
-def _geometry(report: Mapping[str, Any]) -> list[Json]:
-    diagnosis, cameras = report.get("diagnosis") or {}, report["cameras"]
+def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
+    diagnosis, cameras = report["diagnosis"], report["cameras"]
     decided = tuple(
-        f"The focal length of {name} is known" for name, camera in cameras.items() if camera.get("focal_length")
+        f"The focal length of {name} is known" for name, camera in cameras.items() if camera["focal_length"]
     )
-    said = [s for s in sentences(diagnosis.get("warnings")) if not (decided and s.startswith(decided))]
+    said = [s for s in diagnosis["warnings"] if not (decided and s.startswith(decided))]
     # what the datum leaves open is what most else follows from
     said.sort(key=lambda s: not s.startswith(WHOLE_BLOCK))
     found = _several("geometry", said)
@@ -172,8 +165,8 @@ def _geometry(report: Mapping[str, Any]) -> list[Json]:
     return found
 
 
-def _block(block: Mapping[str, Any]) -> list[Json]:
-    found, missing = [], block["photographs"] - block["registered"]
+def _block(block: BlockRecord) -> list[WarningRecord]:
+    found, missing = list[WarningRecord](), block["photographs"] - block["registered"]
     if missing:
         said = f"{missing} of {block['photographs']} photographs are not in the result"
         found.append(_warning("photographs", "attention", said, "why stands under Discarded"))
@@ -181,30 +174,30 @@ def _block(block: Mapping[str, Any]) -> list[Json]:
     if len(sizes) > 1:
         said = f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)"
         found.append(_warning("photographs", "attention", said, "fly with more overlap between the parts"))
-    share = number((block.get("overlap") or {}).get("share_2_or_more"))
-    if math.isfinite(share) and share < 0.9:
-        said = f"{1 - share:.0%} of the ground is seen by fewer than two photographs"
+    overlap = block["overlap"]
+    if overlap is not None and overlap["share_2_or_more"] < 0.9:
+        said = f"{1 - overlap['share_2_or_more']:.0%} of the ground is seen by fewer than two photographs"
         found.append(_warning("photographs", "attention", said, "there is no surface there: fly with more overlap"))
     return found
 
 
-def _stated(group: Mapping[str, Any], title: str) -> str:
-    stated, factor, unit = number(group.get("stated_sigma")), number(group.get("sigma_factor")), group.get("unit")
+def _stated(group: VarianceComponentRecord, title: str) -> str:
+    stated, factor, unit = number(group["stated_sigma"]), number(group["sigma_factor"]), group["unit"]
     if not unit or not math.isfinite(stated):
         return f"{title} ({factor:.2g} times)"
     return f"{title} (stated {stated:.2g} {unit}, found {factor * stated:.2g} {unit})"
 
 
-def _stated_sigmas(components: Mapping[str, Any]) -> list[Json]:
+def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[WarningRecord]:
     low, high = WRONGLY_STATED
     small, large = list[str](), list[str]()
     for name, group in components.items():
-        if not isinstance(group, Mapping) or not group.get("significant"):
+        if not group["significant"]:
             continue
-        text, factor = _stated(group, GROUP_TITLES.get(name, name)), number(group.get("sigma_factor"))
+        text, factor = _stated(group, GROUP_TITLES.get(name, name)), number(group["sigma_factor"])
         small += [text] * (factor > high)
         large += [text] * (factor < low)
-    part, found = "stated sigmas", []
+    part, found = "stated sigmas", list[WarningRecord]()
     if small:
         said = f"sigmas stated too small, so that predicted ones are too small as well: {', '.join(small)}"
         found.append(_warning(part, "attention", said, "look for a wrong measurement among them, or state more"))
@@ -214,7 +207,7 @@ def _stated_sigmas(components: Mapping[str, Any]) -> list[Json]:
     return found
 
 
-def _too_few(asprs: Mapping[str, Any]) -> list[Json]:
+def _too_few(asprs: AsprsRecord) -> list[WarningRecord]:
     n_h, n_v = asprs["n_h"], asprs["n_v"]
     if n_h == n_v == 0:
         said = "no check points: the accuracy of this survey is predicted, not tested"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,13 +11,20 @@ from photogram.arrays import NMAD_FACTOR, FloatArray
 from photogram.quality.prediction_test import (
     LeaveOneOut,
     PredictedAgainstAchieved,
+    Shares,
     leave_one_out,
     predicted_against_achieved,
 )
+from photogram.report.record.ground import (
+    GroundPointRecord,
+    LeaveOneOutRecord,
+    PredictionTestRecord,
+    VarianceComponentRecord,
+    ZScoresRecord,
+)
+from photogram.report.record.surfaces import DatumSigmaRecord, DsmRecord, SigmaRecord
 from photogram.results import Adjustment
 from photogram.survey import Raster
-
-Json = dict[str, Any]
 
 # what a group's observations are called in a sentence, the unit of their sigmas, and how many of it one px, m or rad is
 _GROUPS = {
@@ -51,7 +57,7 @@ def _sentence(name: str, found: Scatter) -> str | None:
     return f"{times} ({stated:.2g} {unit}): about {found.sigma_factor * stated:.2g} {unit}; {remedy}"
 
 
-def component_numbers(result: Adjustment) -> Json:
+def component_numbers(result: Adjustment) -> dict[str, VarianceComponentRecord]:
     """Return the variance component of every group of observations; nothing is rescaled by it."""
     return {
         name: {
@@ -68,19 +74,34 @@ def component_numbers(result: Adjustment) -> Json:
     }
 
 
-def _check_point_numbers(found: PredictedAgainstAchieved | None) -> Json | None:
+def _z_scores(found: Shares) -> ZScoresRecord:
+    return {
+        "n": found.n,
+        "mean_z": found.mean_z,
+        "rms_z": found.rms_z,
+        "within_1": found.within_1,
+        "within_2": found.within_2,
+        "within_3": found.within_3,
+    }
+
+
+def _check_point_numbers(found: PredictedAgainstAchieved | None) -> PredictionTestRecord | None:
     if found is None:
         return None
     return {
         "n": found.n,
-        "axes": {name: asdict(part) for name, part in found.axes.items()},
+        "axes": {
+            "easting": _z_scores(found.axes["easting"]),
+            "northing": _z_scores(found.axes["northing"]),
+            "height": _z_scores(found.axes["height"]),
+        },
         "chi2": {"value": found.chi2, "dof": found.dof, "p": found.p},
         "consistent": found.consistent,
         "sentence": found.sentence,
     }
 
 
-def _left_out_numbers(found: LeaveOneOut) -> Json:
+def _left_out_numbers(found: LeaveOneOut) -> LeaveOneOutRecord:
     return {
         "n": found.n,
         "rmse_m": list(found.rmse_m),
@@ -92,22 +113,28 @@ def _left_out_numbers(found: LeaveOneOut) -> Json:
     }
 
 
-def consistency_numbers(result: Adjustment, points: list[Json]) -> Json:
-    """Return predicted_against_achieved, leave_one_out and variance_components; each of the ground points gets its
-    ``z`` and ``mahalanobis``, null where it was not checked."""
+@dataclass(frozen=True)
+class Consistency:
+    """Whether residuals and check points agree with the stated and the predicted sigmas."""
+
+    predicted_against_achieved: PredictionTestRecord | None
+    leave_one_out: LeaveOneOutRecord | None
+    variance_components: dict[str, VarianceComponentRecord]
+
+
+def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> Consistency:
+    """Return whether a survey is as good as predicted; each of the ground points gets its ``z`` and ``mahalanobis``,
+    null where it was not checked."""
     found, left_out = predicted_against_achieved(result), leave_one_out(result)
     for g, point in enumerate(points):
         checked = found is not None and bool(np.isfinite(found.distance2[g]))
         point["z"] = [_finite(z) for z in found.z[g]] if found is not None and checked else None
         point["mahalanobis"] = float(np.sqrt(found.distance2[g])) if found is not None and checked else None
-    return {
-        "predicted_against_achieved": _check_point_numbers(found),
-        "leave_one_out": None if left_out is None else _left_out_numbers(left_out),
-        "variance_components": component_numbers(result),
-    }
+    loo = None if left_out is None else _left_out_numbers(left_out)
+    return Consistency(_check_point_numbers(found), loo, component_numbers(result))
 
 
-def _sigma_numbers(sigma: Raster) -> Json:
+def _sigma_numbers(sigma: Raster) -> SigmaRecord:
     known = sigma.values[np.isfinite(sigma.values)].astype(np.float64)
     return {
         "median": float(np.median(known)),
@@ -117,18 +144,22 @@ def _sigma_numbers(sigma: Raster) -> Json:
     }
 
 
+def _datum_sigma(covariance_m2: FloatArray) -> DatumSigmaRecord:
+    easting, northing, height = (_finite(s) for s in np.sqrt(np.diag(covariance_m2)).tolist())
+    return {"easting": easting, "northing": northing, "height": height}
+
+
 def dsm_numbers(
     surface: Raster,
     sigma: Raster,
     held_out_m: FloatArray,
     relative: Raster | None = None,
     datum_covariance_m2: FloatArray | None = None,
-) -> Json:
+) -> DsmRecord:
     """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
     (K,) that were held out of it, null where none were; ``relative`` are the standard deviations without the datum's
     part, which has a covariance (3, 3) along easting, northing and height."""
     off = held_out_m if len(held_out_m) else np.full(1, np.nan)
-    datum = None if datum_covariance_m2 is None else np.sqrt(np.diag(datum_covariance_m2))
     return {
         "rows": surface.values.shape[0],
         "columns": surface.values.shape[1],
@@ -136,9 +167,7 @@ def dsm_numbers(
         "cells": int(np.isfinite(sigma.values).sum()),
         "sigma_m": _sigma_numbers(sigma),
         "relative_sigma_m": None if relative is None else _sigma_numbers(relative),
-        "datum_sigma_m": None
-        if datum is None
-        else dict(zip(("easting", "northing", "height"), map(_finite, datum.tolist()), strict=True)),
+        "datum_sigma_m": None if datum_covariance_m2 is None else _datum_sigma(datum_covariance_m2),
         "held_out": {
             "n": len(held_out_m),
             "rmse_m": _finite(np.sqrt(np.mean(off**2))),

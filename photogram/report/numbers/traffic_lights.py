@@ -6,14 +6,15 @@ Every rule reads report.json alone; a figure that is not there gives no verdict 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from photogram.quality.asprs import MINIMUM_POINTS
-
-Report = Mapping[str, Any]
-Grade = Literal["good", "few", "attention", "bad", "unknown"]
+from photogram.report.record.diagnosis import DiagnosisRecord
+from photogram.report.record.report import SurveyNumbers, oriented
+from photogram.report.record.surfaces import DenseRecord
+from photogram.report.record.verdict import AsprsRecord, Grade, LightRecord
 
 AXES = ("easting", "northing", "height")
 FEW_POINTS = 5
@@ -36,13 +37,58 @@ class Light:
     finding: str
     rule: str
 
+    @property
+    def record(self) -> LightRecord:
+        """Return the light as report.json has it."""
+        return {"subject": self.subject, "grade": self.grade, "finding": self.finding, "rule": self.rule}
 
-def traffic_lights(report: Report) -> list[Light]:
-    """Return the verdicts on a survey, from its report with `asprs` in it."""
-    judges: tuple[Callable[[Report], Light], ...] = (
-        lambda r: _check(r, "plan"),
-        lambda r: _check(r, "height"),
-        *([_surface] if report.get("dense") else []),
+
+@dataclass(frozen=True)
+class Direction:
+    """Accuracy in plan or in height by the standard: its ``letter``, ``n`` check points, their RMSE with the
+    uncertainty of the survey, the class that is aimed at, the fit, and the survey's part, m; None where unknown."""
+
+    where: Literal["plan", "height"]
+    letter: Literal["h", "v"]
+    n: int
+    rmse_m: float | None
+    target_m: float | None
+    fit_m: float | None
+    survey_m: float | None
+
+
+def directions(asprs: AsprsRecord) -> tuple[Direction, Direction]:
+    """Return the accuracy in plan, and in height."""
+    return (
+        Direction(
+            "plan",
+            "h",
+            asprs["n_h"],
+            asprs["rmse_h_m"],
+            asprs["target_rmse_h_m"],
+            asprs["fit_rmse_h_m"],
+            asprs["survey_rmse_h_m"],
+        ),
+        Direction(
+            "height",
+            "v",
+            asprs["n_v"],
+            asprs["rmse_v_m"],
+            asprs["target_rmse_v_m"],
+            asprs["fit_rmse_v_m"],
+            asprs["survey_rmse_v_m"],
+        ),
+    )
+
+
+def traffic_lights(report: SurveyNumbers, asprs: AsprsRecord) -> list[Light]:
+    """Return the verdicts on a survey, from its numbers and its accuracy by the standard."""
+    plan, height = directions(asprs)
+    dense = report.get("dense")
+    judges: tuple[Callable[[SurveyNumbers], Light], ...] = (
+        lambda r: _check(r, plan),
+        lambda r: _check(r, height),
+        *([] if dense is None else [lambda r: _surface(r, height, dense)]),
         _prediction,
         _blunders,
         _control,
@@ -60,37 +106,33 @@ def number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def _check(report: Report, where: Literal["plan", "height"]) -> Light:
-    asprs = report["asprs"]
-    letter = "h" if where == "plan" else "v"
-    n, rmse = asprs[f"n_{letter}"], number(asprs[f"rmse_{letter}_m"])
-    untested = f"no check point{_left_out(report, where)}"
-    return _against_target(report, where, f"Check points in {where}", n, rmse, untested)
+def _check(report: SurveyNumbers, tested: Direction) -> Light:
+    untested = f"no check point{_left_out(report, tested.where)}"
+    subject = f"Check points in {tested.where}"
+    return _against_target(report, tested, subject, tested.n, number(tested.rmse_m), untested)
 
 
-def _surface(report: Report) -> Light:
+def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord) -> Light:
     """Judge the dense surface by the check points that it was interpolated at, as those in height are judged."""
-    test = report["dense"]["check_points"]
+    test = dense["check_points"]
     untested = "too few check points lie on it" if test["n"] else "no check point lies on it"
-    return _against_target(
-        report, "height", "Dense surface at check points", test["n"], number(test["rmse_v_m"]), untested
-    )
+    subject = "Dense surface at check points"
+    return _against_target(report, height, subject, test["n"], number(test["rmse_v_m"]), untested)
 
 
 def _against_target(
-    report: Report, where: Literal["plan", "height"], subject: str, n: int, rmse: float, untested: str
+    report: SurveyNumbers, direction: Direction, subject: str, n: int, rmse: float, untested: str
 ) -> Light:
     """Judge the RMSE, m, of n points in plan or height against the target, or against the GSD where there is none;
     ``untested`` is the reason why there is no RMSE."""
-    letter = "h" if where == "plan" else "v"
-    target, name = report["asprs"][f"target_rmse_{letter}_m"], f"RMSE_{letter.upper()}"
+    target, name = direction.target_m, f"RMSE_{direction.letter.upper()}"
     if target is not None:
         rule = (
             f"good: {name} within the target of {target:.3f} m, from {MINIMUM_POINTS} points or more; few points: "
             "within it, from fewer; bad: beyond it"
         )
     else:
-        best, worst = PLAN_GSD if where == "plan" else HEIGHT_GSD
+        best, worst = PLAN_GSD if direction.where == "plan" else HEIGHT_GSD
         rule = (
             f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; few points: the "
             f"same from fewer; attention: within {worst:g} GSD; bad: beyond"
@@ -102,7 +144,7 @@ def _against_target(
         within = rmse <= target
         grade: Grade = "bad" if not within else "good" if n >= MINIMUM_POINTS else "few"
         return Light(subject, grade, f"{finding}; target {target:.3f} m", rule)
-    gsd = number(report["block"].get("gsd_m"))
+    gsd = number(report["block"]["gsd_m"])
     if not gsd > 0:
         return Light(subject, "unknown", f"{finding}; nothing to judge it by", rule)
     ratio = rmse / gsd
@@ -110,45 +152,45 @@ def _against_target(
     return Light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
 
 
-def _left_out(report: Report, where: str) -> str:
+def _left_out(report: SurveyNumbers, where: str) -> str:
     """Return what leave-one-out says in place of check points."""
-    found = report.get("leave_one_out") or {}
-    rmse = number(found.get("rmse_h_m" if where == "plan" else "rmse_v_m"))
-    if not math.isfinite(rmse):
+    found = report["leave_one_out"]
+    rmse = math.nan if found is None else number(found["rmse_h_m"] if where == "plan" else found["rmse_v_m"])
+    if found is None or not math.isfinite(rmse):
         return ""
     return f"; {found['n']} control points, each predicted from all others: RMSE {rmse:.3f} m"
 
 
-def _prediction(report: Report) -> Light:
+def _prediction(report: SurveyNumbers) -> Light:
     rule = (
         f"good: the differences of check points agree with their predicted sigmas (χ², p from {DOUBTFUL:g} to "
         f"{1 - SIGNIFICANT:g}); attention: p from {SIGNIFICANT:g}, or they are smaller than predicted; bad: larger"
     )
-    subject, found = "Predicted against achieved", report.get("predicted_against_achieved") or {}
-    p = number((found.get("chi2") or {}).get("p"))
-    if not math.isfinite(p):
+    subject, found = "Predicted against achieved", report["predicted_against_achieved"]
+    p = math.nan if found is None else number(found["chi2"]["p"])
+    if found is None or not math.isfinite(p):
         return Light(subject, "unknown", "not tested: no check points with predicted sigmas", rule)
     grade: Grade = "bad" if p < SIGNIFICANT else "good" if DOUBTFUL <= p <= 1 - SIGNIFICANT else "attention"
-    return Light(subject, grade, found.get("sentence") or f"p = {p:.3f}, n = {found.get('n')}", rule)
+    return Light(subject, grade, found["sentence"], rule)
 
 
-def _blunders(report: Report) -> Light:
+def _blunders(report: SurveyNumbers) -> Light:
     rule = (
         "good: no measurement contradicts all others; attention: GNSS positions or attitudes alone do; bad: a ground "
         "point, a mark or a focal length does (of five hundred surveys without a blunder, one is suspected). What is "
         "named was left out of the result"
     )
-    named, suspects = report.get("blunders") or [], report.get("suspects") or []
+    named, suspects = report["blunders"], report["suspects"]
     if not named and not suspects:
         return Light("Blunders", "good", "none suspected", rule)
-    first = (named or suspects)[0].get("sentence", "")
-    more = len(suspects) - 1 if not named else len(named) - 1
-    other = f"; and {more} more" if more > 0 else ""
-    gnss_only = all(s.get("kind") in ("GNSS position", "attitude") for s in (*named, *suspects))
-    return Light("Blunders", "attention" if gnss_only else "bad", f"{first}{other}", rule)
+    sentences = [b["sentence"] for b in named] or [s["sentence"] for s in suspects]
+    other = f"; and {len(sentences) - 1} more" if len(sentences) > 1 else ""
+    kinds = {b["kind"] for b in named} | {s["kind"] for s in suspects}
+    gnss_only = kinds <= {"GNSS position", "attitude"}
+    return Light("Blunders", "attention" if gnss_only else "bad", f"{sentences[0]}{other}", rule)
 
 
-def _control(report: Report) -> Light:
+def _control(report: SurveyNumbers) -> Light:
     rule = (
         f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} or more of a blunder in its own residual "
         f"(redundancy number); attention: less, a blunder must be large to be found; bad: {REDUNDANCY[1]:.0%} or less, "
@@ -157,7 +199,7 @@ def _control(report: Report) -> Light:
     shares = [
         (number(r), f"{axis} of {point['name']}", number(mdb))
         for point in report["control_points"]
-        for axis, r, mdb in zip(AXES, point.get("redundancy") or [], point.get("mdb_m") or [], strict=False)
+        for axis, r, mdb in zip(AXES, point["redundancy"] or [], point["mdb_m"] or [], strict=False)
         if r is not None
     ]
     if not shares:
@@ -168,7 +210,7 @@ def _control(report: Report) -> Light:
     return Light("Would a blunder show?", grade, f"least redundancy {least:.2f}, {name}{found}", rule)
 
 
-def _sigma0(report: Report) -> Light:
+def _sigma0(report: SurveyNumbers) -> Light:
     low, high, worst = SIGMA0
     rule = (
         f"good: sigma0 to {high:g} (below {low:g} stated sigmas are too large, and predicted ones on the safe side); "
@@ -183,7 +225,7 @@ def _sigma0(report: Report) -> Light:
     return Light("Stated sigmas", grade, f"sigma0 {value:.2f}{'; ' if said else ''}{said}", rule)
 
 
-def _registration(report: Report) -> Light:
+def _registration(report: SurveyNumbers) -> Light:
     best, worst = REGISTERED
     rule = (
         f"good: {best:.0%} of the photographs or more, in one part; attention: {worst:.0%}, or several parts; "
@@ -196,18 +238,19 @@ def _registration(report: Report) -> Light:
     return Light("Photographs registered", grade, finding + (f", in {parts} parts" if parts > 1 else ""), rule)
 
 
-def _gnss(report: Report) -> Light:
+def _gnss(report: SurveyNumbers) -> Light:
     best, worst = GNSS_RATIO
     rule = (
         f"good: GNSS residuals within {best:g} of their stated sigmas (RMS of w), no warning of them; attention: "
         f"within {worst:g}, or a warning; bad: beyond"
     )
-    tests = [number(w) ** 2 for p in report["photographs"].values() for w in p.get("gnss_w") or [] if w is not None]
-    rms, gnss = report["block"]["gnss_residual_rms_m"], report.get("gnss") or {}
+    photographs = oriented(report["photographs"]).values()
+    tests = [number(w) ** 2 for p in photographs for w in p["gnss_w"] or [] if w is not None]
+    rms = report["block"]["gnss_residual_rms_m"]
     if rms["three_d"] is None:
         return Light("GNSS", "unknown", "no GNSS positions", rule)
     finding = f"residuals {rms['plan']:.3f} m in plan, {rms['height']:.3f} m in height (RMS)"
-    warned = len(gnss.get("warnings") or [])
+    warned = len(report["gnss"]["warnings"])
     if warned:
         finding += f"; {warned} warning{'s' if warned > 1 else ''}"
     if not tests:
@@ -217,40 +260,39 @@ def _gnss(report: Report) -> Light:
     return Light("GNSS", grade, f"{finding}; RMS of w {ratio:.1f}", rule)
 
 
-def focal_height_correlation(diagnosis: Report) -> float:
+def focal_height_correlation(diagnosis: DiagnosisRecord) -> float:
     """Return the strongest correlation of a focal length with the heights on the ground, NaN where there is none."""
-    found = diagnosis.get("focal_height_correlation")
-    each = [number(c.get("ground")) for c in found.values()] if isinstance(found, Mapping) else [number(found)]
+    each = [number(camera["ground"]) for camera in diagnosis["focal_height_correlation"].values()]
     known = [value for value in each if math.isfinite(value)]
     return max(known, key=abs) if known else math.nan
 
 
-def _geometry(report: Report) -> Light:
+def _geometry(report: SurveyNumbers) -> Light:
     best, worst = OVERLAP
     rule = (
         f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height told apart "
         f"(correlation below {CORRELATION:g}) and as given, no pattern in residuals; attention: {worst:.0%}, or one of "
         "these; bad: less"
     )
-    overlap, diagnosis = report["block"].get("overlap"), report.get("diagnosis") or {}
+    overlap, diagnosis = report["block"]["overlap"], report["diagnosis"]
     if overlap is None:
         return Light("Geometry", "unknown", "the tie points span no area", rule)
-    share, faults = number(overlap["share_3_or_more"]), []
-    dome, correlation = diagnosis.get("dome") or {}, focal_height_correlation(diagnosis)
-    if dome.get("significant"):
-        faults.append(f"doming of {number(dome.get('measured_m')):+.3f} m")
+    share, faults = overlap["share_3_or_more"], list[str]()
+    dome, correlation = diagnosis["dome"], focal_height_correlation(diagnosis)
+    if dome["significant"]:
+        faults.append(f"doming of {number(dome['measured_m']):+.3f} m")
     if abs(correlation) > CORRELATION:
         faults.append(f"focal length and heights correlate by {correlation:.2f}")
-    decided = [name for name, camera in report["cameras"].items() if camera.get("focal_length")]
+    decided = [name for name, camera in report["cameras"].items() if camera["focal_length"]]
     faults += [f"the photographs contradict the given focal length of {name}" for name in decided]
-    for name, pattern in (diagnosis.get("residual_pattern") or {}).items():
+    for name, pattern in diagnosis["residual_pattern"].items():
         if pattern["significant"]:
             faults.append(f"residuals in {name} have a pattern of {pattern['pattern_px']:.2g} px")
     grade: Grade = "bad" if share < worst else "good" if share >= best and not faults else "attention"
     return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *faults]), rule)
 
 
-def _converged(report: Report) -> Light:
+def _converged(report: SurveyNumbers) -> Light:
     adjustment = report["adjustment"]
     rule = "good: the adjustment converged; bad: it did not, use nothing"
     grade: Grade = "good" if adjustment["converged"] else "bad"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
@@ -11,12 +11,34 @@ from scipy.stats import chi2
 from photogram.adjustment.reliability import LEAST_REDUNDANCY, minimal_detectable_blunder
 from photogram.arrays import FloatArray
 from photogram.quality.accuracy import AXES
+from photogram.report.record.ground import BlunderRecord, BlundersEffectRecord, CheckPointsRecord, ChiSquareRecord
 from photogram.results import Adjustment
 
-Json = dict[str, Any]
+
+@dataclass(frozen=True)
+class FoundBlunders:
+    """The blunders that were left out of the result, the accuracy of the check points with them in the adjustment
+    (``before``) and without (``after``), None where there are none, and what was decided of focal lengths, by camera.
+    """
+
+    blunders: Sequence[BlunderRecord] = ()
+    before: CheckPointsRecord | None = None
+    after: CheckPointsRecord | None = None
+    focal_lengths: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> BlundersEffectRecord | None:
+        """Return what the blunders do to the check points, None without blunders."""
+        if not self.blunders or self.before is None or self.after is None:
+            return None
+        sentence = effect_sentence(self.before, self.after)
+        return {"check_points": self.before, "check_points_without": self.after, "sentence": sentence}
 
 
-def control_test(left_out_m: FloatArray, covariance_m2: FloatArray) -> Json | None:
+NO_BLUNDERS = FoundBlunders()
+
+
+def control_test(left_out_m: FloatArray, covariance_m2: FloatArray) -> ChiSquareRecord | None:
     """Return the χ² test of a control point as a whole: predicted minus surveyed (3,) with its covariance (3, 3), NaN
     along what is not tested. None where nothing is."""
     known = np.flatnonzero(np.isfinite(left_out_m))
@@ -31,11 +53,11 @@ def _listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def control_verdict(result: Adjustment, g: int, blunders: Sequence[Mapping[str, Any]]) -> str | None:
+def control_verdict(result: Adjustment, g: int, blunders: Sequence[BlunderRecord]) -> str | None:
     """Return a sentence on control point ``g``, None for check points: its blunder, else what a blunder in it would
     have to reach to be found, and along which axes no statement is possible."""
     points, r = result.block.control_points, result.reliability
-    own = [str(blunder["sentence"]) for blunder in blunders if points.name[g] in blunder["points"]]
+    own = [blunder["sentence"] for blunder in blunders if points.name[g] in blunder["points"]]
     if own or points.role[g] == "check":
         return "; ".join(own) or None
     controlled = points.controlled[g]
@@ -53,7 +75,7 @@ def control_verdict(result: Adjustment, g: int, blunders: Sequence[Mapping[str, 
     return "; ".join(parts)
 
 
-def effect_sentence(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
+def effect_sentence(before: CheckPointsRecord, after: CheckPointsRecord) -> str | None:
     """Return what leaving out the blunders does to the check points, None without check points, or where nothing can
     be adjusted with the blunders in it."""
     if not before["n"] or not after["n"]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 from markupsafe import Markup, escape
 
@@ -107,7 +106,7 @@ def css_string(text: object, most: int) -> Markup:
     return Markup('"' + "".join(c if c in plain_letters else f"\\{ord(c):06x}" for c in words) + '"')
 
 
-def matching_settings(settings: Mapping[str, Any]) -> str:
+def matching_settings(settings: Mapping[str, object]) -> str:
     """Write the settings of the dense matching in words with their units."""
     found = []
     for name, value in settings.items():

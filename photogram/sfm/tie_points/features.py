@@ -11,7 +11,6 @@ first octave at full size: a quarter of the work.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray
 from photogram.errors import ImageError, check_range
+from photogram.machine import memory_bytes
 from photogram.survey import Features
 
 
@@ -140,8 +140,7 @@ def photographs_at_once(pixels: int) -> int:
     """Return in how many photographs of so many pixels key points may be found at once, within half of the memory."""
     tile = min(pixels, (FeatureSettings.tile_px + 2 * FeatureSettings.overlap_px) ** 2)
     need = BYTES_PER_PIXEL * tile + 16 * pixels
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return max(1, int(0.5 * memory // need))
+    return max(1, int(0.5 * memory_bytes() // need))
 
 
 def _reduced(grey: ByteArray, factor: int) -> ByteArray:

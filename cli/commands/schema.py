@@ -1,0 +1,21 @@
+"""photogram schema: what the files of results may hold. Arguments only; the work is in `photogram.cli.work`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from photogram.cli.app import app
+
+DocumentName = Literal["report"]
+
+
+@app.command()
+def schema(
+    document: Annotated[DocumentName, typer.Argument(help="File: report, for report.json.", show_default=False)],
+) -> None:
+    """Print the JSON Schema of report.json: its keys, their types and units."""
+    from photogram.cli.work.schema import run
+
+    run(document)

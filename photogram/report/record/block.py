@@ -1,0 +1,110 @@
+"""What report.json says of the block, its cameras and its adjustment."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypedDict
+
+from photogram.projection import Model
+from photogram.report.record.units import (
+    Count,
+    Metres,
+    ParameterFigures,
+    Pixel,
+    Pixels,
+    Position,
+    Seconds,
+    Share,
+    SquareMetres,
+)
+
+_Format = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class WorldRecord(TypedDict):
+    """The Cartesian frame of the adjustment, and its origin in the map."""
+
+    kind: Literal["tangent", "grid"]
+    origin_map_m: Position
+
+
+class OverlapRecord(TypedDict):
+    """How many photographs see a cell of the ground, and which shares of it are seen by two and by three or more."""
+
+    median: float
+    mean: float
+    share_2_or_more: Share
+    share_3_or_more: Share
+    area_m2: SquareMetres
+    cell_m: Metres
+
+
+class GnssRmsRecord(TypedDict):
+    """Root mean squares of the GNSS residuals; null without GNSS."""
+
+    plan: Metres | None
+    height: Metres | None
+    three_d: Metres | None
+
+
+class BlockRecord(TypedDict):
+    """How much of the survey was registered, and how it hangs together."""
+
+    registered: Count
+    photographs: Annotated[int, Field(ge=1, le=10**15)]
+    components: list[list[str]]
+    component_sizes: list[Count]
+    method: str
+    gsd_m: Metres | None
+    overlap: OverlapRecord | None
+    mean_track_length: float | None
+    tie_points: Count
+    observations: Count
+    gnss_residual_rms_m: GnssRmsRecord
+
+
+class CameraRecord(TypedDict):
+    """Adjusted interior orientation of a camera, its sigmas, and what was known before."""
+
+    model: Model
+    focal_px: Annotated[Pixels, Field(gt=0, le=1e7)]
+    principal_point_px: Pixel
+    radial: Annotated[list[float], Field(min_length=3, max_length=4)]
+    tangential: Annotated[list[float], Field(min_length=2, max_length=2)]
+    affinity: Annotated[list[float], Field(min_length=2, max_length=2)]
+    sigma: ParameterFigures
+    prior_sigma: ParameterFigures
+    held: dict[str, str]
+    focal_length: str | None
+    source: str | None
+    width_px: _Format
+    height_px: _Format
+
+
+class GnssOffsetRecord(TypedDict):
+    """The offset of a flight, projection centre minus GNSS position, along easting, northing, up."""
+
+    offset_m: Position
+    sigma_m: Position
+
+
+class AdjustmentRecord(TypedDict):
+    """What the joint adjustment says of itself."""
+
+    sigma0: float | None
+    redundancy: int
+    reprojection_rms_px: Pixels | None
+    tie_points: Count
+    tie_points_by_rays: dict[str, Count]
+    observations: Count
+    discarded_observations: Count
+    discarded_tie_points: Count
+    iterations: Count
+    rounds: Count
+    converged: bool
+    gnss_offsets: dict[str, GnssOffsetRecord]
+    seconds: Seconds
+    disbelieved_attitudes: Count
+    disbelieved_headings: Count

@@ -1,0 +1,174 @@
+"""What report.json says of control and check points, and of what contradicts everything else."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypedDict
+
+from photogram.report.record.units import (
+    AxisFigures,
+    AxisMetres,
+    Count,
+    Metres,
+    PartlyKnown,
+    Pixel,
+    Pixels,
+    Position,
+    Probability,
+    Share,
+)
+
+Role = Literal["control", "check"]
+AxisRole = Literal["control", "check", "left out"]
+AxisCounts = Annotated[list[Count], Field(min_length=3, max_length=3)]
+_PixelFigures = Annotated[list[float | None], Field(min_length=2, max_length=2)]
+
+
+class ChiSquareRecord(TypedDict):
+    """A χ² test: its value, degrees of freedom, and the probability of more by chance."""
+
+    value: float
+    dof: Count
+    p: Probability
+
+
+class MarkRecord(TypedDict):
+    """A mark of a ground point in a photograph, its residual projected minus measured, and its tests."""
+
+    photograph: str
+    left_out: bool
+    pixel: Pixel
+    residual_px: Pixel | None
+    redundancy: _PixelFigures | None
+    w: _PixelFigures | None
+    mdb_px: Annotated[list[Pixels | None], Field(min_length=2, max_length=2)] | None
+    suspect: bool | None
+
+
+class GroundPointRecord(TypedDict):
+    """A control or check point: surveyed, adjusted, and tested; lengths along easting, northing, height."""
+
+    name: str
+    role: Role
+    axis_roles: Annotated[list[AxisRole], Field(min_length=3, max_length=3)]
+    surveyed_map_m: Position
+    surveyed_sigma_m: PartlyKnown
+    adjusted_map_m: Position | None
+    residual_m: Position | None
+    sigma_m: PartlyKnown | None
+    redundancy: AxisFigures | None
+    w: AxisFigures | None
+    mdb_m: AxisMetres | None
+    suspect: bool | None
+    effect_m: AxisMetres | None
+    left_out_m: AxisMetres | None
+    left_out_sigma_m: AxisMetres | None
+    chi2: ChiSquareRecord | None
+    verdict: str | None
+    marks: list[MarkRecord]
+    z: AxisFigures | None
+    mahalanobis: float | None
+
+
+class CheckPointsRecord(TypedDict):
+    """Differences adjusted minus surveyed of the check points; null where there are none."""
+
+    n: Count
+    n_axis: AxisCounts
+    rmse_m: AxisMetres
+    mean_m: AxisMetres
+    rmse_h_m: Metres | None
+    rmse_v_m: Metres | None
+
+
+class BlunderRecord(TypedDict):
+    """A blunder by its name: the points, the photograph or the camera that it concerns, and a sentence."""
+
+    kind: str
+    points: list[str]
+    photograph: str | None
+    sentence: str
+    camera: str | None
+
+
+class BlundersEffectRecord(TypedDict):
+    """Check points with the blunders in the adjustment and without them."""
+
+    check_points: CheckPointsRecord
+    check_points_without: CheckPointsRecord
+    sentence: str | None
+
+
+class SuspectRecord(TypedDict):
+    """A measurement in the result that everything else contradicts: `off` by so much, in m, of a mark in px."""
+
+    kind: str
+    name: str
+    axis: str
+    w: float
+    off: float
+    sentence: str
+
+
+class ZScoresRecord(TypedDict):
+    """z-scores of check points along an axis, and the shares of them within 1, 2 and 3 sigma."""
+
+    n: Count
+    mean_z: float | None
+    rms_z: float | None
+    within_1: Share | None
+    within_2: Share | None
+    within_3: Share | None
+
+
+class ZScoresByAxis(TypedDict):
+    """The same along each axis of the map."""
+
+    easting: ZScoresRecord
+    northing: ZScoresRecord
+    height: ZScoresRecord
+
+
+class PredictionTestRecord(TypedDict):
+    """Whether the check points are off by as much as predicted."""
+
+    n: Count
+    axes: ZScoresByAxis
+    chi2: ChiSquareRecord
+    consistent: bool
+    sentence: str
+
+
+class FarthestPointRecord(TypedDict):
+    """The control point that everything else predicts worst."""
+
+    name: str
+    left_out_m: AxisMetres
+    z: AxisFigures
+
+
+class LeaveOneOutRecord(TypedDict):
+    """Control points, each predicted from everything but its own survey: predicted minus surveyed."""
+
+    n: Count
+    rmse_m: AxisMetres
+    mean_m: AxisMetres
+    rmse_h_m: Metres | None
+    rmse_v_m: Metres | None
+    rms_z: AxisFigures
+    max: FarthestPointRecord
+
+
+class VarianceComponentRecord(TypedDict):
+    """Whether a group of observations scatters as stated; sigmas in `unit`."""
+
+    observations: Count
+    redundancy: float
+    stated_sigma: float | None
+    unit: str | None
+    sigma_factor: float | None
+    sigma_factor_sd: float | None
+    significant: bool
+    sentence: str | None

@@ -1,0 +1,102 @@
+"""What report.json says of GNSS positions and of height systems."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from typing_extensions import TypedDict
+
+from photogram.gnss import Solution
+from photogram.height_systems import HeightSystem
+from photogram.report.record.units import AxisFigures, AxisMetres, Count, Metres, Probability
+
+
+class FlightRecord(TypedDict):
+    """The GNSS positions of a flight, and whether they are off together; lengths along easting, northing, height."""
+
+    n: Count
+    estimated: bool
+    offset_m: AxisMetres | None
+    sigma_m: AxisMetres | None
+    chi2: float | None
+    degrees_of_freedom: Count
+    p: Probability | None
+    p_axes: AxisFigures
+    significant: bool | None
+    beyond_prior: bool
+    mean_residual_m: AxisMetres
+    rms_residual_m: AxisMetres
+    sentence: str
+
+
+class LeverArmRecord(TypedDict):
+    """How many positions of a flight were brought to the camera, along which axes, and how far on the average."""
+
+    n: Count
+    axes: Literal["world", "camera"]
+    length_m: Metres
+
+
+class LeverArmLeftRecord(TypedDict):
+    """The lever arm that the positions show beside the one that was counted."""
+
+    forward_right_down_m: AxisMetres
+    sigma_m: AxisMetres
+    p: Probability
+    significant: bool
+
+
+class UnusedPositionRecord(TypedDict):
+    """A photograph whose position took no part, and why."""
+
+    photograph: str
+    reason: str
+
+
+class GnssRecord(TypedDict):
+    """GNSS positions: how good they are, whether flights are off together, what was not used."""
+
+    sentence: str
+    positions_used: Count
+    control_points_used: Count
+    flights: dict[str, FlightRecord]
+    solutions: dict[Solution, Count]
+    sources: dict[str, Count]
+    lever_arm_m: dict[str, LeverArmRecord] | None
+    lever_arm_left: LeverArmLeftRecord | None
+    not_used: list[UnusedPositionRecord]
+    warnings: list[str]
+
+
+class HeightCountsRecord(TypedDict):
+    """How many heights were given in each system."""
+
+    ellipsoidal: Count
+    orthometric: Count
+    undeclared: Count
+
+
+class HeightInputsRecord(TypedDict):
+    """The systems of the heights that came in."""
+
+    gnss: HeightCountsRecord
+    control_points: HeightCountsRecord
+
+
+class ProductCrsRecord(TypedDict):
+    """The CRS of every product, with its vertical axis."""
+
+    name: str
+    epsg: int | None
+    wkt: str
+
+
+class HeightsRecord(TypedDict):
+    """What all heights are counted from, and what came in."""
+
+    output: HeightSystem | None
+    geoid: str | None
+    geoid_height_m: Metres | None
+    crs: ProductCrsRecord
+    inputs: HeightInputsRecord
+    sentence: str

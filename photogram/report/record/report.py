@@ -1,0 +1,99 @@
+"""report.json as a whole. Its keys are kept stable: scripts rely on them.
+
+A key that a later version adds is `NotRequired`, so that results of earlier ones can still be read.
+"""
+
+from __future__ import annotations
+
+from typing import NotRequired
+
+from pydantic import ConfigDict, with_config
+from typing_extensions import TypedDict
+
+from photogram.report.record.block import AdjustmentRecord, BlockRecord, CameraRecord, WorldRecord
+from photogram.report.record.diagnosis import DiagnosisRecord
+from photogram.report.record.ground import (
+    BlunderRecord,
+    BlundersEffectRecord,
+    CheckPointsRecord,
+    GroundPointRecord,
+    LeaveOneOutRecord,
+    PredictionTestRecord,
+    SuspectRecord,
+    VarianceComponentRecord,
+)
+from photogram.report.record.photographs import OrientedPhotograph, PhotographRecord
+from photogram.report.record.positions import GnssRecord, HeightsRecord
+from photogram.report.record.surfaces import (
+    CloudRecord,
+    DenseRecord,
+    DsmRecord,
+    NoOrthophotoRecord,
+    OrthophotoRecord,
+)
+from photogram.report.record.units import Count, Seconds
+from photogram.report.record.verdict import (
+    AsprsRecord,
+    DeliverableRecord,
+    DiscardedRecord,
+    LightRecord,
+    SurveyRecord,
+    VerdictRecord,
+    WarningRecord,
+)
+
+
+class AdjustedNumbers(TypedDict):
+    """The numbers of an adjusted block; those of surface and orthophoto where they are made."""
+
+    photogram: str
+    crs: str
+    world: WorldRecord
+    block: BlockRecord
+    photographs: dict[str, PhotographRecord]
+    cameras: dict[str, CameraRecord]
+    adjustment: AdjustmentRecord
+    control_points: list[GroundPointRecord]
+    check_points: CheckPointsRecord
+    blunders: list[BlunderRecord]
+    blunders_effect: BlundersEffectRecord | None
+    predicted_against_achieved: PredictionTestRecord | None
+    leave_one_out: LeaveOneOutRecord | None
+    variance_components: dict[str, VarianceComponentRecord]
+    suspects: list[SuspectRecord]
+    diagnosis: DiagnosisRecord
+    clouds: dict[str, CloudRecord]
+    seconds: dict[str, Seconds]
+    orthophoto: NotRequired[OrthophotoRecord | NoOrthophotoRecord]
+    dense: NotRequired[DenseRecord]
+
+
+class SurveyNumbers(AdjustedNumbers):
+    """The numbers of a whole survey, before they are judged."""
+
+    heights: HeightsRecord
+    gnss: GnssRecord
+    dsm: DsmRecord
+    survey: SurveyRecord
+    versions: dict[str, str | None]
+    peak_memory_bytes: dict[str, Count | None]
+    processed: str
+    deliverables: list[DeliverableRecord]
+
+
+@with_config(ConfigDict(strict=True, allow_inf_nan=False))
+class Report(SurveyNumbers):
+    """Everything that report.json holds. Lengths in metres, angles in degrees, image coordinates in pixels, as the
+    names of the keys say; null where a figure does not exist."""
+
+    asprs: AsprsRecord
+    discarded: list[DiscardedRecord]
+    warnings: list[WarningRecord]
+    summary: list[LightRecord]
+    verdict: VerdictRecord
+    report_id: str
+
+
+def oriented(photographs: dict[str, PhotographRecord]) -> dict[str, OrientedPhotograph]:
+    """Return the photographs that are part of the adjusted block, by name."""
+    return {name: photograph for name, photograph in photographs.items() if photograph["registered"]}

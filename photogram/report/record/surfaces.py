@@ -1,0 +1,167 @@
+"""What report.json says of point clouds, surface models and the orthophoto."""
+
+from __future__ import annotations
+
+from typing import NotRequired, final
+
+from typing_extensions import TypedDict
+
+from photogram.report.record.units import Count, Metres, Share
+
+
+class DifferencesRecord(TypedDict):
+    """Mean, standard deviation, median and normalised median absolute deviation of differences."""
+
+    mean_m: Metres | None
+    std_m: Metres | None
+    median_m: Metres | None
+    nmad_m: Metres | None
+
+
+class CloudRecord(DifferencesRecord):
+    """Size of a point cloud, and its heights over the reference; null or absent without one."""
+
+    points: Count
+    compared: NotRequired[Count]
+    removed_by_sor: NotRequired[Count]
+    cloud_to_cloud: NotRequired[DifferencesRecord]
+
+
+class SigmaRecord(TypedDict):
+    """The spread of predicted standard deviations of heights."""
+
+    median: Metres
+    mean: Metres
+    percentile_95: Metres
+    maximum: Metres
+
+
+class DatumSigmaRecord(TypedDict):
+    """Standard deviations of the mean error of the ground, which all cells share."""
+
+    easting: Metres | None
+    northing: Metres | None
+    height: Metres | None
+
+
+class HeldOutRecord(TypedDict):
+    """Heights of tie points that were held out of the surface, against it."""
+
+    n: Count
+    rmse_m: Metres | None
+    nmad_m: Metres | None
+
+
+class DsmRecord(TypedDict):
+    """Size of the surface model and its standard deviations."""
+
+    rows: Count
+    columns: Count
+    cell_m: Metres
+    cells: Count
+    sigma_m: SigmaRecord
+    relative_sigma_m: SigmaRecord | None
+    datum_sigma_m: DatumSigmaRecord | None
+    held_out: HeldOutRecord
+
+
+class CellsRecord(TypedDict):
+    """Cells of the dense surface: of its footprint those measured, filled and empty add up."""
+
+    grid: Count
+    footprint: Count
+    measured: Count
+    filled: Count
+    holes: Count
+    measured_beyond: Count
+
+
+class ConfidenceRecord(TypedDict):
+    """The spread of the confidence, 0 to 1, of measured cells."""
+
+    median: float
+    mean: float
+    percentile_5: float
+    minimum: float
+
+
+class UsedPhotographsRecord(TypedDict):
+    """The photographs that took part in the matching."""
+
+    used: Count
+    names: list[str]
+
+
+class SurfacePointRecord(TypedDict):
+    """A check point on the dense surface: surface minus survey, and the standard deviations of both."""
+
+    name: str
+    surveyed_m: Metres
+    surface_m: Metres
+    difference_m: Metres
+    sigma_m: Metres | None
+    survey_sigma_m: Metres | None
+    z: float | None
+
+
+class UntestedPointRecord(TypedDict):
+    """A check point that does not test the surface, and why."""
+
+    name: str
+    reason: str
+
+
+class SurfaceSummaryRecord(TypedDict):
+    """Heights of the dense surface minus those of check points; null with too few."""
+
+    n: Count
+    mean_m: Metres | None
+    sd_m: Metres | None
+    rmse_m: Metres | None
+    survey_rmse_m: Metres | None
+    rmse_v_m: Metres | None
+    rms_z: float | None
+
+
+class SurfaceCheckRecord(SurfaceSummaryRecord):
+    """The dense surface at the check points, and each of them."""
+
+    points: list[SurfacePointRecord]
+    not_tested: list[UntestedPointRecord]
+    sentence: str
+
+
+class DenseRecord(TypedDict):
+    """The dense surface model, cell by cell, and its test at the check points."""
+
+    cell_m: Metres
+    rows: Count
+    columns: Count
+    cells: CellsRecord
+    completeness: Share | None
+    by_rays: dict[str, Count]
+    share_3_or_more: Share | None
+    sigma_m: SigmaRecord | None
+    confidence: ConfidenceRecord | None
+    photographs: UsedPhotographsRecord
+    settings: dict[str, bool | int | float | str | None]
+    check_points: SurfaceCheckRecord
+    warnings: list[str]
+    matching_sigma_m: Metres | None
+
+
+@final
+class OrthophotoRecord(TypedDict):
+    """Size of orthophoto.tif, and the share of it that shows anything."""
+
+    cell_m: Metres
+    rows: Count
+    columns: Count
+    covered: Share
+
+
+@final
+class NoOrthophotoRecord(TypedDict):
+    """Why there is no orthophoto."""
+
+    left_out: str

@@ -1,0 +1,128 @@
+"""What report.json says in words and by rules: accuracy by the standard, lights, warnings, the verdict."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from typing_extensions import TypedDict
+
+from photogram.report.record.units import Count, Metres
+
+Grade = Literal["good", "few", "attention", "bad", "unknown"]
+Severity = Literal["bad", "attention", "note"]
+
+
+class AxisAccuracyRecord(TypedDict):
+    """Differences adjusted minus surveyed along an axis; null where there are too few."""
+
+    n: Count
+    rmse_m: Metres | None
+    mean_m: Metres | None
+    sd_m: Metres | None
+
+
+class AccuracyByAxis(TypedDict):
+    """The same along each axis of the map."""
+
+    easting: AxisAccuracyRecord
+    northing: AxisAccuracyRecord
+    height: AxisAccuracyRecord
+
+
+class LegacyRecord(TypedDict):
+    """Accuracy at 95 % by the NSSDA."""
+
+    horizontal_m: Metres | None
+    vertical_m: Metres | None
+
+
+class AsprsRecord(TypedDict):
+    """Accuracy and statements by the ASPRS standards, from check points alone."""
+
+    standard: str
+    n_h: Count
+    n_v: Count
+    axes: AccuracyByAxis
+    fit_rmse_h_m: Metres | None
+    fit_rmse_v_m: Metres | None
+    survey_rmse_h_m: Metres | None
+    survey_rmse_v_m: Metres | None
+    rmse_h_m: Metres | None
+    rmse_v_m: Metres | None
+    rmse_3d_m: Metres | None
+    target_rmse_h_m: Metres | None
+    target_rmse_v_m: Metres | None
+    statements: list[str]
+    not_stated: list[str]
+    blunders: list[str]
+    systematic: list[str]
+    survey: list[str]
+    legacy_95: LegacyRecord | None
+
+
+class DiscardedRecord(TypedDict):
+    """What took no part in the result, and why."""
+
+    what: str
+    count: Count
+    reason: str
+
+
+class WarningRecord(TypedDict):
+    """What must not be overlooked, and what to do."""
+
+    part: str
+    severity: Severity
+    sentence: str
+    remedy: str
+
+
+class LightRecord(TypedDict):
+    """What is judged, how, what was found, and the rule that makes it so."""
+
+    subject: str
+    grade: Grade
+    finding: str
+    rule: str
+
+
+class VerdictFigureRecord(TypedDict):
+    """Accuracy in plan or in height: tested at check points with its target, and predicted."""
+
+    where: str
+    n: Count
+    rmse_m: Metres | None
+    fit_m: Metres | None
+    survey_m: Metres | None
+    target_m: Metres | None
+    relative_sigma_m: Metres | None
+    absolute_sigma_m: Metres | None
+
+
+class VerdictRecord(TypedDict):
+    """The verdict on the whole survey, in a sentence, two figures, and what to do."""
+
+    grade: Grade
+    sentence: str
+    also: str
+    figures: list[VerdictFigureRecord]
+    to_do: list[str]
+
+
+class SurveyRecord(TypedDict):
+    """Whose survey it is, when it was flown, and the name of its map grid."""
+
+    flown_first: str | None
+    flown_last: str | None
+    crs_name: str | None
+    name: str | None
+    client: str | None
+    author: str | None
+
+
+class DeliverableRecord(TypedDict):
+    """A file of the results that belongs to the report."""
+
+    file: str
+    bytes: Count
+    sha256: str
