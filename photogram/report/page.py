@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
+from photogram.projection import CAMERA_PARAMETERS
 from photogram.report.identity import grouped
 from photogram.report.numbers.completion import axis_roles
 from photogram.report.numbers.overall import length
@@ -273,27 +274,25 @@ def _calibration(report: Mapping[str, Any]) -> list[Json]:
 
 
 def _parameters(camera: Mapping[str, Any]) -> list[Json]:
-    values = {"focal_px": camera["focal_px"]}
-    values |= dict(zip(("cx_px", "cy_px"), camera["principal_point_px"], strict=False))
-    values |= dict(zip(("k1", "k2", "k3", "k4"), camera["radial"], strict=False))
-    values |= dict(zip(("p1", "p2"), camera["tangential"], strict=False))
-    values |= dict(zip(("b1", "b2"), camera.get("affinity") or (), strict=False))
     held, prior = camera.get("held") or {}, camera.get("prior_sigma") or {}
     rows = []
-    for name, value in values.items():
-        sigma = camera["sigma"].get(name)
+    for p in CAMERA_PARAMETERS:
+        values = camera.get(p.key) or ()
+        if p.place is not None and p.place >= len(values):
+            continue  # a report of an earlier version
+        value = values if p.place is None else values[p.place]
+        sigma = camera["sigma"].get(p.name)
         if value == 0 and sigma is None:
             continue  # a parameter that this camera has not
-        unit = "px" if name.endswith("_px") or name in {"b1", "b2"} else ""
         rows.append(
             {
-                "name": name.removesuffix("_px"),
-                "unit": unit,
+                "name": p.name.removesuffix("_px"),
+                "unit": p.unit,
                 "value": value,
-                "digits": 3 if unit else 7,
+                "digits": p.digits,
                 "sigma": sigma,
-                "prior": prior.get(name),
-                "why": held.get(name) if sigma is None else None,
+                "prior": prior.get(p.name),
+                "why": held.get(p.name) if sigma is None else None,
             }
         )
     return rows
