@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.reprojection import Observations
-from photogram.projection import PARAMETER_NAMES, PROJECTIVE
+from photogram.projection import PARAMETER_NAMES, PROJECTIVE, OrientedCameras
 
 DEFAULT = SHARED_DATA / "bal" / "problem-49-7776-pre.txt"
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -44,8 +44,9 @@ def read_bal(path: Path) -> tuple[Observations, BundleState]:
     rotation = np.ascontiguousarray((FLIP @ turn).transpose(0, 2, 1))
     position = -np.einsum("nji,nj->ni", turn, cameras[:, 3:6])
     models = np.full(photographs, PROJECTIVE, dtype=np.int64)
-    observations = Observations(photograph, point, pixel, np.ones(count), photograph.copy(), models)
-    return observations, BundleState(rotation, position, q, X)
+    no_edge = np.full(photographs, np.inf), np.zeros((photographs, 2), dtype=np.int64)
+    oriented = OrientedCameras(np.arange(photographs), rotation, position, models, q, *no_edge)
+    return Observations(photograph, point, pixel, np.ones(count)), BundleState(oriented, X)
 
 
 def half_squares(observations: Observations, state: BundleState) -> float:

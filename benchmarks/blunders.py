@@ -51,7 +51,7 @@ def survey(seed: int) -> Block:
         strips=int(rng.integers(2, 5)), photographs_per_strip=int(rng.integers(3, 7)),
         forward_overlap=float(rng.uniform(0.7, 0.82)), side_overlap=float(rng.uniform(0.6, 0.75)),
         control_points=int(rng.integers(5, 11)), check_points=2,
-        calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+        calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     )  # fmt: skip
     return simulate_block(
         plan, seed, tie_points=400, mismatches=0.02, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.camera import models_of
+from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.reprojection import Observations
@@ -77,7 +77,7 @@ def make_task(photographs: int, seed: int, *, free: bool) -> Task:
     strips, length, points = BLOCKS[photographs]
     plan = replace(
         whole_survey_plan(), strips=strips, photographs_per_strip=length, control_points=0, check_points=0,
-        radial=(-0.08, 0.06, 0.0), tangential=(0.0, 0.0),
+        radial=(-0.08, 0.06, 0.0, 0.0), tangential=(0.0, 0.0),
     )  # fmt: skip  # what Ceres' model, COLMAP's RADIAL, has too: f, cx, cy, k1, k2
     made = simulate_block(
         plan, seed, tie_points=points, detection=0.6, sigma_px=SIGMA_PX,
@@ -86,18 +86,12 @@ def make_task(photographs: int, seed: int, *, free: bool) -> Task:
     tie, block = made.block.tie_points, made.block
     rng = np.random.default_rng(seed)
     camera = made.truth.camera
-    q = camera.parameters * np.array([1.005 if free else 1.0, 1, 1, *np.ones(len(camera.parameters) - 3)])
-    poses = [pose for pose in block.poses if pose is not None]
+    approximate = replace(camera, focal_px=camera.focal_px * (1.005 if free else 1.0))
     start = BundleState(
-        np.array([pose.rotation_world_from_camera for pose in poses]),
-        np.array([pose.position_world_m for pose in poses]),
-        q[None],
+        oriented_by([approximate], np.zeros(len(block.poses), np.int64), block.poses),
         made.tie_point_position_world_m + rng.standard_normal((len(tie), 3)),
     )
-    observations = Observations(
-        tie.photograph, tie.point, tie.pixel, tie.sigma_px, np.zeros(len(tie.photograph), np.int64),
-        models_of(block.cameras),
-    )  # fmt: skip
+    observations = Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px)
     return Task(observations, start, block, plan.gsd_m, free)
 
 

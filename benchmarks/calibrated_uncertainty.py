@@ -31,9 +31,9 @@ from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 
-KNOWN = (0.0,) * 8
-LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
-FREE = (np.inf, np.inf, np.inf, np.inf, np.inf, 0.0, np.inf, np.inf)
+KNOWN = (0.0,) * 11
+LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
+FREE = (np.inf, np.inf, np.inf, np.inf, np.inf, 0.0, 0.0, np.inf, np.inf, 0.0, 0.0)
 LIMITS, EXPECTED, TOLERANCE = (1.0, 2.0, 3.0), (0.6827, 0.9545, 0.9973), 0.03
 JUDGED = tuple(f"check points, {axis}" for axis in AXES)
 

@@ -16,7 +16,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.factors.datum import TURN, Datum, datum_of, reach_m, weights_of
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.loss import NO_LOSS
-from photogram.factors.elimination.points import Cameras, Points, point_covariances
+from photogram.factors.elimination.points import Points, point_covariances
 from photogram.factors.elimination.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise
 from photogram.factors.elimination.state import State
@@ -127,7 +127,7 @@ def point_columns(
     kept = np.isin(number, layout.coupled)
     owner, parameter = layout.free_parameters
     rows = np.zeros((len(observations), 2, layout.columns + layout.border))
-    for i, (p, c) in enumerate(zip(observations.photograph, observations.camera, strict=True)):
+    for i, (p, c) in enumerate(zip(observations.photograph, linear.camera, strict=True)):
         at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
         rows[i, :, at : at + 6] = linear.pose[i]
         free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
@@ -164,7 +164,7 @@ def _control_columns(
     Of a mark of the border's points, its row on the point's own columns is what −B W V⁻¹ adds.
     """
     marks = problem.marks
-    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+    linear = linearise(marks, state.cameras, state.control)
     V = GroundTerms(problem, found.layout).linearise(state).control
     np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
     return linear, *point_columns(marks, linear, V, found.layout, np.arange(len(V)))
@@ -284,7 +284,7 @@ def covariances(problem: Problem, state: State) -> Covariances:
         border = factor.border_covariance() / np.outer(scale[m:], scale[m:])
         found = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
         _check_attitudes(found, whole)
-        cameras, blocks = Cameras(state.parameters, state.rotation, state.position), (inverse, T, border)
+        cameras, blocks = state.cameras, (inverse, T, border)
         ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)
         control, missing = point_covariances(bundle.marks, cameras, controls, layout, NO_LOSS, blocks)

@@ -93,11 +93,15 @@ def _weighted(
 ) -> tuple[Linearisation, FloatArray]:
     """Return the linearisation of observations under the weights of a robust loss, calibration in natural units, and
     the roots (N,) of the weights."""
-    linear = linearise(observations, state.parameters, state.rotation, state.position, points)
+    linear = linearise(observations, state.cameras, points)
     root = np.sqrt(robust_terms(linear.residual, loss, limit)[1])
     whole = root[:, None, None]
     weighted = Linearisation(
-        root[:, None] * linear.residual, whole * linear.pose, whole * linear.calibration, whole * linear.point
+        root[:, None] * linear.residual,
+        whole * linear.pose,
+        whole * linear.calibration,
+        whole * linear.point,
+        linear.camera,
     )
     return weighted, root
 
@@ -120,8 +124,8 @@ def _camera_rows(layout: Layout, observations: Observations, linear: Linearisati
     border = np.full(free.shape, -1)
     border[free] = layout.columns + np.arange(layout.offset_column)
     pose = np.broadcast_to((6 * layout.place[o.photograph][:, None] + np.arange(6))[:, None], (n, 2, 6))
-    lens = np.broadcast_to(border[o.camera][:, None], (n, 2, free.shape[1]))
-    values = np.concatenate([linear.pose, linear.calibration * layout.unit[o.camera][:, None]], axis=2)
+    lens = np.broadcast_to(border[linear.camera][:, None], (n, 2, free.shape[1]))
+    values = np.concatenate([linear.pose, linear.calibration * layout.unit[linear.camera][:, None]], axis=2)
     columns = np.concatenate([pose, lens], axis=2)
     rows = np.broadcast_to(np.arange(2 * n).reshape(n, 2, 1), columns.shape)
     used = columns >= 0
@@ -136,7 +140,7 @@ def functions_of_tie_points(
     The weights of their observations are those of the robust loss. Points need rays that fix them.
     """
     o = problem.tie.select(np.isin(problem.tie.point, points))
-    o = Observations(o.photograph, np.searchsorted(points, o.point), o.pixel, o.sigma_px, o.camera, o.model)
+    o = Observations(o.photograph, np.searchsorted(points, o.point), o.pixel, o.sigma_px)
     linear, _ = _weighted(o, state, state.tie_point[points], problem.robust_loss, problem.robust_threshold)
     b = np.linalg.solve(_normal(o, linear, len(points)), a)
     moved = np.einsum("nri,nik->nrk", linear.point, b[o.point]).reshape(2 * len(o), -1)
@@ -162,7 +166,7 @@ def responses_to_pixels(problem: Problem, state: State, found: Solvable, points:
         last = min(first + RESPONDING_AT_ONCE, len(state.tie_point))
         rays = order[begins[first] : begins[last]]
         o = tie.select(rays)
-        o = Observations(o.photograph, o.point - first, o.pixel, o.sigma_px, o.camera, o.model)
+        o = Observations(o.photograph, o.point - first, o.pixel, o.sigma_px)
         response[rays] = _responses(problem, state, layout, o, solved, slice(first, last), of_point[first:last])
     return response
 
@@ -197,7 +201,7 @@ def _moved_by_cameras(
     pose = np.concatenate([solved[: layout.columns].reshape(-1, 6, functions), held])[layout.place[o.photograph]]
     lens, free = np.zeros((*layout.unit.shape, functions)), layout.unit > 0
     lens[free] = solved[layout.columns : layout.columns + layout.offset_column] * layout.unit[free][:, None]
-    return np.asarray(linear.pose @ pose + linear.calibration @ lens[o.camera])
+    return np.asarray(linear.pose @ pose + linear.calibration @ lens[linear.camera])
 
 
 def functions_of_positions(state: State, layout: Layout, weight: FloatArray) -> Functions:
@@ -234,7 +238,7 @@ def intersected_covariances(
     """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
     took no part in the adjustment; infinite where the rays do not fix a point."""
     count, layout = len(points_world_m), found.layout
-    linear = linearise(observations, state.parameters, state.rotation, state.position, points_world_m)
+    linear = linearise(observations, state.cameras, points_world_m)
     V = _normal(observations, linear, count)
     known = np.bincount(observations.point, minlength=count) >= 2
     known[known] = np.linalg.cond(V[known]) < 1e12

@@ -139,9 +139,9 @@ def ground_values(problem: Problem, state: State) -> gtsam.Values:
     return values
 
 
-def _behind(observations: Observations, cameras: State, points: FloatArray) -> IntArray:
+def _behind(observations: Observations, state: State, points: FloatArray) -> IntArray:
     """Return how many rays of each point (P, 3) come from behind their camera."""
-    whitened = residuals(observations, cameras.parameters, cameras.rotation, cameras.position, points)
+    whitened = residuals(observations, state.cameras, points)
     return np.bincount(observations.point, ~np.isfinite(whitened[:, 0]), minlength=len(points)).astype(np.int64)
 
 
@@ -157,8 +157,8 @@ def kept_in_front(problem: Problem, before: State, after: State) -> State:
 
 def cost(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> float:
     """Return half the sum of squared whitened residuals, those of tie points under the robust loss."""
-    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
-    marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    tie = residuals(problem.tie, state.cameras, state.tie_point)
+    marks = residuals(problem.marks, state.cameras, state.control)
     tie, marks = (
         np.where(np.isfinite(whitened), whitened, [BEHIND_PX, 0.0] / o.sigma_px[:, None])
         for whitened, o in ((tie, problem.tie), (marks, problem.marks))
@@ -189,16 +189,16 @@ class LinearSystem:
 def linearise_tie_points(problem: Problem, state: State, least_curvature: float) -> Linearisation:
     """Return the residuals and Jacobians of the tie points' observations under the robust loss, calibration in its
     units."""
-    linear = linearise(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(problem.tie, state.cameras, state.tie_point)
     turn, residual = steer(linear.residual, problem.robust_loss, problem.robust_threshold, least_curvature)
-    calibration = turn @ linear.calibration * problem.scale[problem.tie.camera][:, None, :]
-    return Linearisation(residual, turn @ linear.pose, calibration, turn @ linear.point)
+    calibration = turn @ linear.calibration * problem.scale[linear.camera][:, None, :]
+    return Linearisation(residual, turn @ linear.pose, calibration, turn @ linear.point, linear.camera)
 
 
 def linearise_ground(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> gtsam.GaussianFactorGraph:
     """Return the linear graph of everything but the tie points: GTSAM's factors, and the marks of control points."""
     linear = graph.linearize(ground_values(problem, state))
-    marks = linearise(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    marks = linearise(problem.marks, state.cameras, state.control)
     for factor in reprojection_factors(
         problem.marks, marks, np.ones(len(problem.marks)), CONTROL_POINT, problem.free, problem.scale
     ):
@@ -228,7 +228,7 @@ def _diagonal(
     np.add.at(pose, o.photograph, np.sum(tie.pose**2, axis=1))
     np.add.at(point, o.point, np.sum(tie.point**2, axis=1))
     calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
-    np.add.at(calibration, o.camera, np.sum(tie.calibration**2, axis=1))
+    np.add.at(calibration, tie.camera, np.sum(tie.calibration**2, axis=1))
     for i, squares in enumerate(pose):
         add(key(POSE, i), squares)
     for p in np.unique(o.point).tolist():
@@ -314,9 +314,11 @@ def retract(problem: Problem, state: State, step: Step) -> State:
         if len(free):
             parameters[c, free] += v.at(key(CALIBRATION, c)) * problem.scale[c][free]
     return State(
-        state.rotation @ Rotation.from_rotvec(pose[:, :3]).as_matrix(),
-        state.position + np.einsum("nij,nj->ni", state.rotation, pose[:, 3:]),
-        parameters,
+        state.cameras._replace(
+            rotation=state.rotation @ Rotation.from_rotvec(pose[:, :3]).as_matrix(),
+            position=state.position + np.einsum("nij,nj->ni", state.rotation, pose[:, 3:]),
+            parameters=parameters,
+        ),
         tie_point,
         state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),
         state.offset + _gather(v, GNSS_OFFSET, range(len(state.offset)), 3),

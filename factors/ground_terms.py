@@ -156,7 +156,7 @@ class GroundTerms:
 
     def _mark_cost(self, state: State) -> float:
         marks = self._marks
-        whitened = residuals(marks, state.parameters, state.rotation, state.position, state.control)
+        whitened = residuals(marks, state.cameras, state.control)
         behind = np.array([BEHIND_PX, 0.0]) / marks.sigma_px[:, None]
         return 0.5 * float(np.sum(np.where(np.isfinite(whitened), whitened, behind) ** 2))
 
@@ -184,11 +184,12 @@ class GroundTerms:
     def _add_marks(self, state: State, sums: _Sums) -> None:
         """Add the marks of the coupled control points, camera by camera."""
         layout, marks = self._layout, self._marks
-        linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+        linear = linearise(marks, state.cameras, state.control)
+        camera_of = state.cameras.camera[marks.photograph]
         owner, parameter = layout.free_parameters
         point = layout.ground_column + 3 * np.searchsorted(layout.coupled, marks.point)
-        for camera in np.unique(marks.camera).tolist():
-            own, lens = marks.camera == camera, np.flatnonzero(owner == camera)
+        for camera in np.unique(camera_of).tolist():
+            own, lens = camera_of == camera, np.flatnonzero(owner == camera)
             pose = 6 * layout.place[marks.photograph[own]][:, None] + np.arange(6)
             columns = np.hstack(
                 [

@@ -36,17 +36,13 @@ def joint_ground_covariance(
     if not len(known):
         return joint
     marks = np.isin(points.mark_point, known) & np.isfinite(points.mark_sigma_px)
-    photograph = points.mark_photograph[marks]
-    camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
     observations = Observations(
-        photograph,
+        points.mark_photograph[marks],
         np.searchsorted(known, points.mark_point[marks]).astype(np.int64),
         points.mark_pixel[marks],
         points.mark_sigma_px[marks],
-        camera_of[photograph],
-        problem.tie.model,
     )
-    linear = linearise(observations, state.parameters, state.rotation, state.position, ground_world_m[known])
+    linear = linearise(observations, state.cameras, ground_world_m[known])
     V = np.zeros((len(known), 3, 3))
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
     controls = np.flatnonzero(np.array(points.role) == "control")
@@ -68,7 +64,7 @@ def _parts(observations: Observations, count: int) -> Iterator[tuple[int, int, O
         rays = slice(int(first[begin]), int(first[end]))
         o = observations
         yield begin, end, Observations(
-            o.photograph[rays], o.point[rays] - begin, o.pixel[rays], o.sigma_px[rays], o.camera[rays], o.model
+            o.photograph[rays], o.point[rays] - begin, o.pixel[rays], o.sigma_px[rays]
         )  # fmt: skip
         begin = end
 
@@ -82,7 +78,7 @@ def ray_covariances(problem: Problem, state: State) -> FloatArray:
     covariance = np.full((count, 3, 3), np.nan)
     for begin, end, part in _parts(problem.tie, count):
         X = state.tie_point[begin:end]
-        linear = linearise(part, state.parameters, state.rotation, state.position, X)
+        linear = linearise(part, state.cameras, X)
         _, weight, _ = robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)
         J = np.sqrt(weight)[:, None, None] * linear.point
         V = np.add.reduceat(J.transpose(0, 2, 1) @ J, first_observations(part.point, end - begin)[:-1], axis=0)

@@ -12,22 +12,25 @@ from math import cos, radians, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.errors import ImageError
 from photogram.projection import (
     AFFINITY,
-    CLASSIC,
+    CENTRE,
     FISHEYE,
+    FOCAL,
     MODELS,
     PARAMETERS,
     RADIAL,
     RADIAL_TERMS,
     TANGENTIAL,
     Model,
-    distort_point,
+    OrientedCameras,
+    distorted,
     equidistant,
     ideal_point,
+    lens_of,
     pixel_of,
     project_point,
 )
@@ -40,27 +43,13 @@ def _zeros(n: int) -> FloatArray:
     return np.zeros(n)
 
 
-def all_parameters(values: FloatArray) -> FloatArray:
-    """Return values (11,) of all parameters: of those in CLASSIC (8,), with zeros for the others."""
-    if values.shape != (np.count_nonzero(CLASSIC),):
-        return values
-    full = _zeros(PARAMETERS)
-    full[CLASSIC] = values
-    return full
-
-
-def models_of(cameras: Sequence[Camera]) -> NDArray[np.int64]:
-    """Return the models (cameras,) of cameras, by their numbers in MODELS."""
-    return np.array([camera.kind for camera in cameras], dtype=np.int64)
-
-
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Interior orientation of one camera.
 
     ``principal_point_px`` (2,), ``radial`` (4,) k1 k2 k3 k4, ``tangential`` (2,) p1 p2, ``affinity`` (2,) b1 b2.
     ``sigmas`` (11,) in the order of PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard
-    deviation, infinity leaves it free. ``radial`` may lack k4, ``sigmas`` those of k4, b1 and b2 (CLASSIC): zero then.
+    deviation, infinity leaves it free.
     ``considered_focal_sigma_px`` is that of a focal length which the adjustment does not change but which counts in
     every covariance all the same (a consider parameter: Tapley, Schutz & Born 2004, sec. 6.2); 0 for any other.
     """
@@ -83,10 +72,6 @@ class Camera:
         sizes = {"principal_point_px": 2, "radial": RADIAL_TERMS, "tangential": 2, "sigmas": PARAMETERS, "affinity": 2}
         for name, size in sizes.items():
             array = np.asarray(getattr(self, name), dtype=np.float64)
-            if name == "radial" and array.shape == (3,):
-                array = np.append(array, 0.0)
-            elif name == "sigmas":
-                array = all_parameters(array)
             if array.shape != (size,):
                 raise ValueError(f"camera {self.name}: {name} has shape {array.shape}, expected ({size},)")
             object.__setattr__(self, name, array)
@@ -103,14 +88,14 @@ class Camera:
         return np.array([self.focal_px, *self.principal_point_px, *self.radial, *self.tangential, *self.affinity])
 
     def with_parameters(self, parameters: FloatArray) -> Camera:
-        """Return the same camera with the interior orientation ``parameters`` (11,), or (8,) as in CLASSIC."""
-        q = all_parameters(np.asarray(parameters, dtype=np.float64))
+        """Return the same camera with the interior orientation ``parameters`` (11,)."""
+        q = np.asarray(parameters, dtype=np.float64)
         if q.shape != (PARAMETERS,):
             raise ValueError(f"camera {self.name}: parameters of shape {q.shape}, expected ({PARAMETERS},)")
         return replace(
             self,
-            focal_px=float(q[0]),
-            principal_point_px=q[1:3].copy(),
+            focal_px=float(q[FOCAL]),
+            principal_point_px=q[CENTRE].copy(),
             radial=q[RADIAL].copy(),
             tangential=q[TANGENTIAL].copy(),
             affinity=q[AFFINITY].copy(),
@@ -186,30 +171,60 @@ class Pose:
         return points_camera_m @ self.rotation_world_from_camera.T + self.position_world_m
 
 
+def oriented_cameras(
+    cameras: Sequence[Camera], camera_of: IntArray, rotation: FloatArray, position: FloatArray
+) -> OrientedCameras:
+    """Return photographs and their cameras as compiled code takes them.
+
+    ``camera_of`` (N,) are the numbers of the photographs' cameras, ``rotation`` (N, 3, 3) world from camera and
+    ``position`` (N, 3) in the world, m.
+    """
+    return OrientedCameras(
+        np.ascontiguousarray(camera_of, dtype=np.int64),
+        np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3),
+        np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3),
+        np.array([camera.kind for camera in cameras], dtype=np.int64),
+        np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
+        np.array([camera.largest_radius for camera in cameras]),
+        np.array([(camera.width_px, camera.height_px) for camera in cameras], dtype=np.int64).reshape(-1, 2),
+    )
+
+
+def oriented_by(cameras: Sequence[Camera], camera_of: IntArray, poses: Sequence[Pose | None]) -> OrientedCameras:
+    """Return photographs with these poses as compiled code takes them; NaN for those that have none."""
+    nowhere = np.full((3, 3), np.nan)
+    return oriented_cameras(
+        cameras,
+        camera_of,
+        np.array([nowhere if pose is None else pose.rotation_world_from_camera for pose in poses]),
+        np.array([nowhere[0] if pose is None else pose.position_world_m for pose in poses]),
+    )
+
+
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _project_all(model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> FloatArray:
+def _project_all(cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     pixel = np.empty((len(X), 2))
     for i in range(len(X)):
-        pixel[i, 0], pixel[i, 1], _ = project_point(model, q, R, C, X[i])
+        pixel[i, 0], pixel[i, 1], _ = project_point(cameras, 0, X[i])
     return pixel
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _distort_all(model: int, q: FloatArray, ideal: FloatArray) -> FloatArray:
-    pixel = np.empty_like(ideal)
+def _distort_all(model: int, parameters: FloatArray, ideal: FloatArray) -> FloatArray:
+    pixel, q = np.empty_like(ideal), lens_of(parameters, 0)
     for i in range(len(ideal)):
         x, y = ideal[i, 0], ideal[i, 1]
         if model == FISHEYE:
             s, _, _ = equidistant(x, y, 1.0)
             x, y = x * s, y * s
-        xd, yd, _, _, _ = distort_point(q, x, y)
+        xd, yd, _, _, _ = distorted(q, x, y)
         pixel[i, 0], pixel[i, 1] = pixel_of(q, xd, yd)
     return pixel
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _undistort_all(model: int, q: FloatArray, pixel: FloatArray) -> FloatArray:
-    ideal = np.empty_like(pixel)
+def _undistort_all(model: int, parameters: FloatArray, pixel: FloatArray) -> FloatArray:
+    ideal, q = np.empty_like(pixel), lens_of(parameters, 0)
     for i in range(len(pixel)):
         ideal[i, 0], ideal[i, 1] = ideal_point(model, q, pixel[i, 0], pixel[i, 1])
     return ideal
@@ -225,10 +240,8 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
 
     NaN for points at or behind the projection centre, and for those so far off the axis that the distortion folds back.
     """
-    R = _contiguous(pose.rotation_world_from_camera)
-    pixel: FloatArray = _project_all(
-        camera.kind, camera.parameters, R, _contiguous(pose.position_world_m), _contiguous(points_world_m)
-    )
+    one = oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
+    pixel: FloatArray = _project_all(one, _contiguous(points_world_m))
     limit = camera.largest_radius
     if np.isfinite(limit):
         x, y, z = pose.camera_from_world(points_world_m).T
@@ -239,7 +252,7 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
 def image_plane_or_nan(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Return the ideal image-plane coordinates (X/Z, Y/Z) (N, 2) of pixels (N, 2), NaN where the model cannot be
     inverted, or a fisheye looks 90° or more off its axis."""
-    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters, _contiguous(pixel))
+    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters[None], _contiguous(pixel))
     return ideal
 
 
@@ -273,7 +286,7 @@ def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
 def distort(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Apply distortion and affinity to ideal pixels (N, 2), and the bend of a fisheye; the inverse of undistort."""
     ideal = (_contiguous(pixel) - camera.principal_point_px) / camera.focal_px
-    distorted: FloatArray = _distort_all(camera.kind, camera.parameters, ideal)
+    distorted: FloatArray = _distort_all(camera.kind, camera.parameters[None], ideal)
     return distorted
 
 

@@ -15,30 +15,96 @@ and then for both, with r² = x² + y²,
 A point must lie in front of the camera, Z > 0, in both models: the field of view of a fisheye is below 180°. Ideal
 coordinates are (X/Z, Y/Z), whatever the model. Pixel frame: the centre of the top-left pixel is (0, 0). The project
 owns its projection because GTSAM's has no k3.
+
+Compiled code takes cameras as OrientedCameras, and no formula of theirs stands elsewhere. What is inlined becomes part
+of the loop that calls it, with that loop's floating-point options, so that a loop pays nothing for it. Numbers of
+photographs and cameras are given to it unsigned, so that none is tested for being negative at every element.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 
 Model = Literal["brown", "fisheye"]
 
-PARAMETER_NAMES = ("focal_px", "cx_px", "cy_px", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
-"""The order of interior orientation in every parameter vector of photogram."""
+Share = Literal["itself", "focal length", "width"]
+
+
+class CameraParameter(NamedTuple):
+    """What photogram knows of one parameter of interior orientation, but for its formula.
+
+    ``name`` in vectors and reports, ``words`` in sentences, ``unit`` px or none; the figures' ``digits`` after the
+    point. In project.yaml its value is number ``place`` of ``key``, the only one where that is None, and its sigma
+    stands at ``sigma_key``. Standard deviations, in ``share``: of the parameter itself, or of the focal length or the
+    width of the photograph: ``weakest``, the prior of one that is left wholly free; ``unknown``, where nothing but the
+    focal length of the tags is known, 0 for what is not estimated then; ``ordinary``, of a calibration some flights
+    old. ``usual``: most calibrations give it; the others are zero where they are not named.
+    """
+
+    name: str
+    words: str
+    unit: str
+    digits: int
+    key: str
+    place: int | None
+    sigma_key: str
+    share: Share
+    weakest: float
+    unknown: float
+    ordinary: float
+    usual: bool
+
+    def in_its_unit(self, sigma: float, focal_px: float, width_px: int) -> float:
+        """Return a standard deviation given in ``share`` in the parameter's own unit."""
+        return sigma * {"itself": 1.0, "focal length": focal_px, "width": float(width_px)}[self.share]
+
+
+CAMERA_PARAMETERS: tuple[CameraParameter, ...] = (
+    CameraParameter("focal_px", "focal length", "px", 3, "focal_px", None, "focal_px", "focal length",
+                    weakest=0.1, unknown=0.03, ordinary=0.005, usual=True),
+    CameraParameter("cx_px", "principal point in x", "px", 3, "principal_point_px", 0, "principal_point_px", "width",
+                    weakest=0.05, unknown=0.01, ordinary=0.002, usual=True),
+    CameraParameter("cy_px", "principal point in y", "px", 3, "principal_point_px", 1, "principal_point_px", "width",
+                    weakest=0.05, unknown=0.01, ordinary=0.002, usual=True),
+    CameraParameter("k1", "k1", "", 7, "radial", 0, "k1", "itself",
+                    weakest=0.3, unknown=0.1, ordinary=0.01, usual=True),
+    CameraParameter("k2", "k2", "", 7, "radial", 1, "k2", "itself",
+                    weakest=0.3, unknown=0.1, ordinary=0.02, usual=True),
+    CameraParameter("k3", "k3", "", 7, "radial", 2, "k3", "itself",
+                    weakest=0.3, unknown=0.05, ordinary=0.01, usual=True),
+    CameraParameter("k4", "k4", "", 7, "radial", 3, "k4", "itself",
+                    weakest=0.3, unknown=0.0, ordinary=0.0, usual=False),
+    CameraParameter("p1", "p1", "", 7, "tangential", 0, "p1", "itself",
+                    weakest=0.01, unknown=0.003, ordinary=0.0005, usual=True),
+    CameraParameter("p2", "p2", "", 7, "tangential", 1, "p2", "itself",
+                    weakest=0.01, unknown=0.003, ordinary=0.0005, usual=True),
+    CameraParameter("b1", "b1", "px", 3, "affinity", 0, "b1", "focal length",
+                    weakest=0.01, unknown=0.003, ordinary=0.0, usual=False),
+    CameraParameter("b2", "b2", "px", 3, "affinity", 1, "b2", "focal length",
+                    weakest=0.01, unknown=0.001, ordinary=0.0, usual=False),
+)  # fmt: skip
+"""Interior orientation, in the order of every parameter vector of photogram."""
+
+PARAMETER_NAMES = tuple(p.name for p in CAMERA_PARAMETERS)
+
+SIGMA_KEYS = tuple(dict.fromkeys(p.sigma_key for p in CAMERA_PARAMETERS))
+"""Where sigmas stand in project.yaml; cx and cy share one."""
 
 PARAMETERS = len(PARAMETER_NAMES)
 
-RADIAL, TANGENTIAL, AFFINITY = slice(3, 7), slice(7, 9), slice(9, 11)
+FOCAL, CX, CY, K1, K2, K3, K4, P1, P2, B1, B2 = range(PARAMETERS)
+"""Where each parameter stands in such a vector."""
+
+CENTRE, RADIAL, TANGENTIAL, AFFINITY = slice(CX, CY + 1), slice(K1, K4 + 1), slice(P1, P2 + 1), slice(B1, B2 + 1)
 
 RADIAL_TERMS = RADIAL.stop - RADIAL.start
 
-CLASSIC = np.array([name not in ("k4", "b1", "b2") for name in PARAMETER_NAMES])
-"""The eight parameters that most sources give; the others are zero, and held, where a vector leaves them out."""
+USUAL = np.array([p.usual for p in CAMERA_PARAMETERS])
 
 BROWN, FISHEYE = 0, 1
 
@@ -51,6 +117,34 @@ MODELS: dict[Model, int] = {"brown": BROWN, "fisheye": FISHEYE}
 
 NEAR_AXIS = 1e-3
 """(ρ/Z)² below which the fisheye is evaluated by its series: the closed form loses its digits there."""
+
+Six = tuple[float, float, float, float, float, float]
+
+Lens = tuple[float, ...]
+"""The parameters (11,) of one camera, in the order of PARAMETER_NAMES."""
+
+
+_ONES: Lens = (1.0,) * PARAMETERS
+
+
+class OrientedCameras(NamedTuple):
+    """Photographs with their exterior orientation, and their cameras: the one form in which compiled code takes them.
+
+    Of photographs: ``camera`` (N,) the number of its camera; ``rotation`` (N, 3, 3) world from camera; ``position``
+    (N, 3) of the projection centre in the world, m. Of cameras: ``model`` (C,) its number in MODELS; ``parameters``
+    (C, 11) in the order of PARAMETER_NAMES; ``largest_radius`` (C,) the ideal radius beyond which the distortion folds
+    back; ``size_px`` (C, 2) width and height. The last two are those of the cameras as they were given; an adjustment,
+    which changes the parameters, reads neither. ``Block.oriented_cameras`` and ``photogram.camera.oriented_by`` make
+    them.
+    """
+
+    camera: IntArray
+    rotation: FloatArray
+    position: FloatArray
+    model: IntArray
+    parameters: FloatArray
+    largest_radius: FloatArray
+    size_px: IntArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
@@ -71,122 +165,264 @@ def equidistant(px: float, py: float, pz: float) -> tuple[float, float, float]:
     return s, (pz * e - s) / rho2, e
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def distort_point(q: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """Distort image-plane coordinates (x, y) of either model; returns x_d, y_d and the Jacobian entries ∂x_d/∂x,
-    ∂x_d/∂y = ∂y_d/∂x, ∂y_d/∂y."""
-    k1, k2, k3, k4, p1, p2 = q[3], q[4], q[5], q[6], q[7], q[8]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4)))
-    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-    b = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-    d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    return xd, yd, a, b, d
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def turned(cameras: OrientedCameras, p: int, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
+    """Turn an offset from the projection centre, in the world, into the frame of photograph ``p``."""
+    R = cameras.rotation
+    px = R[p, 0, 0] * dx + R[p, 1, 0] * dy + R[p, 2, 0] * dz
+    py = R[p, 0, 1] * dx + R[p, 1, 1] * dy + R[p, 2, 1] * dz
+    pz = R[p, 0, 2] * dx + R[p, 1, 2] * dy + R[p, 2, 2] * dz
+    return px, py, pz
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def pixel_of(q: FloatArray, xd: float, yd: float) -> tuple[float, float]:
-    """Return the pixel of distorted image-plane coordinates."""
-    return q[0] * xd + q[1] + (q[9] * xd + q[10] * yd), q[0] * yd + q[2]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def in_camera(cameras: OrientedCameras, p: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a place of the world in the frame of photograph ``p``."""
+    C = cameras.position
+    return turned(cameras, p, x - C[p, 0], y - C[p, 1], z - C[p, 2])  # type: ignore[no-any-return]
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def project_point(model: int, q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray) -> tuple[float, float, float]:
-    """Project X (3,) by a model of MODELS with interior orientation q (11,), rotation world from camera R and centre C;
-    returns u, v and the depth in m.
-
-    The pixel of a point with depth at or below zero means nothing: the caller must test the depth.
-    """
-    dx, dy, dz = X[0] - C[0], X[1] - C[1], X[2] - C[2]
-    px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    if pz <= 0.0:
-        return np.nan, np.nan, pz
-    if model == FISHEYE:
-        s, _, _ = equidistant(px, py, pz)
-        x, y = px * s, py * s
-    else:
-        x, y = px / pz, py / pz
-    xd, yd, _, _, _ = distort_point(q, x, y)
-    u, v = pixel_of(q, xd, yd)
-    return u, v, pz
-
-
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def project_point_jacobians(
-    model: int,
-    q: FloatArray,
-    R: FloatArray,
-    C: FloatArray,
-    X: FloatArray,
-    J_pose: FloatArray,
-    J_camera: FloatArray,
-    J_point: FloatArray,
-) -> tuple[float, float, float]:
-    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), interior orientation (2, 11), point (2,
-    3).
-
-    The pose's tangent is (ω, v) in the camera frame, R' = R Exp(ω), C' = C + R v to first order, as GTSAM's Pose3
-    (Dellaert & Kaess 2017, sec. 6.3): with p = Rᵀ(X − C), ∂p/∂ω = [p]ₓ, ∂p/∂v = −I, ∂p/∂X = Rᵀ. In both models
-    (x, y) = s (p_x, p_y), see equidistant; Brown's has s = 1/p_z.
-    """
-    dx, dy, dz = X[0] - C[0], X[1] - C[1], X[2] - C[2]
-    px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    if pz <= 0.0:
-        J_pose[:] = 0.0
-        J_camera[:] = 0.0
-        J_point[:] = 0.0
-        return np.nan, np.nan, pz
-    f, b1, b2 = q[0], q[9], q[10]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def image_plane_of(model: int, px: float, py: float, pz: float) -> tuple[float, float, float, float, float]:
+    """Return the image-plane coordinates (x, y) of a point in front of the camera, and s, t and e of ``stretch_of``."""
     s, t, e = 1.0 / pz, 0.0, 1.0 / (pz * pz)
     x, y = px / pz, py / pz
     if model == FISHEYE:
         s, t, e = equidistant(px, py, pz)
         x, y = px * s, py * s
-    xd, yd, a, b, d = distort_point(q, x, y)
-    for row in range(2):
-        gx, gy = f * b, f * d
-        if row == 0:
-            gx, gy = (f + b1) * a + b2 * b, (f + b1) * b + b2 * d
-        along = gx * px + gy * py
-        g0, g1, g2 = gx * s + along * t * px, gy * s + along * t * py, -along * e
-        J_pose[row, 0] = g1 * pz - g2 * py
-        J_pose[row, 1] = g2 * px - g0 * pz
-        J_pose[row, 2] = g0 * py - g1 * px
-        J_pose[row, 3] = -g0
-        J_pose[row, 4] = -g1
-        J_pose[row, 5] = -g2
-        for k in range(3):
-            J_point[row, k] = R[k, 0] * g0 + R[k, 1] * g1 + R[k, 2] * g2
+    return x, y, s, t, e
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def stretch_of(model: int, px: float, py: float, pz: float) -> tuple[float, float, float]:
+    """Return s of (x, y) = s (X, Y), and t and e of its derivatives, see ``equidistant``; Brown's has s = 1/Z.
+
+    Two divisions fewer than ``image_plane_of``, and the last digit of (x, y) is another.
+    """
+    s = 1.0 / pz
+    t, e = 0.0, s * s
+    if model == FISHEYE:
+        s, t, e = equidistant(px, py, pz)
+    return s, t, e
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def lens_of(parameters: FloatArray, c: int) -> Lens:
+    """Return the parameters of camera ``c`` as numbers.
+
+    Read them before the first branch: an array that is taken out of a tuple and used on both sides of a branch is
+    counted, which costs more than the projection.
+    """
+    q = parameters
+    return (
+        q[c, FOCAL], q[c, CX], q[c, CY], q[c, K1], q[c, K2], q[c, K3], q[c, K4], q[c, P1], q[c, P2], q[c, B1], q[c, B2],
+    )  # fmt: skip
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def distorted(q: Lens, x: float, y: float) -> tuple[float, float, float, float, float]:
+    """Distort image-plane coordinates (x, y) of either model; returns x_d, y_d and ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x,
+    ∂y_d/∂y."""
+    k1, k2, k3, k4, p1, p2 = q[K1], q[K2], q[K3], q[K4], q[P1], q[P2]
     r2 = x * x + y * y
-    J_camera[0, 0], J_camera[1, 0] = xd, yd
-    J_camera[0, 1], J_camera[1, 1] = 1.0, 0.0
-    J_camera[0, 2], J_camera[1, 2] = 0.0, 1.0
-    du, dv, power = (f + b1) * x + b2 * y, f * y, 1.0
-    for k in range(3, 7):
-        power *= r2
-        J_camera[0, k], J_camera[1, k] = power * du, power * dv
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4)))
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+    xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+    yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+    return xd, yd, xx, xy, yy
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def pixel_of(q: Lens, xd: float, yd: float) -> tuple[float, float]:
+    """Return the pixel of distorted image-plane coordinates."""
+    return q[FOCAL] * xd + q[CX] + (q[B1] * xd + q[B2] * yd), q[FOCAL] * yd + q[CY]
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def misfit(q: Lens, xd: float, yd: float, u: float, v: float) -> tuple[float, float]:
+    """Return the pixel of distorted coordinates less the measured one: ``pixel_of`` with an operation less."""
+    du = (q[FOCAL] + q[B1]) * xd + q[B2] * yd + q[CX] - u
+    return du, q[FOCAL] * yd + q[CY] - v
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def pixel_slopes(q: Lens, weight: float, xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
+    """Return ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y times ``weight`` from the derivatives of the distortion."""
+    f, fu, skew = q[FOCAL], q[FOCAL] + q[B1], q[B2]
+    return weight * (fu * xx + skew * xy), weight * (fu * xy + skew * yy), weight * f * xy, weight * f * yy
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def slopes_in_camera(
+    gx: float, gy: float, px: float, py: float, s: float, t: float, e: float
+) -> tuple[float, float, float]:
+    """Return the derivatives by (X, Y, Z) of the camera frame from those by (x, y) = s (X, Y), see ``stretch_of``."""
+    along = gx * px + gy * py
+    return gx * s + t * along * px, gy * s + t * along * py, -e * along
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def slopes_of_pose(g0: float, g1: float, g2: float, px: float, py: float, pz: float) -> Six:
+    """Return the derivatives by the pose's tangent from those by p in the camera frame.
+
+    The tangent is (ω, v) in the camera frame, R' = R Exp(ω), C' = C + R v to first order, as GTSAM's Pose3 (Dellaert &
+    Kaess 2017, sec. 6.3): with p = Rᵀ(X − C), ∂p/∂ω = [p]ₓ, ∂p/∂v = −I.
+    """
+    return g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px, -g0, -g1, -g2
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def slopes_in_world(cameras: OrientedCameras, p: int, g0: float, g1: float, g2: float) -> tuple[float, float, float]:
+    """Return the derivatives by the point in the world from those in the camera frame: ∂p/∂X = Rᵀ."""
+    R = cameras.rotation
+    gx = R[p, 0, 0] * g0 + R[p, 0, 1] * g1 + R[p, 0, 2] * g2
+    gy = R[p, 1, 0] * g0 + R[p, 1, 1] * g1 + R[p, 1, 2] * g2
+    gz = R[p, 2, 0] * g0 + R[p, 2, 1] * g1 + R[p, 2, 2] * g2
+    return gx, gy, gz
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def fill_parameter_slopes(
+    q: Lens, unit: Lens, weight: float, x: float, y: float, xd: float, yd: float, J: FloatArray,
+    row: int, column: int,
+) -> None:  # fmt: skip
+    """Fill two rows of J, from ``row`` and ``column`` on, with the derivatives of (u, v) by those parameters of
+    a camera whose ``unit`` is not zero, in these units, times ``weight``; (x, y) before, (xd, yd) after the
+    distortion."""
+    a, k, one = np.uint64(row), np.uint64(column), np.uint64(1)
+    d, r2, sv = a + one, x * x + y * y, weight * q[FOCAL]
+    su, sb = weight * (q[FOCAL] + q[B1]), weight * q[B2]
+    if unit[FOCAL] > 0.0:
+        J[a, k], J[d, k] = weight * xd * unit[FOCAL], weight * yd * unit[FOCAL]
+        k += one
+    if unit[CX] > 0.0:
+        J[a, k], J[d, k] = weight * unit[CX], 0.0
+        k += one
+    if unit[CY] > 0.0:
+        J[a, k], J[d, k] = 0.0, weight * unit[CY]
+        k += one
+    du, dv = su * x + sb * y, sv * y
+    for n in range(K1, K4 + 1):
+        du, dv = du * r2, dv * r2
+        if unit[n] > 0.0:
+            J[a, k], J[d, k] = du * unit[n], dv * unit[n]
+            k += one
     xy2, xx3, yy3 = 2.0 * x * y, r2 + 2.0 * x * x, r2 + 2.0 * y * y
-    J_camera[0, 7], J_camera[1, 7] = (f + b1) * xy2 + b2 * yy3, f * yy3
-    J_camera[0, 8], J_camera[1, 8] = (f + b1) * xx3 + b2 * xy2, f * xy2
-    J_camera[0, 9], J_camera[1, 9] = xd, 0.0
-    J_camera[0, 10], J_camera[1, 10] = yd, 0.0
+    if unit[P1] > 0.0:
+        J[a, k], J[d, k] = (su * xy2 + sb * yy3) * unit[P1], sv * yy3 * unit[P1]
+        k += one
+    if unit[P2] > 0.0:
+        J[a, k], J[d, k] = (su * xx3 + sb * xy2) * unit[P2], sv * xy2 * unit[P2]
+        k += one
+    if unit[B1] > 0.0:
+        J[a, k], J[d, k] = weight * xd * unit[B1], 0.0
+        k += one
+    if unit[B2] > 0.0:
+        J[a, k], J[d, k] = weight * yd * unit[B2], 0.0
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def pixel_in_front(model: int, q: Lens, px: float, py: float, pz: float) -> tuple[float, float]:
+    """Return the pixel at which a camera shows a point in its frame and in front of it."""
+    if model == FISHEYE:
+        s, _, _ = equidistant(px, py, pz)
+        x, y = px * s, py * s
+    else:
+        x, y = px / pz, py / pz
+    xd, yd, _, _, _ = distorted(q, x, y)
+    return pixel_of(q, xd, yd)  # type: ignore[no-any-return]
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def project_offset(cameras: OrientedCameras, p: int, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
+    """Project what lies at an offset, in the world, from the projection centre of photograph ``p``; as
+    ``project_point``."""
+    i = np.uint64(p)
+    c = np.uint64(cameras.camera[i])
+    model, q = cameras.model[c], lens_of(cameras.parameters, c)
+    px, py, pz = turned(cameras, i, dx, dy, dz)
+    if pz <= 0.0:
+        return np.nan, np.nan, pz
+    u, v = pixel_in_front(model, q, px, py, pz)
+    return u, v, pz
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def project_point(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+    """Project X (3,) of the world into photograph ``p``; returns u, v and the depth in m.
+
+    The pixel of a point with depth at or below zero means nothing: the caller must test the depth.
+    """
+    i = np.uint64(p)
+    c = np.uint64(cameras.camera[i])
+    model, q = cameras.model[c], lens_of(cameras.parameters, c)
+    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    if pz <= 0.0:
+        return np.nan, np.nan, pz
+    u, v = pixel_in_front(model, q, px, py, pz)
+    return u, v, pz
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+    """Return u, v and the depth of X (3,) as ``project_point``; NaN for u and v where the point lies behind the camera
+    or beyond the radius at which the distortion folds back."""
+    i = np.uint64(p)
+    c = np.uint64(cameras.camera[i])
+    model, q, largest_radius = cameras.model[c], lens_of(cameras.parameters, c), cameras.largest_radius[c]
+    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    if pz <= 0.0:
+        return np.nan, np.nan, pz
+    if np.isfinite(largest_radius) and px * px + py * py > (largest_radius * pz) ** 2:
+        return np.nan, np.nan, pz
+    u, v = pixel_in_front(model, q, px, py, pz)
+    return u, v, pz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def project_point_jacobians(
+    cameras: OrientedCameras,
+    p: int,
+    X: FloatArray,
+    J_pose: FloatArray,
+    J_camera: FloatArray,
+    J_point: FloatArray,
+) -> tuple[float, float, float]:
+    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), see ``slopes_of_pose``, interior
+    orientation (2, 11) and point (2, 3)."""
+    i = np.uint64(p)
+    c = np.uint64(cameras.camera[i])
+    model, q = cameras.model[c], lens_of(cameras.parameters, c)
+    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    if pz <= 0.0:
+        J_pose[:] = 0.0
+        J_camera[:] = 0.0
+        J_point[:] = 0.0
+        return np.nan, np.nan, pz
+    x, y, s, t, e = image_plane_of(model, px, py, pz)
+    xd, yd, xx, xy, yy = distorted(q, x, y)
+    ux, uy, vx, vy = pixel_slopes(q, 1.0, xx, xy, yy)
+    for row in range(2):
+        gx, gy = (ux, uy) if row == 0 else (vx, vy)
+        g0, g1, g2 = slopes_in_camera(gx, gy, px, py, s, t, e)
+        J_pose[row, 0], J_pose[row, 1], J_pose[row, 2], J_pose[row, 3], J_pose[row, 4], J_pose[row, 5] = slopes_of_pose(
+            g0, g1, g2, px, py, pz
+        )
+        J_point[row, 0], J_point[row, 1], J_point[row, 2] = slopes_in_world(cameras, i, g0, g1, g2)
+    fill_parameter_slopes(q, _ONES, 1.0, x, y, xd, yd, J_camera, 0, 0)
     u, v = pixel_of(q, xd, yd)
     return u, v, pz
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def undistort_point(q: FloatArray, xd: float, yd: float) -> tuple[float, float]:
-    """Invert distort_point by Newton's method with its analytic Jacobian; NaN where it does not converge."""
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def undistort_point(q: Lens, xd: float, yd: float) -> tuple[float, float]:
+    """Invert ``distorted`` by Newton's method with its analytic Jacobian; NaN where it does not converge."""
     x, y = xd, yd
     for _ in range(50):
-        fx, fy, a, b, d = distort_point(q, x, y)
+        fx, fy, a, b, d = distorted(q, x, y)
         ex, ey = xd - fx, yd - fy
         determinant = a * d - b * b
         if not determinant > 1e-3:
@@ -201,12 +437,12 @@ def undistort_point(q: FloatArray, xd: float, yd: float) -> tuple[float, float]:
     return np.nan, np.nan
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
-def ideal_point(model: int, q: FloatArray, u: float, v: float) -> tuple[float, float]:
-    """Return the ideal coordinates (X/Z, Y/Z) that a pixel shows; NaN where the model cannot be undone, such as where a
-    fisheye looks sideways."""
-    yd = (v - q[2]) / q[0]
-    xd = (u - q[1] - q[10] * yd) / (q[0] + q[9])
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def ideal_point(model: int, q: Lens, u: float, v: float) -> tuple[float, float]:
+    """Return the ideal coordinates (X/Z, Y/Z) that a pixel shows; NaN
+    where the model cannot be undone, such as where a fisheye looks sideways."""
+    yd = (v - q[CY]) / q[FOCAL]
+    xd = (u - q[CX] - q[B2] * yd) / (q[FOCAL] + q[B1])
     x, y = undistort_point(q, xd, yd)
     if model != FISHEYE:
         return x, y
@@ -219,19 +455,3 @@ def ideal_point(model: int, q: FloatArray, u: float, v: float) -> tuple[float, f
     else:
         stretch = np.tan(theta) / theta
     return x * stretch, y * stretch
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def seen_at(
-    model: int, q: FloatArray, R: FloatArray, C: FloatArray, largest_radius: float, X: FloatArray
-) -> tuple[float, float, float]:
-    """Return u, v and the depth of X (3,) as ``project_point``; NaN for u and v where the point lies behind the camera
-    or beyond the radius at which the distortion folds back."""
-    u, v, depth = project_point(model, q, R, C, X)
-    if np.isfinite(largest_radius) and depth > 0.0:
-        dx, dy, dz = X[0] - C[0], X[1] - C[1], X[2] - C[2]
-        px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-        py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-        if px * px + py * py > (largest_radius * depth) ** 2:
-            return np.nan, np.nan, depth
-    return u, v, depth

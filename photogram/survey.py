@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_shape
-from photogram.camera import Camera, Pose
+from photogram.camera import Camera, Pose, oriented_by
 from photogram.frames import LocalFrame
+from photogram.projection import OrientedCameras
 from photogram.wording import html_table, things
 
 Role = Literal["control", "check"]
@@ -283,6 +284,13 @@ class Block:
         if len(self.poses) != len(self.photographs):
             raise ValueError("one pose, or None, per photograph")
         check_shape("gnss_offset_sigma_m", self.gnss_offset_sigma_m, (3,))
+
+    def oriented_cameras(self, chosen: Sequence[int] | None = None) -> OrientedCameras:
+        """Return the photographs, all or those of the numbers ``chosen``, in their order, as compiled code takes them;
+        NaN for those that have no pose."""
+        index = range(len(self.photographs)) if chosen is None else chosen
+        camera_of = np.array([self.photographs[i].camera for i in index], dtype=np.int64)
+        return oriented_by(self.cameras, camera_of, [self.poses[i] for i in index])
 
     def _facts(self) -> list[tuple[str, str]]:
         oriented = sum(pose is not None for pose in self.poses)

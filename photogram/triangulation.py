@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.projection import project_point
+from photogram.projection import OrientedCameras, project_point
 from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
@@ -158,19 +158,15 @@ def _consensus(
     begin: int,
     end: int,
     photograph: IntArray,
-    camera_of: IntArray,
     pixel: FloatArray,
     ideal: FloatArray,
     limit: FloatArray,
-    model: IntArray,
-    parameters: FloatArray,
-    R: FloatArray,
-    C: FloatArray,
+    cameras: OrientedCameras,
     best_point: FloatArray,
     best_inlier: NDArray[np.bool_],
 ) -> int:
     """The best two-ray intersection of one point by number of supporting rays, then by their residuals."""
-    X = np.empty(3)
+    X, R, C = np.empty(3), cameras.rotation, cameras.position
     inlier = np.zeros(end - begin, dtype=np.bool_)
     best, best_cost, pair = 0, np.inf, -1
     stride = 1 + (end - begin) * (end - begin - 1) // 2 // MANY_PAIRS
@@ -184,9 +180,7 @@ def _consensus(
                 continue
             support, cost = 0, 0.0
             for k in range(begin, end):
-                t = photograph[k]
-                c = camera_of[t]
-                u, v, depth = project_point(model[c], parameters[c], R[t], C[t], X)
+                u, v, depth = project_point(cameras, photograph[k], X)
                 error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
                 inlier[k - begin] = error < 1.0
                 if error < 1.0:
@@ -203,22 +197,17 @@ def _consensus(
 def consensus_intersections(
     first: IntArray,
     photograph: IntArray,
-    camera_of: IntArray,
     pixel: FloatArray,
     ideal: FloatArray,
     limit_px: FloatArray,
-    model: IntArray,
-    parameters: FloatArray,
-    R: FloatArray,
-    C: FloatArray,
+    cameras: OrientedCameras,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Intersect every tie point from the largest set of rays that agree within ``limit_px`` (N,).
 
-    ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``camera_of`` (photographs,), ``pixel`` and
-    ``ideal`` (N, 2), ``model`` (cameras,) as camera.models_of has them, ``parameters`` (cameras, 11), ``R`` (N, 3, 3)
-    world from camera and ``C`` (N, 3) world of the photographs. Returns points (P, 3), NaN where no two rays agree, and
-    the agreeing observations (N,). Pairs of rays are tried in turn, all of them up to MANY_PAIRS, evenly spread ones of
-    a longer track (RANSAC without the randomness; Fischler & Bolles 1981).
+    ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``pixel`` and ``ideal`` (N, 2). Returns
+    points (P, 3), NaN where no two rays agree, and the agreeing observations (N,). Pairs of rays are tried in turn, all
+    of them up to MANY_PAIRS, evenly spread ones of a longer track (RANSAC without the randomness; Fischler & Bolles
+    1981).
     """
     count = len(first) - 1
     points = np.full((count, 3), np.nan)
@@ -228,14 +217,10 @@ def consensus_intersections(
             first[p],
             first[p + 1],
             photograph,
-            camera_of,
             pixel,
             ideal,
             limit_px,
-            model,
-            parameters,
-            R,
-            C,
+            cameras,
             points[p],
             inlier,
         )

@@ -23,7 +23,7 @@ from jsonschema.exceptions import best_match
 from makers import SharedData
 from pyproj import Transformer
 
-from photogram.camera import Camera, Pose
+from photogram.camera import Camera, Pose, oriented_by
 from photogram.cli.main import main
 from photogram.files import npz_json
 from photogram.frames import LocalFrame
@@ -52,7 +52,7 @@ PLAN = SurveyPlan(
     height_px=300,
     focal_px=600.0,
     principal_point_offset_px=(1.0, -0.7),
-    calibration_sigmas=(2.0, 1.0, 1.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    calibration_sigmas=(2.0, 1.0, 1.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     flying_height_m=40.0,
     forward_overlap=0.75,
     side_overlap=0.7,
@@ -161,8 +161,7 @@ class PhotographedPlane:
         start = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(np.int64)
         height, width = (np.array([p.shape[k] for p in shown], np.int64) for k in (0, 1))
         return Crops(
-            views.model, views.parameters, views.rotation_world_from_camera, views.position_world_m,
-            views.largest_radius, start, none, none, width, height,
+            views.cameras, start, none, none, width, height,
             np.concatenate([p.ravel() for p in shown]).astype(np.float32), 1.0,
         )  # fmt: skip
 
@@ -180,7 +179,7 @@ class PhotographedPlane:
 @pytest.fixture(scope="session")
 def photographed_plane() -> PhotographedPlane:
     """Photographs of 340 × 280 px, 10 cm on the ground, from 40 m above a plane that is tilted by 10 % and 6 %."""
-    camera = Camera("plane", 340, 280, 400.0, np.array([169.0, 141.0]), np.array([-0.03, 0.01, 0.0]))
+    camera = Camera("plane", 340, 280, 400.0, np.array([169.0, 141.0]), np.array([-0.03, 0.01, 0.0, 0.0]))
     rng = np.random.default_rng(8)
     poses = []
     for east, north in ((-7.0, 0.5), (-3.5, -4.0), (0.0, 0.0), (3.5, 4.0), (7.0, -0.5)):
@@ -196,11 +195,7 @@ def photographed_plane() -> PhotographedPlane:
     scene = replace(flat, height_m=(slope[0] * east - slope[1] * north).astype(np.float32))
     coloured = (render(scene, camera, pose, seed=0, noise_dn=0.0) for pose in poses)
     pictures = tuple((rgb @ np.array([0.299, 0.587, 0.114])).astype(np.float32) for rgb in coloured)
-    views = Views(
-        np.arange(5), np.full(5, camera.kind, np.int64), np.tile(camera.parameters, (5, 1)),
-        np.array([p.rotation_world_from_camera for p in poses]), np.array([p.position_world_m for p in poses]),
-        np.tile(np.array([340, 280]), (5, 1)), np.full(5, camera.largest_radius),
-    )  # fmt: skip
+    views = Views(np.arange(5), oriented_by([camera], np.zeros(5, np.int64), poses))
     frame = LocalFrame("EPSG:25832", (600000.0, 5800000.0, 100.0), "grid")
     return PhotographedPlane(frame, views, pictures, MapGrid(599992.0, 5800008.0, 0.2, 80, 80), slope)
 

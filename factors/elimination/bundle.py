@@ -24,7 +24,6 @@ from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steeri
 from photogram.factors.elimination.points import (
     CHUNKS,
     MANY_OBSERVATIONS,
-    Cameras,
     Points,
     Rays,
     eliminate,
@@ -38,6 +37,7 @@ from photogram.factors.elimination.reprojection import Observations, calibration
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
 from photogram.factors.elimination.state import State
 from photogram.machine import cores
+from photogram.projection import FOCAL, OrientedCameras
 
 
 class SingularPointError(Singular):
@@ -73,12 +73,11 @@ class Bundle:
     ) -> NormalEquations:
         """Return the reduced normal equations. Raises SingularPointError where the rays of a point are parallel."""
         normal = NormalEquations.zero(self.layout)
-        cameras = Cameras(state.parameters, state.rotation, state.position)
-        lost = eliminate(self.tie, cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
+        lost = eliminate(self.tie, state.cameras, Points.unknown(state.tie_point), normal, self.loss, damping, pool)
         if lost >= 0:
             raise SingularPointError("tie", lost)
         control = Points(state.control, terms.control_prior)
-        lost = eliminate(self.marks, cameras, control, normal, NO_LOSS, damping)
+        lost = eliminate(self.marks, state.cameras, control, normal, NO_LOSS, damping)
         if lost >= 0:
             raise SingularPointError("control", lost)
         terms.add_to(normal)
@@ -86,9 +85,8 @@ class Bundle:
 
     def cost(self, state: State, pool: ThreadPoolExecutor | None = None) -> float:
         """Return half the sum of squared whitened residuals, those of tie points under the loss."""
-        cameras = Cameras(state.parameters, state.rotation, state.position)
-        tie = observation_cost(self.tie, cameras, state.tie_point, self.layout, self.loss, pool)
-        marks = observation_cost(self.marks, cameras, state.control, self.layout, NO_LOSS)
+        tie = observation_cost(self.tie, state.cameras, state.tie_point, self.loss, pool)
+        marks = observation_cost(self.marks, state.cameras, state.control, NO_LOSS)
         return tie + marks + self.ground.cost(state)
 
 
@@ -124,9 +122,11 @@ def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) 
     control[layout.coupled] += border[layout.ground_column :].reshape(-1, 3)
     return replace(
         state,
-        rotation=state.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
-        position=state.position + np.einsum("nij,nj->ni", state.rotation, tangent[:, 3:]),
-        parameters=parameters,
+        cameras=state.cameras._replace(
+            rotation=state.cameras.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
+            position=state.cameras.position + np.einsum("nij,nj->ni", state.cameras.rotation, tangent[:, 3:]),
+            parameters=parameters,
+        ),
         control=control,
         offset=state.offset + border[layout.offset_column : layout.ground_column].reshape(-1, 3),
     )
@@ -154,8 +154,7 @@ class _System:
         normal = bundle.eliminated(state, terms, damping, pool)
         poses, border = self.solve(normal, damping)
         moved = _moved(bundle, state, poses, border)
-        old = Cameras(state.parameters, state.rotation, state.position)
-        new = Cameras(moved.parameters, moved.rotation, moved.position)
+        old, new = state.cameras, moved.cameras
         step, layout = (poses, border), bundle.layout
         ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         moved_ties, saved, tie = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
@@ -191,20 +190,32 @@ def minimise_bundle(
 
 @dataclass(frozen=True, eq=False)
 class BundleState:
-    """A block in its own frame: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters`` (cameras,
-    11), ``point`` (P, 3).
+    """A block in its own frame: ``cameras`` interior and exterior orientation, ``point`` (P, 3).
 
     ``cost`` is half the sum of squared whitened residuals under the loss, infinite before an adjustment; ``converged``
     is False when no step makes it smaller, or iterations ran out.
     """
 
-    rotation: FloatArray
-    position: FloatArray
-    parameters: FloatArray
+    cameras: OrientedCameras
     point: FloatArray
     cost: float = float("inf")
     iterations: int = 0
     converged: bool = False
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Return the rotations (N, 3, 3) of the photographs, world from camera."""
+        return self.cameras.rotation
+
+    @property
+    def position(self) -> FloatArray:
+        """Return the projection centres (N, 3)."""
+        return self.cameras.position
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Return the interior orientations (cameras, 11)."""
+        return self.cameras.parameters
 
 
 class _CalibrationPrior:
@@ -252,11 +263,12 @@ def adjust_bundle(
     """
     index = np.flatnonzero(np.bincount(observations.point, minlength=len(state.point)))
     first = first_observations(np.searchsorted(index, observations.point), len(index))
-    seen = np.bincount(observations.camera, minlength=len(state.parameters)) > 0
-    unit = np.array([calibration_scale(q[0]) for q in state.parameters]) * (free & seen[:, None])
+    cameras = state.cameras
+    seen = np.bincount(cameras.camera[observations.photograph], minlength=len(cameras.model)) > 0
+    unit = np.array([calibration_scale(q[FOCAL]) for q in cameras.parameters]) * (free & seen[:, None])
     used = np.zeros(len(held_poses), dtype=bool)
     used[observations.photograph] = True
-    layout = make_layout([(first, observations.photograph)], held_poses | ~used, state.position, unit)
+    layout = make_layout([(first, observations.photograph)], held_poses | ~used, cameras.position, unit)
     none = observations.select(np.zeros(len(observations), dtype=bool))
     bundle = Bundle(
         layout,
@@ -265,13 +277,10 @@ def adjust_bundle(
         _CalibrationPrior(layout, prior_parameters, prior_sigma),
         steering(loss, threshold),
     )
-    start = State(
-        np.ascontiguousarray(state.rotation), np.ascontiguousarray(state.position), state.parameters, state.point,
-        np.zeros((0, 3)), np.zeros((0, 3)),
-    )  # fmt: skip
+    start = State(cameras, state.point, np.zeros((0, 3)), np.zeros((0, 3)))
     try:
         found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance, watch, solver)
     except (SingularError, SingularPointError):
         return replace(state, converged=False)
     s = found.state
-    return BundleState(s.rotation, s.position, s.parameters, s.tie_point, found.cost, found.iterations, found.converged)
+    return BundleState(s.cameras, s.tie_point, found.cost, found.iterations, found.converged)

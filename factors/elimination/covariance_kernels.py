@@ -1,6 +1,6 @@
 """Compiled loops over the rays of points for their covariances.
 
-Work rows and packed arrays are those of photogram.factors.elimination.kernels.
+Work rows are those of photogram.factors.elimination.kernels.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from photogram.factors.elimination.kernels import (
     inverse_factor,
     linearise_point,
 )
+from photogram.projection import OrientedCameras
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -68,8 +69,9 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def covariances_of_points(
-    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
+    begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
+    cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int,
+    threshold: float,
     least: float, prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray,
     border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
@@ -86,7 +88,8 @@ def covariances_of_points(
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
         linearise_point(
-            first[p], first[p + 1], seen, measured, q, pose, X, index[p], free_of, loss, threshold, least, J, V
+            first[p], first[p + 1], photograph, measured, cameras, unit, X, index[p], free_of, loss, threshold, least,
+            J, V,
         )  # fmt: skip
         if not inverse_factor(V, 0.0, M):
             return int(index[p])
@@ -94,7 +97,7 @@ def covariances_of_points(
         eliminate_coordinates(2 * (first[p + 1] - first[p]), M, J)
         G[:], H[:] = 0.0, 0.0
         for i in range(first[p], first[p + 1]):
-            o, at, camera = 2 * (i - first[p]), place_of[seen[i, 0]], seen[i, 1]
+            o, at, camera = 2 * (i - first[p]), place_of[photograph[i]], cameras.camera[photograph[i]]
             for k in range(3):
                 for t in range(free_of[camera, 1]):
                     value = J[o, 10 + k] * J[o, CALIBRATION + t] + J[o + 1, 10 + k] * J[o + 1, CALIBRATION + t]
@@ -106,7 +109,7 @@ def covariances_of_points(
                 for k in range(3):
                     G[k, t] -= J[o, 10 + k] * r0 + J[o + 1, 10 + k] * r1
             for other in range(first[p], i + 1):
-                low = place_of[seen[other, 0]]
+                low = place_of[photograph[other]]
                 if low < 0:
                     continue
                 if low == at:

@@ -6,9 +6,9 @@ V holds a point's normal matrix (0–8) and right-hand side (9–11), M the elem
 the damped V.
 
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
-elimination (36–41), the right-hand side (42–47), then six for every border column. Interior orientations come with the
-units of their parameters and the camera's model (cameras, 23), the numbers of the free ones as Layout.free_of, poses as
-rotation, row by row, and position (photographs, 12), measurements as u, v and 1 / sigma, rays as photograph and camera.
+elimination (36–41), the right-hand side (42–47), then six for every border column. Parameters have their units
+(cameras, 11) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of, measurements as
+u, v and 1 / sigma.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
 
@@ -22,13 +22,27 @@ import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
-from photogram.projection import FISHEYE, PARAMETERS, PROJECTIVE, equidistant
+from photogram.projection import (
+    PARAMETERS,
+    PROJECTIVE,
+    Lens,
+    OrientedCameras,
+    distorted,
+    fill_parameter_slopes,
+    in_camera,
+    lens_of,
+    misfit,
+    pixel_slopes,
+    slopes_in_camera,
+    slopes_in_world,
+    slopes_of_pose,
+    stretch_of,
+)
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large
 SETTLING = 5  # iterations at most
 CALIBRATION = 13  # first column of a work row that belongs to free parameters
 WIDTH = CALIBRATION + PARAMETERS
-UNIT, MODEL = PARAMETERS, 2 * PARAMETERS  # where units begin and the model stands in a packed interior orientation
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -46,104 +60,63 @@ def robust(square: float, loss: int, threshold: float) -> tuple[float, float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
-def calibration_rows(
-    o: int, c: int, s: float, x: float, y: float, xd: float, yd: float, q: FloatArray, J: FloatArray
-) -> None:
-    """Fill a ray's derivatives by the parameters of camera ``c`` that are free, whose units are not zero, in their
-    units, times s; (x, y) before, (xd, yd) after the distortion."""
-    a, k, one = np.uint64(o), np.uint64(CALIBRATION), np.uint64(1)
-    d, r2, sv = a + one, x * x + y * y, s * q[c, 0]
-    su, sb = s * (q[c, 0] + q[c, 9]), s * q[c, 10]
-    if q[c, UNIT] > 0.0:
-        J[a, k], J[d, k] = s * xd * q[c, UNIT], s * yd * q[c, UNIT]
-        k += one
-    if q[c, UNIT + 1] > 0.0:
-        J[a, k], J[d, k] = s * q[c, UNIT + 1], 0.0
-        k += one
-    if q[c, UNIT + 2] > 0.0:
-        J[a, k], J[d, k] = 0.0, s * q[c, UNIT + 2]
-        k += one
-    du, dv = su * x + sb * y, sv * y
-    for p in range(3, 7):
-        du, dv = du * r2, dv * r2
-        if q[c, UNIT + p] > 0.0:
-            J[a, k], J[d, k] = du * q[c, UNIT + p], dv * q[c, UNIT + p]
-            k += one
-    xy2, xx3, yy3 = 2.0 * x * y, r2 + 2.0 * x * x, r2 + 2.0 * y * y
-    if q[c, UNIT + 7] > 0.0:
-        J[a, k], J[d, k] = (su * xy2 + sb * yy3) * q[c, UNIT + 7], sv * yy3 * q[c, UNIT + 7]
-        k += one
-    if q[c, UNIT + 8] > 0.0:
-        J[a, k], J[d, k] = (su * xx3 + sb * xy2) * q[c, UNIT + 8], sv * xy2 * q[c, UNIT + 8]
-        k += one
-    if q[c, UNIT + 9] > 0.0:
-        J[a, k], J[d, k] = s * xd * q[c, UNIT + 9], 0.0
-        k += one
-    if q[c, UNIT + 10] > 0.0:
-        J[a, k], J[d, k] = s * yd * q[c, UNIT + 10], 0.0
+def fill_free_slopes(
+    q: Lens, c: int, unit: FloatArray, weight: float, x: float, y: float, xd: float, yd: float, J: FloatArray,
+    row: int,
+) -> None:  # fmt: skip
+    """Fill a ray's derivatives by the free parameters of camera ``c``."""
+    fill_parameter_slopes(q, lens_of(unit, np.uint64(c)), weight, x, y, xd, yd, J, row, CALIBRATION)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def linearise_point(
-    begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
-    number: int, free_of: IntArray, loss: int, threshold: float, least: float, J: FloatArray, V: FloatArray,
+    begin: int, end: int, photograph: IntArray, measured: FloatArray, cameras: OrientedCameras, unit: FloatArray,
+    X: FloatArray, number: int, free_of: IntArray, loss: int, threshold: float, least: float, J: FloatArray,
+    V: FloatArray,
 ) -> int:  # fmt: skip
     """Fill the work rows of a point's rays, and add to V: its normal matrix 0–8 and right-hand side 9–11.
 
-    Returns how many come from behind their camera. The derivatives are those of camera.project_point_jacobians, written
-    out and multiplied by √ρ' (I − (1 − √c) n nᵀ), n the direction of the residual and c its radial curvature, which is
-    at least ``least`` (photogram.factors.elimination.loss).
+    Returns how many come from behind their camera. The derivatives are multiplied by √ρ' (I − (1 − √c) n nᵀ), n the
+    direction of the residual and c its radial curvature, which is at least ``least``
+    (photogram.factors.elimination.loss).
     """
     behind = 0
     v00, v10, v11, v20, v21, v22 = V[0], V[3], V[4], V[6], V[7], V[8]
     b0, b1, b2 = V[9], V[10], V[11]
     for i in range(begin, end):
-        o, p, c = 2 * (i - begin), seen[i, 0], seen[i, 1]
-        dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
-        a00, a01, a02, a10, a11, a12 = pose[p, 0], pose[p, 1], pose[p, 2], pose[p, 3], pose[p, 4], pose[p, 5]
-        a20, a21, a22 = pose[p, 6], pose[p, 7], pose[p, 8]
-        px, py, pz = a00 * dx + a10 * dy + a20 * dz, a01 * dx + a11 * dy + a21 * dz, a02 * dx + a12 * dy + a22 * dz
-        if not pz > 0.0 and (q[c, MODEL] != PROJECTIVE or pz == 0.0):
+        o, p = 2 * (i - begin), np.uint64(photograph[i])
+        c = np.uint64(cameras.camera[p])
+        model, q = cameras.model[c], lens_of(cameras.parameters, c)
+        px, py, pz = in_camera(cameras, p, X[number, 0], X[number, 1], X[number, 2])
+        if not pz > 0.0 and (model != PROJECTIVE or pz == 0.0):
             J[o], J[o + 1] = 0.0, 0.0
             behind += 1
             continue
-        f, k1, k2, k3, k4, p1, p2 = q[c, 0], q[c, 3], q[c, 4], q[c, 5], q[c, 6], q[c, 7], q[c, 8]
-        fu, skew = f + q[c, 9], q[c, 10]
-        near = 1.0 / pz
-        bend, away = 0.0, near * near
-        if q[c, MODEL] == FISHEYE:
-            near, bend, away = equidistant(px, py, pz)
+        near, bend, away = stretch_of(model, px, py, pz)
         x, y = px * near, py * near
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4)))
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-        xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-        yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+        xd, yd, xx, xy, yy = distorted(q, x, y)
+        du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
         s = measured[i, 2]
-        r0, r1 = s * (fu * xd + skew * yd + q[c, 1] - measured[i, 0]), s * (f * yd + q[c, 2] - measured[i, 1])
+        r0, r1 = s * du, s * dv
         _, weight, curvature = robust(r0 * r0 + r1 * r1, loss, threshold)
         along, n0, n1 = 0.0, 0.0, 0.0
         if weight != 1.0:
             root, norm, rest = np.sqrt(weight), np.sqrt(r0 * r0 + r1 * r1), np.sqrt(max(curvature, least))
             along, n0, n1 = 1.0 - rest, r0 / norm, r1 / norm
             s, r0, r1 = s * root, r0 * root / rest, r1 * root / rest
-        g0, g1, h0, h1 = s * (fu * xx + skew * xy), s * (fu * xy + skew * yy), s * f * xy, s * f * yy
+        g0, g1, h0, h1 = pixel_slopes(q, s, xx, xy, yy)
         if along != 0.0:
             t0, t1 = along * (n0 * g0 + n1 * h0), along * (n0 * g1 + n1 * h1)
             g0, g1, h0, h1 = g0 - n0 * t0, g1 - n0 * t1, h0 - n1 * t0, h1 - n1 * t1
-        g2, h2 = g0 * px + g1 * py, h0 * px + h1 * py
-        g0, g1, g2 = g0 * near + bend * g2 * px, g1 * near + bend * g2 * py, -away * g2
-        h0, h1, h2 = h0 * near + bend * h2 * px, h1 * near + bend * h2 * py, -away * h2
-        J[o, 0], J[o, 1], J[o, 2] = g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px
-        J[o, 3], J[o, 4], J[o, 5], J[o, 9] = -g0, -g1, -g2, r0
-        J[o + 1, 0], J[o + 1, 1], J[o + 1, 2] = h1 * pz - h2 * py, h2 * px - h0 * pz, h0 * py - h1 * px
-        J[o + 1, 3], J[o + 1, 4], J[o + 1, 5], J[o + 1, 9] = -h0, -h1, -h2, r1
-        u0, u1, u2 = a00 * g0 + a01 * g1 + a02 * g2, a10 * g0 + a11 * g1 + a12 * g2, a20 * g0 + a21 * g1 + a22 * g2
-        w0, w1, w2 = a00 * h0 + a01 * h1 + a02 * h2, a10 * h0 + a11 * h1 + a12 * h2, a20 * h0 + a21 * h1 + a22 * h2
-        J[o, 6], J[o, 7], J[o, 8], J[o + 1, 6], J[o + 1, 7], J[o + 1, 8] = u0, u1, u2, w0, w1, w2
+        g0, g1, g2 = slopes_in_camera(g0, g1, px, py, near, bend, away)
+        h0, h1, h2 = slopes_in_camera(h0, h1, px, py, near, bend, away)
+        u0, u1, u2 = slopes_in_world(cameras, p, g0, g1, g2)
+        w0, w1, w2 = slopes_in_world(cameras, p, h0, h1, h2)
+        J[o, 0], J[o, 1], J[o, 2], J[o, 3], J[o, 4], J[o, 5] = slopes_of_pose(g0, g1, g2, px, py, pz)
+        d = o + 1
+        J[d, 0], J[d, 1], J[d, 2], J[d, 3], J[d, 4], J[d, 5] = slopes_of_pose(h0, h1, h2, px, py, pz)
+        J[o, 6], J[o, 7], J[o, 8], J[o, 9] = u0, u1, u2, r0
+        J[d, 6], J[d, 7], J[d, 8], J[d, 9] = w0, w1, w2, r1
         v00 += u0 * u0 + w0 * w0
         v10 += u1 * u0 + w1 * w0
         v11 += u1 * u1 + w1 * w1
@@ -154,7 +127,7 @@ def linearise_point(
         b1 -= u1 * r0 + w1 * r1
         b2 -= u2 * r0 + w2 * r1
         if free_of[c, 1]:
-            calibration_rows(o, c, s, x, y, xd, yd, q, J)
+            fill_free_slopes(q, c, unit, s, x, y, xd, yd, J, o)
             if along != 0.0:
                 for k in range(CALIBRATION, CALIBRATION + free_of[c, 1]):
                     t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
@@ -165,33 +138,26 @@ def linearise_point(
     return behind
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def point_cost(
-    begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
+    begin: int, end: int, photograph: IntArray, measured: FloatArray, cameras: OrientedCameras, X: FloatArray,
     number: int, loss: int, threshold: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Return the cost of a point's rays, and how many come from behind their camera or are beyond the threshold."""
     cost, bad = 0.0, 0
     for i in range(begin, end):
-        p, c = seen[i, 0], seen[i, 1]
-        dx, dy, dz = X[number, 0] - pose[p, 9], X[number, 1] - pose[p, 10], X[number, 2] - pose[p, 11]
-        pz = pose[p, 2] * dx + pose[p, 5] * dy + pose[p, 8] * dz
-        if not pz > 0.0 and (q[c, MODEL] != PROJECTIVE or pz == 0.0):
+        p = np.uint64(photograph[i])
+        c = np.uint64(cameras.camera[p])
+        model, q = cameras.model[c], lens_of(cameras.parameters, c)
+        px, py, pz = in_camera(cameras, p, X[number, 0], X[number, 1], X[number, 2])
+        if not pz > 0.0 and (model != PROJECTIVE or pz == 0.0):
             cost += robust((measured[i, 2] * BEHIND_PX) ** 2, loss, threshold)[0]
             bad += 1
             continue
-        px = pose[p, 0] * dx + pose[p, 3] * dy + pose[p, 6] * dz
-        py = pose[p, 1] * dx + pose[p, 4] * dy + pose[p, 7] * dz
-        near = 1.0 / pz
-        if q[c, MODEL] == FISHEYE:
-            near = equidistant(px, py, pz)[0]
-        x, y = px * near, py * near
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (q[c, 3] + r2 * (q[c, 4] + r2 * (q[c, 5] + r2 * q[c, 6])))
-        xd = x * radial + 2.0 * q[c, 7] * x * y + q[c, 8] * (r2 + 2.0 * x * x)
-        yd = y * radial + q[c, 7] * (r2 + 2.0 * y * y) + 2.0 * q[c, 8] * x * y
-        r0 = measured[i, 2] * ((q[c, 0] + q[c, 9]) * xd + q[c, 10] * yd + q[c, 1] - measured[i, 0])
-        r1 = measured[i, 2] * (q[c, 0] * yd + q[c, 2] - measured[i, 1])
+        near, _, _ = stretch_of(model, px, py, pz)
+        xd, yd, _, _, _ = distorted(q, px * near, py * near)
+        du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
+        r0, r1 = measured[i, 2] * du, measured[i, 2] * dv
         square = r0 * r0 + r1 * r1
         cost += robust(square, loss, threshold)[0]
         bad += loss != 0 and square > threshold * threshold
@@ -315,8 +281,8 @@ def add_pose(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def add_border(
-    count: int, first: int, seen: IntArray, free_of: IntArray, J: FloatArray, y: FloatArray, slot_of: IntArray,
-    own: IntArray, Yc: FloatArray, H: FloatArray,
+    count: int, first: int, photograph: IntArray, camera_of: IntArray, free_of: IntArray, J: FloatArray, y: FloatArray,
+    slot_of: IntArray, own: IntArray, Yc: FloatArray, H: FloatArray,
 ) -> int:  # fmt: skip
     """Add a point's share to the border: H holds its matrix, then the undamped diagonal, then the right-hand side.
 
@@ -325,7 +291,7 @@ def add_border(
     """
     border, slots = H.shape[1], 0
     for o in range(count):
-        camera = seen[first + o, 1]
+        camera = camera_of[photograph[first + o]]
         own[o], column, size = -1, free_of[camera, 0], free_of[camera, 1]
         if column < 0:
             continue
@@ -359,8 +325,9 @@ def add_border(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def accumulate(
-    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
+    begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
+    cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int,
+    threshold: float,
     least: float, damping: float, prior: FloatArray, origin: int, stride: int, A: FloatArray, Q: FloatArray,
     H: FloatArray,
 ) -> int:  # fmt: skip
@@ -373,13 +340,15 @@ def accumulate(
         longest = max(longest, first[p + 1] - first[p])
     J, V, M, y = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6), np.zeros(3)
     place, own = np.zeros(longest, np.int64), np.zeros(longest, np.int64)
-    slot_of, Yc = np.zeros((len(q), 2), np.int64), np.zeros((len(q), 3, PARAMETERS))
+    count = len(cameras.model)
+    slot_of, Yc = np.zeros((count, 2), np.int64), np.zeros((count, 3, PARAMETERS))
     share = 48 + 6 * H.shape[1]
     for p in range(begin, end):
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
         linearise_point(
-            first[p], first[p + 1], seen, measured, q, pose, X, index[p], free_of, loss, threshold, least, J, V
+            first[p], first[p + 1], photograph, measured, cameras, unit, X, index[p], free_of, loss, threshold, least,
+            J, V,
         )  # fmt: skip
         if V[0] + V[4] + V[8] == 0.0:  # behind all of its cameras
             continue
@@ -389,9 +358,9 @@ def accumulate(
         y[2] = M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
         count = first[p + 1] - first[p]
         eliminate_coordinates(2 * count, M, J)
-        slots = add_border(count, first[p], seen, free_of, J, y, slot_of, own, Yc, H)
+        slots = add_border(count, first[p], photograph, cameras.camera, free_of, J, y, slot_of, own, Yc, H)
         for o in range(count):
-            place[o] = place_of[seen[first[p] + o, 0]]
+            place[o] = place_of[photograph[first[p] + o]]
             if place[o] >= 0:
                 add_pose(place[o] * share, 2 * o, own[o], slots, slot_of, J, y, Yc, Q)
         subtract_pairs(count, place, J, A, stride, origin)
@@ -400,22 +369,24 @@ def accumulate(
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def settle_point(
-    begin: int, end: int, seen: IntArray, measured: FloatArray, q: FloatArray, pose: FloatArray, X: FloatArray,
-    number: int, held: IntArray, loss: int, threshold: float, least: float, value: float, J: FloatArray, V: FloatArray,
-    M: FloatArray, moved: FloatArray,
+    begin: int, end: int, photograph: IntArray, measured: FloatArray, cameras: OrientedCameras, unit: FloatArray,
+    X: FloatArray, number: int, held: IntArray, loss: int, threshold: float, least: float, value: float,
+    J: FloatArray, V: FloatArray, M: FloatArray, moved: FloatArray,
 ) -> float:  # fmt: skip
     """Move a point with mismatches, of the cost ``value``, down its own cost while its cameras rest; returns its cost.
 
     Begins where the step took it or where it was in X, whichever costs less. Embedded iterations (Jeong et al. 2012):
     what mismatches make of a point is far from linear, and would hold back the step of everything.
     """
-    stayed, _ = point_cost(begin, end, seen, measured, q, pose, X, number, loss, threshold)
+    stayed, _ = point_cost(begin, end, photograph, measured, cameras, X, number, loss, threshold)
     if stayed < value:
         moved[number], value = X[number], stayed
     damping = 1e-3
     for _ in range(SETTLING):
         V[:] = 0.0
-        linearise_point(begin, end, seen, measured, q, pose, moved, number, held, loss, threshold, least, J, V)
+        linearise_point(
+            begin, end, photograph, measured, cameras, unit, moved, number, held, loss, threshold, least, J, V
+        )
         if not inverse_factor(V, damping, M):
             break
         y0, y1, y2 = M[0] * V[9], M[1] * V[9] + M[2] * V[10], M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
@@ -424,7 +395,7 @@ def settle_point(
         before, far = value, 1.0
         while far < 1e6:  # a point whose rays diverge is better off the farther it goes
             moved[number, 0], moved[number, 1], moved[number, 2] = x + far * t0, y + far * t1, z + far * t2
-            found, _ = point_cost(begin, end, seen, measured, q, pose, moved, number, loss, threshold)
+            found, _ = point_cost(begin, end, photograph, measured, cameras, moved, number, loss, threshold)
             if not found < value:
                 break
             value, far = found, 2.0 * far
@@ -441,22 +412,23 @@ def settle_point(
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def cost_of_points(
-    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, loss: int, threshold: float,
+    begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
+    cameras: OrientedCameras, X: FloatArray, loss: int, threshold: float,
 ) -> float:  # fmt: skip
     """Return the cost of the points of a range."""
     cost = 0.0
     for p in range(begin, end):
-        cost += point_cost(first[p], first[p + 1], seen, measured, q, pose, X, index[p], loss, threshold)[0]
+        cost += point_cost(first[p], first[p + 1], photograph, measured, cameras, X, index[p], loss, threshold)[0]
     return cost
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def substitute_points(
-    begin: int, end: int, first: IntArray, index: IntArray, seen: IntArray, measured: FloatArray, q: FloatArray,
-    pose: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int, threshold: float,
+    begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
+    cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int,
+    threshold: float,
     least: float, damping: float, prior: FloatArray, step: FloatArray, border_step: FloatArray,
-    moved_q: FloatArray, moved_pose: FloatArray, moved_X: FloatArray,
+    moved: OrientedCameras, moved_X: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
     """Fill the points moved by their part of the step; returns their share of the decrease that the linear model
     predicts, and their cost after the step."""
@@ -470,13 +442,14 @@ def substitute_points(
         for k in range(12):
             V[k] = prior[number, k] if len(prior) else 0.0
         linearise_point(
-            first[p], first[p + 1], seen, measured, q, pose, X, number, free_of, loss, threshold, least, J, V
+            first[p], first[p + 1], photograph, measured, cameras, unit, X, number, free_of, loss, threshold, least,
+            J, V,
         )  # fmt: skip
         if not inverse_factor(V, damping, M):  # behind all of its cameras
             M[:] = 0.0
         t0, t1, t2 = V[9], V[10], V[11]
         for i in range(first[p], first[p + 1]):
-            c, at, camera = 2 * (i - first[p]), 6 * place_of[seen[i, 0]], seen[i, 1]
+            c, at, camera = 2 * (i - first[p]), 6 * place_of[photograph[i]], cameras.camera[photograph[i]]
             r0, r1 = 0.0, 0.0
             if at >= 0:
                 for a in range(6):
@@ -484,9 +457,9 @@ def substitute_points(
                     r1 += J[c + 1, a] * step[at + a]
             column = np.uint64(max(free_of[camera, 0], 0))
             for a in range(free_of[camera, 1]):
-                moved = border_step[column + np.uint64(a)]
-                r0 += J[c, CALIBRATION + a] * moved
-                r1 += J[c + 1, CALIBRATION + a] * moved
+                change = border_step[column + np.uint64(a)]
+                r0 += J[c, CALIBRATION + a] * change
+                r1 += J[c + 1, CALIBRATION + a] * change
             decrease -= 0.5 * (J[c, 9] * r0 + J[c + 1, 9] * r1)
             t0 -= J[c, 6] * r0 + J[c + 1, 6] * r1
             t1 -= J[c, 7] * r0 + J[c + 1, 7] * r1
@@ -501,11 +474,11 @@ def substitute_points(
             X[number, 2] + t2,
         )
         value, bad = point_cost(
-            first[p], first[p + 1], seen, measured, moved_q, moved_pose, moved_X, number, loss, threshold
+            first[p], first[p + 1], photograph, measured, moved, moved_X, number, loss, threshold
         )  # fmt: skip
         if bad > 0 and not len(prior):
             value = settle_point(
-                first[p], first[p + 1], seen, measured, moved_q, moved_pose, X, number, held, loss, threshold, least,
+                first[p], first[p + 1], photograph, measured, moved, unit, X, number, held, loss, threshold, least,
                 value, J, V, M, moved_X,
             )  # fmt: skip
         cost += value

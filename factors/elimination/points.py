@@ -24,6 +24,7 @@ from photogram.factors.elimination.kernels import accumulate, cost_of_points, su
 from photogram.factors.elimination.loss import Loss
 from photogram.factors.elimination.reduced import Layout, NormalEquations
 from photogram.factors.elimination.reprojection import Observations
+from photogram.projection import OrientedCameras
 
 MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
 CHUNKS = 4
@@ -31,33 +32,21 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Cameras:
-    """Interior and exterior orientation: ``parameters`` (cameras, 11), ``rotation`` (N, 3, 3) world from camera,
-    ``position`` (N, 3) in the world, m."""
-
-    parameters: FloatArray
-    rotation: FloatArray
-    position: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Rays:
     """Observations laid out for elimination: points in the order of their first photograph in the band.
 
     ``index`` (P,) are the points' own numbers; rays of point p are ``[first[p], first[p + 1])``, in the order of the
-    band: ``seen`` (N, 2) photograph and camera, ``measured`` (N, 3) pixel and 1 / sigma. ``model`` (cameras,) are the
-    cameras' models. ``chunks`` are ranges of points.
+    band: ``photograph`` (N,), ``measured`` (N, 3) pixel and 1 / sigma. ``chunks`` are ranges of points.
     """
 
     index: IntArray
     first: IntArray
-    seen: IntArray
+    photograph: IntArray
     measured: FloatArray
-    model: IntArray
     chunks: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
-        return len(self.seen)
+        return len(self.photograph)
 
 
 def first_observations(point: IntArray, count: int) -> IntArray:
@@ -83,9 +72,8 @@ def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays
     return Rays(
         index[points],
         first,
-        np.column_stack([o.photograph[order], o.camera[order]]),
+        o.photograph[order],
         np.column_stack([o.pixel[order], 1.0 / o.sigma_px[order]]),
-        o.model,
         tuple(pairwise(edges)),
     )
 
@@ -111,16 +99,9 @@ class Points:
         return Points(position, np.zeros((0, 12)))
 
 
-def _packed(cameras: Cameras, model: IntArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return interior orientations, their units and their models (cameras, 23), rotations and positions (N, 12)."""
-    count = len(cameras.position)
-    q = np.concatenate([cameras.parameters, layout.unit, model[:, None]], axis=1)
-    return q, np.concatenate([cameras.rotation.reshape(count, 9), cameras.position], axis=1)
-
-
 def eliminate(
     rays: Rays,
-    cameras: Cameras,
+    cameras: OrientedCameras,
     points: Points,
     normal: NormalEquations,
     loss: Loss,
@@ -134,15 +115,14 @@ def eliminate(
     """
     layout, whole = normal.layout, len(rays.chunks) == 1
     free_of = layout.free_of
-    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
         origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
         part = normal if whole else normal.part(origin, last)
         failed = accumulate(
-            begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, origin,
-            layout.stride, part.A, part.Q.reshape(-1), part.H,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+            points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
+            points.prior, origin, layout.stride, part.A, part.Q.reshape(-1), part.H,
         )  # fmt: skip
         return int(failed), origin, part
 
@@ -156,19 +136,17 @@ def eliminate(
 
 def observation_cost(
     rays: Rays,
-    cameras: Cameras,
+    cameras: OrientedCameras,
     position: FloatArray,
-    layout: Layout,
     loss: Loss,
     pool: ThreadPoolExecutor | None = None,
 ) -> float:
     """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
-    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> float:
         return float(
             cost_of_points(
-                begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, position, loss.kind,
+                begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, position, loss.kind,
                 loss.threshold,
             )
         )  # fmt: skip
@@ -178,20 +156,20 @@ def observation_cost(
 
 def _span(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
     """Return the first and last place in the band of the photographs that see the points of a range."""
-    places = layout.place[rays.seen[rays.first[begin] : rays.first[end], 0]]
+    places = layout.place[rays.photograph[rays.first[begin] : rays.first[end]]]
     places = places[places >= 0]
     return (int(places.min()), int(places.max())) if len(places) else (0, 0)
 
 
 def substitute(
     rays: Rays,
-    cameras: Cameras,
+    cameras: OrientedCameras,
     points: Points,
     layout: Layout,
     loss: Loss,
     damping: float,
     step: tuple[FloatArray, FloatArray],
-    moved: Cameras,
+    moved: OrientedCameras,
     pool: ThreadPoolExecutor | None = None,
 ) -> tuple[FloatArray, float, float]:
     """Return the points (P, 3) moved by their part of a step, the decrease that the linear model of the observations
@@ -201,15 +179,13 @@ def substitute(
     damping of the cameras and everything that is known of them but for the observations.
     """
     result = points.position.copy()
-    q, pose = _packed(cameras, rays.model, layout)
     free_of = layout.free_of
-    moved_q, moved_pose = _packed(moved, rays.model, layout)
 
     def work(begin: int, end: int) -> tuple[float, float]:
         found: tuple[float, float] = substitute_points(
-            begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-            free_of, loss.kind, loss.threshold, loss.least_curvature, damping, points.prior, *step,
-            moved_q, moved_pose, result,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+            points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
+            points.prior, *step, moved, result,
         )  # fmt: skip
         return found
 
@@ -219,7 +195,7 @@ def substitute(
 
 def point_covariances(
     rays: Rays,
-    cameras: Cameras,
+    cameras: OrientedCameras,
     points: Points,
     layout: Layout,
     loss: Loss,
@@ -238,14 +214,13 @@ def point_covariances(
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
     free_of = layout.free_of
-    q, pose = _packed(cameras, rays.model, layout)
 
     def work(begin: int, end: int) -> int:
         return int(
             covariances_of_points(
-                begin, end, rays.first, rays.index, rays.seen, rays.measured, q, pose, points.position, layout.place,
-                free_of, loss.kind, loss.threshold, loss.least_curvature, points.prior, layout.stride,
-                inverse, own, turned, border, result,
+                begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+                points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature,
+                points.prior, layout.stride, inverse, own, turned, border, result,
             )
         )  # fmt: skip
 

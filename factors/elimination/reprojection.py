@@ -16,31 +16,21 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.variables import CALIBRATION, POSE, key
-from photogram.projection import PARAMETERS, RADIAL, TANGENTIAL, project_point, project_point_jacobians
+from photogram.projection import PARAMETERS, RADIAL, TANGENTIAL, OrientedCameras, project_point, project_point_jacobians
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,), ``camera`` (N,);
-    ``model`` (cameras,) are the cameras' models, as camera.models_of has them."""
+    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,)."""
 
     photograph: IntArray
     point: IntArray
     pixel: FloatArray
     sigma_px: FloatArray
-    camera: IntArray
-    model: IntArray
 
     def select(self, keep: NDArray[np.bool_] | IntArray) -> Observations:
         """Keep the observations of the mask (N,), or of indices."""
-        return Observations(
-            self.photograph[keep],
-            self.point[keep],
-            self.pixel[keep],
-            self.sigma_px[keep],
-            self.camera[keep],
-            self.model,
-        )
+        return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep])
 
     def __len__(self) -> int:
         return len(self.photograph)
@@ -48,23 +38,23 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Whitened residuals (N, 2), Jacobians on pose (N, 2, 6), interior orientation (N, 2, 11) and point (N, 2, 3)."""
+    """Whitened residuals (N, 2), Jacobians on pose (N, 2, 6), interior orientation (N, 2, 11) and point (N, 2, 3);
+    ``camera`` (N,) of each observation."""
 
     residual: FloatArray
     pose: FloatArray
     calibration: FloatArray
     point: FloatArray
+    camera: IntArray
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _residuals(
-    photograph: IntArray, point: IntArray, camera: IntArray, model: IntArray, pixel: FloatArray, sigma: FloatArray,
-    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
-) -> FloatArray:  # fmt: skip
+    photograph: IntArray, point: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras, X: FloatArray
+) -> FloatArray:
     residual = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
-        p, c = photograph[i], camera[i]
-        u, v, depth = project_point(model[c], q[c], R[p], C[p], X[point[i]])
+        u, v, depth = project_point(cameras, photograph[i], X[point[i]])
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -74,17 +64,13 @@ def _residuals(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _linearise(
-    photograph: IntArray, point: IntArray, camera: IntArray, model: IntArray, pixel: FloatArray, sigma: FloatArray,
-    q: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    photograph: IntArray, point: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras, X: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     count = len(photograph)
     residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
     J_camera, J_point = np.empty((count, 2, PARAMETERS)), np.empty((count, 2, 3))
     for i in range(count):
-        p, c = photograph[i], camera[i]
-        u, v, depth = project_point_jacobians(
-            model[c], q[c], R[p], C[p], X[point[i]], J_pose[i], J_camera[i], J_point[i]
-        )
+        u, v, depth = project_point_jacobians(cameras, photograph[i], X[point[i]], J_pose[i], J_camera[i], J_point[i])
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -95,30 +81,22 @@ def _linearise(
     return residual, J_pose, J_camera, J_point
 
 
-def residuals(
-    observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray
-) -> FloatArray:
-    """Return whitened residuals (N, 2), infinite for points at or behind the projection centre.
-
-    ``parameters`` (cameras, 11), ``R`` (photographs, 3, 3) world from camera, ``C`` (photographs, 3) and ``X``
-    (points, 3) world, m.
-    """
+def residuals(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> FloatArray:
+    """Return whitened residuals (N, 2) of points X (P, 3) in the world, m; infinite for points at or behind the
+    projection centre."""
     o = observations
-    result: FloatArray = _residuals(o.photograph, o.point, o.camera, o.model, o.pixel, o.sigma_px, parameters, R, C, X)
+    result: FloatArray = _residuals(o.photograph, o.point, o.pixel, o.sigma_px, cameras, X)
     return result
 
 
-def linearise(
-    observations: Observations, parameters: FloatArray, R: FloatArray, C: FloatArray, X: FloatArray
-) -> Linearisation:
-    """Return whitened residuals and analytic Jacobians of all observations; arguments as in ``residuals``.
+def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> Linearisation:
+    """Return whitened residuals and analytic Jacobians of all observations of points X (P, 3) in the world, m.
 
     Points at or behind the projection centre pull at nothing: theirs are zero.
     """
     o = observations
-    return Linearisation(
-        *_linearise(o.photograph, o.point, o.camera, o.model, o.pixel, o.sigma_px, parameters, R, C, X)
-    )
+    residual, pose, calibration, point = _linearise(o.photograph, o.point, o.pixel, o.sigma_px, cameras, X)
+    return Linearisation(residual, pose, calibration, point, cameras.camera[o.photograph])
 
 
 def calibration_scale(focal_px: float) -> FloatArray:
@@ -145,7 +123,7 @@ def reprojection_factors(
     root = np.sqrt(weight)[:, None]
     b = -linear.residual * root
     J_pose, J_point = linear.pose * root[:, None], linear.point * root[:, None]
-    J_camera = linear.calibration * root[:, None] * scale[observations.camera][:, None, :]
+    J_camera = linear.calibration * root[:, None] * scale[linear.camera][:, None, :]
     reduced = [np.ascontiguousarray(J_camera[:, :, indices]) for indices in free]
     unit = gtsam.noiseModel.Unit.Create(2)
     poses = [key(POSE, i) for i in range(int(observations.photograph.max(initial=-1)) + 1)]
@@ -153,7 +131,7 @@ def reprojection_factors(
     calibrations = [key(CALIBRATION, c) for c in range(len(free))]
     factors = []
     for i, (p, x, c) in enumerate(
-        zip(observations.photograph.tolist(), observations.point.tolist(), observations.camera.tolist(), strict=True)
+        zip(observations.photograph.tolist(), observations.point.tolist(), linear.camera.tolist(), strict=True)
     ):
         if len(free[c]):
             factors.append(

@@ -5,16 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from photogram.arrays import FloatArray
+from photogram.projection import OrientedCameras
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Values of all variables: ``rotation`` (N, 3, 3) world from camera, ``position`` (N, 3), ``parameters``
-    (cameras, 11), ``tie_point`` (P, 3), ``control`` (G, 3), ``offset`` (flights, 3); positions in the world, m."""
+    """Values of all variables: ``cameras`` interior and exterior orientation, ``tie_point`` (P, 3), ``control`` (G, 3),
+    ``offset`` (flights, 3); positions in the world, m."""
 
-    rotation: FloatArray
-    position: FloatArray
-    parameters: FloatArray
+    cameras: OrientedCameras
     tie_point: FloatArray
     control: FloatArray
     offset: FloatArray
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Return the rotations (N, 3, 3) of the photographs, world from camera."""
+        return self.cameras.rotation
+
+    @property
+    def position(self) -> FloatArray:
+        """Return the projection centres (N, 3) in the world, m."""
+        return self.cameras.position
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Return the interior orientations (cameras, 11)."""
+        return self.cameras.parameters

@@ -31,7 +31,7 @@ from photogram.adjustment.reliability import reliability
 from photogram.adjustment.solvability import UnheldError, check_determined, check_in_front, undetermined, weak_parts
 from photogram.adjustment.variance_components import variance_components
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Pose, models_of
+from photogram.camera import Pose
 from photogram.errors import AdjustmentError, check_range
 from photogram.factors.consider import with_considered
 from photogram.factors.covariance import covariances
@@ -42,7 +42,6 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.minimisation import minimise_graph, minimise_problem
-from photogram.projection import PARAMETERS
 from photogram.results import Adjustment
 from photogram.survey import Block
 
@@ -97,11 +96,8 @@ def minimise(
 
 def start_state(block: Block, flights: tuple[str, ...]) -> State:
     """Return the starting values of a block whose photographs are all oriented."""
-    poses = [pose for pose in block.poses if pose is not None]
     return State(
-        np.array([pose.rotation_world_from_camera for pose in poses]).reshape(-1, 3, 3),
-        np.array([pose.position_world_m for pose in poses]).reshape(-1, 3),
-        np.array([camera.parameters for camera in block.cameras]).reshape(-1, PARAMETERS),
+        block.oriented_cameras(),
         block.tie_points.position_world_m.copy(),
         control_positions(block)[0],
         np.zeros((len(flights), 3)),
@@ -116,23 +112,19 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
         raise AdjustmentError(f"not oriented, so they cannot be adjusted: {', '.join(missing)}")
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
-    models = models_of(block.cameras)
     position, axes = control_positions(block)
     if np.any(block.gnss_offset_sigma_m > 0):
         flights = tuple(sorted({p.flight for p in block.photographs if p.gnss_world_m is not None}))
     return Problem(
         block,
-        Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], models),
+        Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px),
         Observations(
             control.mark_photograph,
             control.mark_point,
             control.mark_pixel,
             control.mark_sigma_px,
-            camera_of[control.mark_photograph],
-            models,
         ).select(np.isfinite(control.mark_sigma_px)),
         position,
         np.where(control.controlled, control.sigma_m, np.inf),
@@ -179,7 +171,7 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         if last:
             break
         state = minimum.state
-        whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+        whitened = residuals(problem.tie, state.cameras, state.tie_point)
         scale = noise_scale(whitened, problem.tie.point, len(tie))
         limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
         _LOG.debug(
@@ -200,7 +192,7 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
     unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
-    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    tie = residuals(problem.tie, state.cameras, state.tie_point)
     robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
     squares = 2.0 * (cost(problem, graph, state) - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
@@ -276,16 +268,14 @@ def _adjust_oriented(
         first = start_state(block, whole.flights)
         if len(start):
             free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
-            first = replace(first, parameters=np.where(free, np.array(start), first.parameters))
+            moved = np.where(free, np.array(start), first.parameters)
+            first = replace(first, cameras=first.cameras._replace(parameters=moved))
         solved = _solve_rounds(whole, first, settings, progress)
         state = solved.minimum.state
         adjusted, kept = _adjusted_block(block, state, solved.used)
-        camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
         tie = adjusted.tie_points
         final_state = replace(state, tie_point=tie.position_world_m)
-        final = solved.problem.with_tie_observations(
-            Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px, camera_of[tie.photograph], whole.tie.model)
-        )
+        final = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
         progress("covariances")
         held = covariances(final, final_state)
         counted = with_considered(final, final_state)
@@ -298,7 +288,7 @@ def _adjust_oriented(
     poses, R = found.poses, state.rotation
     held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
     arm = left_arm(final, final_state, held)
-    tie_residual = residuals(final.tie, state.parameters, R, state.position, tie.position_world_m)
+    tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
     return Adjustment(
         block=adjusted,
         sigma0=sigma0,

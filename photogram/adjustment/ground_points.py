@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Camera, image_plane_or_nan, models_of
+from photogram.camera import Camera, image_plane_or_nan
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, residuals
@@ -57,19 +57,15 @@ def _check_points(
     mask = np.isin(points.mark_point, index) & np.isfinite(points.mark_sigma_px)
     order = np.flatnonzero(mask)[np.lexsort((points.mark_photograph[mask], points.mark_point[mask]))]
     number = np.searchsorted(index, points.mark_point[order])
-    camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
-    photograph = points.mark_photograph[order]
     observations = Observations(
-        photograph,
+        points.mark_photograph[order],
         number,
         points.mark_pixel[order],
         points.mark_sigma_px[order],
-        camera_of[photograph],
-        problem.tie.model,
     )
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
     X = intersect_weighted(observations, cameras, state, len(index))
-    linear = linearise(observations, state.parameters, state.rotation, state.position, X)
+    linear = linearise(observations, state.cameras, X)
     first = first_observations(number, len(index))
     for n, g in enumerate(index.tolist()):
         if not np.isfinite(X[n]).all():
@@ -88,7 +84,7 @@ def _intersection_covariance(
     cameras = found.joint(photographs)
     owner, parameter = found.layout.free_parameters
     J = np.zeros((len(number), 2, len(cameras)))
-    for n, (i, camera) in enumerate(zip(number.tolist(), observations.camera[rays].tolist(), strict=True)):
+    for n, (i, camera) in enumerate(zip(number.tolist(), linear.camera[rays].tolist(), strict=True)):
         J[n, :, 6 * i : 6 * i + 6] = linear.pose[rays][n]
         columns = np.flatnonzero(owner == camera)
         J[n, :, border + columns] = linear.calibration[rays][n][:, parameter[columns]].T
@@ -102,26 +98,21 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
     rays; returns positions (count, 3) in the world, NaN where rays do not meet in front of all their photographs."""
     o = observations
     ideal = np.empty_like(o.pixel)
-    for c in np.unique(o.camera):
-        ideal[o.camera == c] = image_plane_or_nan(cameras[c], o.pixel[o.camera == c])
-    camera_of = np.zeros(len(state.rotation), dtype=np.int64)
-    camera_of[o.photograph] = o.camera
+    camera = state.cameras.camera[o.photograph]
+    for c in np.unique(camera):
+        ideal[camera == c] = image_plane_or_nan(cameras[c], o.pixel[camera == c])
     everything = np.full(len(o), 1e6)
     X, _ = consensus_intersections(
         first_observations(o.point, count),
         o.photograph,
-        camera_of,
         o.pixel,
         ideal,
         everything,
-        o.model,
-        state.parameters,
-        state.rotation,
-        state.position,
+        state.cameras,
     )
     met = np.isfinite(X).all(axis=1)
     for _ in range(20):
-        linear = linearise(o, state.parameters, state.rotation, state.position, np.nan_to_num(X))
+        linear = linearise(o, state.cameras, np.nan_to_num(X))
         V, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
         np.add.at(V, o.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
         np.add.at(g, o.point, np.einsum("nri,nr->ni", linear.point, linear.residual))
@@ -132,7 +123,7 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         X = X - step
         if np.abs(step).max(initial=0.0) < 1e-9:
             break
-    left = residuals(o, state.parameters, state.rotation, state.position, np.nan_to_num(X))
+    left = residuals(o, state.cameras, np.nan_to_num(X))
     met &= np.bincount(o.point, ~np.isfinite(left).all(axis=1), minlength=count) == 0
     return np.where(met[:, None], X, np.nan)
 
@@ -152,7 +143,6 @@ def ground_points(problem: Problem, state: State, found: Covariances) -> tuple[F
 def mark_residuals_px(block: Block, ground_world_m: FloatArray, state: State) -> FloatArray:
     """Return projected minus measured (M, 2) of all marks, NaN for points without a position."""
     points = block.control_points
-    camera = np.array([p.camera for p in block.photographs], dtype=np.int64)[points.mark_photograph]
     known = np.asarray(np.isfinite(ground_world_m).all(axis=1))[points.mark_point]
     residual = np.full((len(known), 2), np.nan)
     marks = Observations(
@@ -160,8 +150,6 @@ def mark_residuals_px(block: Block, ground_world_m: FloatArray, state: State) ->
         points.mark_point,
         points.mark_pixel,
         np.ones(len(known)),
-        camera,
-        models_of(block.cameras),
     ).select(known)
-    residual[known] = residuals(marks, state.parameters, state.rotation, state.position, np.nan_to_num(ground_world_m))
+    residual[known] = residuals(marks, state.cameras, np.nan_to_num(ground_world_m))
     return residual

@@ -61,7 +61,7 @@ def agreeing_observations(
     block, tie = problem.block, problem.block.tie_points
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     known = np.isfinite(state.tie_point).all(axis=1)
-    whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, np.nan_to_num(state.tie_point))
+    whitened = residuals(problem.tie, state.cameras, np.nan_to_num(state.tie_point))
     misfit_px = np.linalg.norm(whitened, axis=1) * tie.sigma_px
     good = known & (np.bincount(tie.point[~(misfit_px < limit_px)], minlength=len(tie)) == 0)
     used, points = good[tie.point], state.tie_point.copy()
@@ -71,14 +71,10 @@ def agreeing_observations(
         points[~good], used[~used] = consensus_intersections(
             rest.first_observation,
             rest.photograph,
-            camera_of,
             rest.pixel,
             ideal_observations(cameras, camera_of, rest, draft=True),
             TWO_RAY_ALLOWANCE * limit_px[~good[tie.point]],
-            problem.tie.model,
-            state.parameters,
-            state.rotation,
-            state.position,
+            state.cameras,
         )
     narrow = ray_angles(tie, used, state.position, points) < minimum_ray_angle_rad
     used &= ~narrow[tie.point]

@@ -182,7 +182,7 @@ def reliability(
     mark_redundancy, mark_w, mark_left_out = (np.full((len(points.mark_point), 2), np.nan) for _ in range(3))
     mark_covariance = np.full((len(points.mark_point), 2, 2), np.nan)
     if len(marks):
-        v = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+        v = residuals(problem.marks, state.cameras, state.control)
         adjusted_marks, sigma_px = mark_covariances(problem, state, known.held), problem.marks.sigma_px
         if known.counted is not known.held:
             adjusted_marks = _doubled(adjusted_marks, mark_covariances(other, state, known.counted))

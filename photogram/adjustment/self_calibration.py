@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.camera import Camera
-from photogram.projection import CLASSIC, PARAMETER_NAMES
+from photogram.projection import CAMERA_PARAMETERS, FOCAL, PARAMETER_NAMES, USUAL
 from photogram.results import Adjustment, FocalDecision
 from photogram.survey import Block
 
@@ -30,19 +30,11 @@ Held = dict[str, dict[str, str]]
 
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothing of a parameter
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
-WEAKEST = {
-    "focal_px": 0.1, "cx_px": 0.05, "cy_px": 0.05, "k1": 0.3, "k2": 0.3, "k3": 0.3, "k4": 0.3, "p1": 0.01, "p2": 0.01,
-    "b1": 0.01, "b2": 0.01,
-}  # fmt: skip
-"""Priors of parameters left wholly free: of focal length and affinity in the focal length, of the principal point in
-the width."""
 
 
 def with_priors(camera: Camera) -> Camera:
     """Return the camera with wide priors in place of none."""
-    f, width = camera.focal_px, float(camera.width_px)
-    unit = {"focal_px": f, "cx_px": width, "cy_px": width, "b1": f, "b2": f}
-    weakest = np.array([WEAKEST[name] * unit.get(name, 1.0) for name in PARAMETER_NAMES])
+    weakest = np.array([p.in_its_unit(p.weakest, camera.focal_px, camera.width_px) for p in CAMERA_PARAMETERS])
     return replace(camera, sigmas=np.where(np.isinf(camera.sigmas), weakest, camera.sigmas))
 
 
@@ -92,7 +84,7 @@ def held_parameters(
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         reasons = {}
         for k, name in enumerate(PARAMETER_NAMES):
-            if camera.sigmas[k] == 0.0 and not CLASSIC[k] and camera.parameters[k] == 0.0:
+            if camera.sigmas[k] == 0.0 and not USUAL[k] and camera.parameters[k] == 0.0:
                 continue  # a term that the camera does without
             if camera.sigmas[k] == 0.0:
                 reasons[name] = "held at its given value"
@@ -100,6 +92,6 @@ def held_parameters(
                 reasons[name] = _why(name, float(camera.sigmas[k]), float(sigma[k]), tilt, spread)
         decision = focal_lengths.get(camera.name)
         if decision is not None and not decision.says.trustworthy:
-            reasons[PARAMETER_NAMES[0]] = decision.sentence
+            reasons[PARAMETER_NAMES[FOCAL]] = decision.sentence
         held[camera.name] = reasons
     return held

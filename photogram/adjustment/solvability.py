@@ -67,7 +67,8 @@ def check_determined(problem: Problem) -> None:
             f"nothing fixes the block in {block.frame.crs}: {count} control points{part} "
             f"and {positions} GNSS positions; three of either, not in one line, are needed"
         )
-    used = set(problem.tie.camera.tolist()) | set(problem.marks.camera.tolist())
+    taking_part = np.union1d(problem.tie.photograph, problem.marks.photograph)
+    used = {block.photographs[i].camera for i in taking_part.tolist()}
     for c, camera in enumerate(block.cameras):
         if c not in used and np.any(np.isinf(camera.sigmas)):
             raise AdjustmentError(
@@ -131,8 +132,8 @@ def check_in_front(problem: Problem, state: State) -> None:
     UnheldError where it is a single mark or photograph."""
     block = problem.block
     control = block.control_points.with_role("control")
-    marks = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
-    tie = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    marks = residuals(problem.marks, state.cameras, state.control)
+    tie = residuals(problem.tie, state.cameras, state.tie_point)
     if np.isfinite(marks).all() and np.isfinite(tie).all():
         return
     lost = np.flatnonzero(~np.isfinite(marks).all(axis=1))

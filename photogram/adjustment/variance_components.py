@@ -137,7 +137,7 @@ def variance_components(
         *_attitudes(problem, state, found),
         *_priors(problem, state, found, axes),
     ]
-    whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
+    whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)
     ties = _Group(
         "tie_points", 2 * len(problem.tie), redundancy - sum(g.redundancy for g in groups),

@@ -9,10 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+from pydantic import create_model
+
 from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
 from photogram.project.ranges import Within
 from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
+from photogram.projection import CAMERA_PARAMETERS
 from photogram.simulation.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout
 
 
@@ -35,16 +38,12 @@ class SiteEntry(Entry):
     relief_m: Annotated[float, _of("relief_m")] | None = None
 
 
-class CalibrationEntry(Entry):
-    """How well the camera is known before; 0 holds a parameter, free leaves it open."""
+_KNOWN = {p.sigma_key: (Freedom | None, None) for p in CAMERA_PARAMETERS if p.usual}
+_Calibration: type[Entry] = create_model("_Calibration", __base__=Entry, **_KNOWN)  # type: ignore[call-overload]
 
-    focal_px: Freedom | None = None
-    principal_point_px: Freedom | None = None
-    k1: Freedom | None = None
-    k2: Freedom | None = None
-    k3: Freedom | None = None
-    p1: Freedom | None = None
-    p2: Freedom | None = None
+
+class CalibrationEntry(_Calibration):  # type: ignore[misc, valid-type]
+    """How well the camera is known before; 0 holds a parameter, free leaves it open."""
 
 
 class CameraEntry(Entry):

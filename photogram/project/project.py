@@ -36,13 +36,12 @@ from photogram.project.schema import (
     Attitude,
     Calibration,
     CameraEntry,
-    CameraSigmas,
     LeverArmAxes,
     PhotographEntry,
     ProjectFile,
     Quality,
 )
-from photogram.projection import PARAMETER_NAMES, RADIAL_TERMS
+from photogram.projection import RADIAL_TERMS
 from photogram.quality.asprs import ReportSettings
 from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import FeatureSettings
@@ -326,11 +325,6 @@ def _given(value: ValueT | None) -> ValueT:
     return value
 
 
-def _sigmas(sigmas: CameraSigmas) -> FloatArray:
-    centre = dict.fromkeys(("cx_px", "cy_px"), sigmas.principal_point_px)
-    return np.array([centre[name] if name in centre else getattr(sigmas, name) for name in PARAMETER_NAMES])
-
-
 def _camera(
     document: Document, key: Key, entry: CameraEntry, base: Path, read_matlab: ReadMatlabCamera
 ) -> Camera | None:
@@ -370,7 +364,7 @@ def _camera(
             f"the principal point ({cx:.10g}, {cy:.10g}) lies outside the photograph of {camera.width_px} × "
             f"{camera.height_px} px: give it in pixels, u right and v down, from the top-left pixel",
         )
-    return replace(camera, sigmas=_sigmas(entry.sigmas))
+    return replace(camera, sigmas=np.array(entry.sigmas.of_parameters))
 
 
 _Copy = tuple[str, str | None]

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator
+from pydantic import BeforeValidator, Field, PlainValidator, create_model
 
 from photogram.files.tables.position_files import Format
 from photogram.height_systems import HeightSystem
@@ -32,7 +32,7 @@ from photogram.project.ranges import (
     SIGMA_PX,
     Within,
 )
-from photogram.projection import Model
+from photogram.projection import CAMERA_PARAMETERS, SIGMA_KEYS, Model
 from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
@@ -145,19 +145,24 @@ Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
 Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
 
 
-class CameraSigmas(Entry):
+_Sigmas: type[Entry] = create_model("_Sigmas", __base__=Entry, **dict.fromkeys(SIGMA_KEYS, (Freedom, 0.0)))  # type: ignore[call-overload]
+
+
+class CameraSigmas(_Sigmas):  # type: ignore[misc, valid-type]
     """How far each parameter of a camera may move; 0 holds it fixed, infinity leaves it free."""
 
-    focal_px: Freedom = 0.0
-    principal_point_px: Freedom = 0.0
-    k1: Freedom = 0.0
-    k2: Freedom = 0.0
-    k3: Freedom = 0.0
-    k4: Freedom = 0.0
-    p1: Freedom = 0.0
-    p2: Freedom = 0.0
-    b1: Freedom = 0.0
-    b2: Freedom = 0.0
+    @property
+    def of_parameters(self) -> tuple[float, ...]:
+        """Return the sigmas in the order of PARAMETER_NAMES."""
+        return tuple(float(getattr(self, p.sigma_key)) for p in CAMERA_PARAMETERS)
+
+
+def _names_in(key: str) -> list[str]:
+    """Return the parameters of a camera whose values stand at a key, as messages call them."""
+    return [p.name.removesuffix("_px") for p in CAMERA_PARAMETERS if p.key == key]
+
+
+_CENTRE = _vector(*_names_in("principal_point_px"), within=PLACE_PX)
 
 
 class CameraEntry(Entry):
@@ -170,10 +175,12 @@ class CameraEntry(Entry):
     model: Model | None = None
     focal_px: FocalLength | None = None
     focal_readings_px: tuple[FocalLength, ...] = ()
-    principal_point_px: Annotated[tuple[float, float], _vector("cx", "cy", within=PLACE_PX)] | None = None
-    radial: Annotated[tuple[float, ...], _vector("k1", "k2", "k3", "k4", within=DISTORTION, fewest=2)] | None = None
-    tangential: Annotated[tuple[float, float], _vector("p1", "p2", within=DISTORTION)] | None = None
-    affinity: Annotated[tuple[float, float], _vector("b1", "b2", within=PLACE_PX)] | None = None
+    principal_point_px: (
+        Annotated[tuple[float, float], _vector(*_names_in("principal_point_px"), within=PLACE_PX)] | None
+    ) = None
+    radial: Annotated[tuple[float, ...], _vector(*_names_in("radial"), within=DISTORTION, fewest=2)] | None = None
+    tangential: Annotated[tuple[float, float], _vector(*_names_in("tangential"), within=DISTORTION)] | None = None
+    affinity: Annotated[tuple[float, float], _vector(*_names_in("affinity"), within=PLACE_PX)] | None = None
     pixel_origin: PixelOrigin | None = None
     sigmas: CameraSigmas = CameraSigmas()
     calibration: Calibration = "given"

@@ -198,7 +198,7 @@ def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -
 def _intersection_sigmas_m(problem: Problem, state: State, points: IntArray) -> FloatArray:
     """Return the sigmas (P, 3) of tie points, numbers sorted, with the cameras taken as known: east, north, up."""
     o = problem.tie.select(np.isin(problem.tie.point, points))
-    linear = linearise(o, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(o, state.cameras, state.tie_point)
     V = np.zeros((len(points), 3, 3))
     np.add.at(V, np.searchsorted(points, o.point), np.einsum("nri,nrj->nij", linear.point, linear.point))
     return np.asarray(np.sqrt(np.einsum("pii->pi", np.linalg.inv(V))))

@@ -19,7 +19,7 @@ from scipy.stats import t as student
 from photogram.adjustment.solvability import POSITION_WEAK
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
-from photogram.projection import PARAMETER_NAMES
+from photogram.projection import CAMERA_PARAMETERS, PARAMETERS
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
 from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
@@ -43,8 +43,6 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
         "rtk": "RTK instead of these GNSS positions",
     }
 )
-_WORDS = {"focal_px": "focal length", "cx_px": "principal point in x", "cy_px": "principal point in y"}
-_PIXELS = ("focal_px", "cx_px", "cy_px", "b1", "b2")
 
 
 @dataclass(frozen=True)
@@ -273,7 +271,7 @@ def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> l
 
 def _names(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
     many = len(cameras) > 1
-    names = [_WORDS.get(p, p) + (f" of {camera.name}" if many else "") for camera in cameras for p in PARAMETER_NAMES]
+    names = [p.words + (f" of {camera.name}" if many else "") for camera in cameras for p in CAMERA_PARAMETERS]
     for flight in flights:
         of = f" of flight {flight}" if len(flights) > 1 else ""
         names += [f"GNSS offset in {axis}{of}" for axis in ("easting", "northing", "height")]
@@ -282,7 +280,7 @@ def _names(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
 
 def _units(cameras: Sequence[Camera], flights: Sequence[str]) -> list[str]:
     """Return the units of the parameters in the order of their names, each with a space before it."""
-    return [" px" if p in _PIXELS else "" for _ in cameras for p in PARAMETER_NAMES] + [" m"] * (3 * len(flights))
+    return [f" {p.unit}" if p.unit else "" for _ in cameras for p in CAMERA_PARAMETERS] + [" m"] * (3 * len(flights))
 
 
 def undetermined(
@@ -334,7 +332,7 @@ def undetermined(
 
 
 def _lens(start: int, cameras: Sequence[Camera]) -> range:
-    return range(start, start + len(PARAMETER_NAMES) * len(cameras))
+    return range(start, start + PARAMETERS * len(cameras))
 
 
 def _groups(
@@ -350,7 +348,7 @@ def _groups(
     strong = np.abs(correlation) > STRONG
     count, label = connected_components(csr_array(strong), directed=False)
     lens, groups = _lens(start, cameras), []
-    radial = {k for k in lens if PARAMETER_NAMES[(k - start) % len(PARAMETER_NAMES)].startswith("k")}
+    radial = {k for k in lens if CAMERA_PARAMETERS[(k - start) % PARAMETERS].key == "radial"}
     placed = {*range(CENTRES.start, CENTRES.stop), *range(lens.stop, len(known.covariance))}
     for group in range(count):
         members = np.flatnonzero(label == group)

@@ -16,28 +16,15 @@ from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.projection import PARAMETER_NAMES
+from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.deformation import Places, parameters_of, stiffness
 from photogram.results import Deformation
-
-ORDINARY = {
-    "focal_px": 0.005,
-    "cx_px": 0.002,
-    "cy_px": 0.002,
-    "k1": 0.01,
-    "k2": 0.02,
-    "k3": 0.01,
-    "p1": 0.0005,
-    "p2": 0.0005,
-}
-"""Sigmas of a calibration some flights old: of the focal length in itself, of the principal point in the width."""
 
 
 def ordinary_sigmas(camera: Camera) -> FloatArray:
     """Return the sigmas (11,) to which the held parameters of a camera are freed, 0 for the others and for terms that
     the camera does without."""
-    unit = {"focal_px": camera.focal_px, "cx_px": float(camera.width_px), "cy_px": float(camera.width_px)}
-    ordinary = np.array([ORDINARY.get(name, 0.0) * unit.get(name, 1.0) for name in PARAMETER_NAMES])
+    ordinary = np.array([p.in_its_unit(p.ordinary, camera.focal_px, camera.width_px) for p in CAMERA_PARAMETERS])
     return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)
 
 

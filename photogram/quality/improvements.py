@@ -133,20 +133,16 @@ def _seen(
     return np.concatenate(photograph), np.concatenate(point), np.concatenate(pixel)
 
 
-def _joined(first: Observations, photograph: IntArray, point: IntArray, pixel: FloatArray, camera: int) -> Observations:
+def _joined(first: Observations, photograph: IntArray, point: IntArray, pixel: FloatArray) -> Observations:
     sigma = np.full(len(point), float(np.median(first.sigma_px)))
     o = Observations(
         np.concatenate([first.photograph, photograph]),
         np.concatenate([first.point, point]),
         np.concatenate([first.pixel, pixel]),
         np.concatenate([first.sigma_px, sigma]),
-        np.concatenate([first.camera, np.full(len(point), camera, np.int64)]),
-        first.model,
     )
     order = np.lexsort((o.photograph, o.point))
-    return Observations(
-        o.photograph[order], o.point[order], o.pixel[order], o.sigma_px[order], o.camera[order], o.model
-    )
+    return o.select(order)
 
 
 def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem, State] | None:
@@ -169,14 +165,19 @@ def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem,
     marks = problem.marks
     if len(marks):
         in_photograph, control, mark = _seen(problem, state, poses, camera, state.control, len(state.control))
-        marks = _joined(marks, in_photograph + old, control, mark, camera)
+        marks = _joined(marks, in_photograph + old, control, mark)
     extended = replace(
         block,
         photographs=block.photographs + _added_photographs(block, camera, C, len(use)),
         poses=(*block.poses, *poses),
     )
-    moved = replace(state, rotation=np.concatenate([state.rotation, R]), position=np.concatenate([state.position, C]))
-    ties = _joined(tie, photograph + old, point, pixel, camera)
+    cameras = state.cameras._replace(
+        camera=np.append(state.cameras.camera, np.full(len(R), camera)),
+        rotation=np.concatenate([state.rotation, R]),
+        position=np.concatenate([state.position, C]),
+    )
+    moved = replace(state, cameras=cameras)
+    ties = _joined(tie, photograph + old, point, pixel)
     return replace(problem, block=extended, tie=ties, marks=marks), moved
 
 

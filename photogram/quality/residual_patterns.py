@@ -120,10 +120,10 @@ def pattern_sigmas_m(problem: Problem, state: State, found: Solvable) -> FloatAr
     a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:].T
     response = responses_to_pixels(problem, state, found, places.points, a)
     tie = problem.tie
-    whitened = residuals(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    whitened = residuals(tie, state.cameras, state.tie_point)
     variances = []
     for camera, own, pattern in _by_camera(
-        problem.block.cameras, tie.camera, tie.pixel, whitened * tie.sigma_px[:, None]
+        problem.block.cameras, state.cameras.camera[tie.photograph], tie.pixel, whitened * tie.sigma_px[:, None]
     ):
         square, squares = squares_of(camera, tie.pixel[own])
         together = np.stack([_sums(square, response[own, :, k], squares) for k in range(3)])

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
+from photogram.projection import CAMERA_PARAMETERS
 from photogram.report.identity import grouped
 from photogram.report.numbers.overall import length
 from photogram.report.numbers.traffic_lights import AXES, number
@@ -254,27 +255,32 @@ def _calibration(report: Report) -> list[Row]:
 
 
 def _parameters(camera: CameraRecord) -> list[Row]:
-    values = {"focal_px": camera["focal_px"]}
-    values |= dict(zip(("cx_px", "cy_px"), camera["principal_point_px"], strict=True))
-    values |= dict(zip(("k1", "k2", "k3", "k4"), camera["radial"], strict=False))
-    values |= dict(zip(("p1", "p2"), camera["tangential"], strict=True))
-    values |= dict(zip(("b1", "b2"), camera["affinity"], strict=True))
     held, prior = camera["held"], camera["prior_sigma"]
+    values = {
+        "focal_px": [camera["focal_px"]],
+        "principal_point_px": camera["principal_point_px"],
+        "radial": camera["radial"],
+        "tangential": camera["tangential"],
+        "affinity": camera["affinity"],
+    }
     rows = list[Row]()
-    for name, value in values.items():
-        sigma = camera["sigma"].get(name)
+    for p in CAMERA_PARAMETERS:
+        place = p.place or 0
+        if place >= len(values[p.key]):
+            continue  # a report of an earlier version
+        value = values[p.key][place]
+        sigma = camera["sigma"].get(p.name)
         if value == 0 and sigma is None:
             continue  # a parameter that this camera has not
-        unit = "px" if name.endswith("_px") or name in {"b1", "b2"} else ""
         rows.append(
             {
-                "name": name.removesuffix("_px"),
-                "unit": unit,
+                "name": p.name.removesuffix("_px"),
+                "unit": p.unit,
                 "value": value,
-                "digits": 3 if unit else 7,
+                "digits": p.digits,
                 "sigma": sigma,
-                "prior": prior.get(name),
-                "why": held.get(name) if sigma is None else None,
+                "prior": prior.get(p.name),
+                "why": held.get(p.name) if sigma is None else None,
             }
         )
     return rows

@@ -19,6 +19,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.errors import ReportError
 from photogram.files.clouds.described_points import DescribedCloud
+from photogram.projection import RADIAL_TERMS
 from photogram.report.distances import error_grid
 from photogram.report.figures.style import round_length
 from photogram.report.identity import grouped
@@ -213,7 +214,7 @@ def reported_camera(camera: CameraRecord) -> Camera:
         camera["height_px"],
         camera["focal_px"],
         np.array(camera["principal_point_px"]),
-        radial=np.array(camera["radial"]),
+        radial=np.pad(camera["radial"], (0, RADIAL_TERMS - len(camera["radial"]))),
         tangential=np.array(camera["tangential"]),
         affinity=np.array(camera["affinity"]),
         model=camera["model"],

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.camera import image_plane_or_nan, models_of
+from photogram.camera import image_plane_or_nan
 from photogram.survey import Block
 from photogram.triangulation import consensus_intersections
 
@@ -29,13 +29,10 @@ def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
     for c, camera in enumerate(block.cameras):
         own = camera_of[photograph] == c
         ideal[own] = image_plane_or_nan(camera, pixel[own])
-    nowhere = np.full((3, 3), np.nan)
     position, agreed = consensus_intersections(
         np.searchsorted(points.mark_point[order], np.arange(len(points) + 1)).astype(np.int64),
-        photograph, camera_of, pixel, ideal, AGREE_PX + _LIMIT * points.mark_sigma_px[order], models_of(block.cameras),
-        np.array([c.parameters for c in block.cameras]),
-        np.array([nowhere if p is None else p.rotation_world_from_camera for p in block.poses]),
-        np.array([nowhere[0] if p is None else p.position_world_m for p in block.poses]),
+        photograph, pixel, ideal, AGREE_PX + _LIMIT * points.mark_sigma_px[order],
+        block.oriented_cameras(),
     )  # fmt: skip
     inlier = np.zeros(len(points.mark_point), dtype=bool)
     inlier[order] = agreed

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, models_of
+from photogram.camera import Camera, Pose
 from photogram.errors import OrientationError, PhotogramError
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
@@ -169,9 +169,8 @@ def intersected_control(structure: Structure, points: ControlPoints) -> FloatArr
     )  # fmt: skip
     limit = np.maximum(3.0 * structure.settings.threshold_px, 5.0 * marks.sigma_px)
     position: FloatArray = consensus_intersections(
-        marks.first_observation, photograph, structure.camera_of, marks.pixel,
-        ideal_observations(structure.calibrated(), structure.camera_of, marks), limit,
-        models_of(structure.cameras), structure.parameters, structure.rotation, structure.position,
+        marks.first_observation, photograph, marks.pixel,
+        ideal_observations(structure.calibrated(), structure.camera_of, marks), limit, structure.as_oriented,
     )[0]  # fmt: skip
     return position
 

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, image_plane, models_of, project
+from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project
 from photogram.errors import check_range
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.reprojection import Observations, residuals
-from photogram.projection import PARAMETER_NAMES, PARAMETERS
+from photogram.projection import PARAMETER_NAMES, PARAMETERS, OrientedCameras
 from photogram.survey import TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
@@ -106,6 +106,12 @@ class Structure:
         return structure
 
     @property
+    def as_oriented(self) -> OrientedCameras:
+        """Return the photographs and their cameras as they stand, for compiled code."""
+        given = oriented_cameras(self.cameras, self.camera_of, self.rotation, self.position)
+        return given._replace(parameters=self.parameters)
+
+    @property
     def known(self) -> BoolArray:
         """Return which tie points (P,) have a position."""
         return np.asarray(np.isfinite(self.point[:, 0]))
@@ -145,21 +151,12 @@ class Structure:
     def _observations(self, chosen: BoolArray) -> Observations:
         tie = self.tie_points
         photograph = tie.photograph[chosen]
-        return Observations(
-            photograph,
-            tie.point[chosen],
-            tie.pixel[chosen],
-            np.ones(len(photograph)),
-            self.camera_of[photograph],
-            models_of(self.cameras),
-        )
+        return Observations(photograph, tie.point[chosen], tie.pixel[chosen], np.ones(len(photograph)))
 
     def residual_px(self, chosen: BoolArray) -> FloatArray:
         """Return the lengths (M,) of the residuals of chosen observations (O,) of known points; infinite behind."""
         o = self._observations(chosen)
-        return np.asarray(
-            np.linalg.norm(residuals(o, self.parameters, self.rotation, self.position, self.point), axis=1)
-        )
+        return np.asarray(np.linalg.norm(residuals(o, self.as_oriented, self.point), axis=1))
 
     def intersect(self, photographs: BoolArray | None = None) -> None:
         """Intersect unknown tie points from their registered photographs; only those seen by ``photographs`` (N,)."""
@@ -176,8 +173,7 @@ class Structure:
         part = tie.select(wanted, seen)
         limit = np.full(len(part.photograph), self.settings.threshold_px)
         points, agree = consensus_intersections(
-            part.first_observation, part.photograph, self.camera_of, part.pixel, self.ideal[chosen], limit,
-            models_of(self.cameras), self.parameters, self.rotation, self.position,
+            part.first_observation, part.photograph, part.pixel, self.ideal[chosen], limit, self.as_oriented,
         )  # fmt: skip
         wide = ray_angles(part, agree, self.position, points) > np.deg2rad(self.settings.minimum_ray_angle_deg)
         points[~wide] = np.nan
@@ -239,15 +235,15 @@ class Structure:
         sigma = np.array([camera.sigmas for camera in self.cameras])
         enough = calibrate and active is None and len(photographs) >= PHOTOGRAPHS_FOR_CALIBRATION
         free = (sigma > 0) & FIRST_FREE & enough
-        start = BundleState(
-            self.rotation[photographs], self.position[photographs], self.parameters, self.point[points], 0.0, 0
+        moving = self.as_oriented._replace(
+            camera=self.camera_of[photographs], rotation=self.rotation[photographs], position=self.position[photographs]
         )
+        start = BundleState(moving, self.point[points], 0.0, 0)
         # residuals that are large yet must not outweigh what is known of the calibration
         noise_px = huber_px / HUBER
         result = adjust_bundle(
             Observations(
-                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px),
-                self.camera_of[tie.photograph[chosen]], models_of(self.cameras),
+                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px)
             ),
             start,
             held_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
@@ -259,13 +255,15 @@ class Structure:
             maximum_iterations=iterations,
             relative_tolerance=tolerance,
         )  # fmt: skip
-        if free.any() and not all(_believable(c, q) for c, q in zip(self.cameras, result.parameters, strict=True)):
+        if free.any() and not all(
+            _believable(c, q) for c, q in zip(self.cameras, result.cameras.parameters, strict=True)
+        ):
             self.adjust(iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False, loss=loss)
             return
-        self.rotation[photographs], self.position[photographs] = result.rotation, result.position
+        self.rotation[photographs], self.position[photographs] = result.cameras.rotation, result.cameras.position
         self.point[points] = result.point
         if free.any():
-            self.parameters = result.parameters
+            self.parameters = result.cameras.parameters
             self.ideal = ideal_observations(self.calibrated(), self.camera_of, tie)
 
     def resect(self, photograph: int) -> bool:

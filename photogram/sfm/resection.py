@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, image_plane, models_of, project
+from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
 
@@ -81,10 +81,10 @@ def refine_pose(
     Raises OrientationError when the iteration leaves the points behind or does not settle.
     """
     zero = np.zeros(len(pixel), dtype=np.int64)
-    marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px, zero, models_of([camera]))
+    marks = Observations(zero, np.arange(len(pixel)), pixel, sigma_px)
     for _ in range(REFINEMENTS):
         R, C = pose.rotation_world_from_camera, pose.position_world_m
-        linear = linearise(marks, camera.parameters[None], R[None], C[None], points_world_m)
+        linear = linearise(marks, oriented_cameras([camera], zero[:1], R[None], C[None]), points_world_m)
         if np.any(pose.camera_from_world(points_world_m)[:, 2] <= 0):
             break
         step = np.linalg.lstsq(linear.pose.reshape(-1, 6), -linear.residual.ravel(), rcond=None)[0]

@@ -14,7 +14,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import fingerprint, read_json, write_json
 from photogram.files.photographs.images import write_photograph
-from photogram.projection import CLASSIC, PARAMETER_NAMES, PARAMETERS
+from photogram.projection import PARAMETER_NAMES, PARAMETERS, USUAL
 from photogram.simulation.simulated_survey import (
     SimulatedSurvey,
     SurveyPlan,
@@ -66,7 +66,7 @@ def _coarse_cells(plan: SurveyPlan) -> tuple[str, ...]:
 def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
     camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
     sigma = camera.sigmas
-    stated = [k for k in range(3, PARAMETERS) if CLASSIC[k] or sigma[k] > 0]
+    stated = [k for k in range(3, PARAMETERS) if USUAL[k] or sigma[k] > 0]
     sigmas = ", ".join(f"{PARAMETER_NAMES[k]}: {_sigma(sigma[k])}" for k in stated)
     radial = camera.radial if camera.radial[3] else camera.radial[:3]
     lines = [

@@ -18,9 +18,9 @@ from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, all_parameters, image_plane
+from photogram.camera import Camera, Pose, image_plane, oriented_cameras
 from photogram.compilation import njit
-from photogram.projection import CLASSIC, PARAMETERS, project_point
+from photogram.projection import PARAMETERS, USUAL, OrientedCameras, project_offset, project_point
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene
 from photogram.simulation.survey_plan import SurveyPlan
@@ -105,11 +105,11 @@ def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera
         "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential,
         affinity=np.array(plan.affinity_px), model=plan.camera_model,
     )  # fmt: skip
-    sigmas = all_parameters(np.array(plan.calibration_sigmas))
+    sigmas = np.array(plan.calibration_sigmas)
     drawn = np.zeros(PARAMETERS)
-    drawn[CLASSIC] = rng.standard_normal(np.count_nonzero(CLASSIC))
-    if np.any(sigmas[~CLASSIC] > 0):
-        drawn[~CLASSIC] = rng.standard_normal(np.count_nonzero(~CLASSIC))
+    drawn[USUAL] = rng.standard_normal(np.count_nonzero(USUAL))
+    if np.any(sigmas[~USUAL] > 0):
+        drawn[~USUAL] = rng.standard_normal(np.count_nonzero(~USUAL))
     error = np.where(np.isfinite(sigmas), sigmas, 0.0) * drawn
     if plan.calibration_source == "exif":
         focal_px = plan.focal_px * plan.focal_35mm_mm / plan.exact_focal_35mm_mm
@@ -187,7 +187,7 @@ def footprints(flight: Flight, height_m: float) -> FloatArray:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _sight(
-    model: int, q: FloatArray, R: FloatArray, C: FloatArray, D: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
+    cameras: OrientedCameras, D: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
     reach: float, limits: FloatArray, height_px: int,
 ) -> tuple[FloatArray, BoolArray]:  # fmt: skip
     """Project points p by photographs i, whose centres move on by D from the first to the last row; points are seen
@@ -196,14 +196,16 @@ def _sight(
     ``reach`` bounds the ideal radius: far outside of a photograph the distortion polynomial folds back, so that the
     pixel alone says nothing.
     """
+    C = cameras.position
     pixel = np.empty((len(p), 2))
     seen = np.zeros(len(p), dtype=np.bool_)
     for n in range(len(p)):
-        u, v, depth = project_point(model, q, R[i[n]], C[i[n]], X[p[n]])
+        u, v, depth = project_point(cameras, i[n], X[p[n]])
         if depth > 0.0 and np.any(D[i[n]] != 0.0):
             for _ in range(_READOUT_STEPS):
                 way = min(max(v / (height_px - 1.0), 0.0), 1.0) - 0.5
-                u, v, depth = project_point(model, q, R[i[n]], C[i[n]] + way * D[i[n]], X[p[n]])
+                offset = X[p[n]] - (C[i[n]] + way * D[i[n]])
+                u, v, depth = project_offset(cameras, i[n], offset[0], offset[1], offset[2])
         pixel[n, 0], pixel[n, 1] = u, v
         if depth > 0.0:
             distance2 = np.sum((X[p[n]] - C[i[n]]) ** 2)
@@ -221,13 +223,9 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
     centre = corners.mean(axis=1)
     widening = height / max(height - relief, 0.2 * height)
     near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
-    tree, q, R, C, D = (
-        cKDTree(centre),
-        flight.camera.parameters,
-        flight.rotations,
-        flight.centres,
-        flight.readout_world_m,
-    )
+    tree, D = cKDTree(centre), flight.readout_world_m
+    one = np.zeros(len(flight.centres), dtype=np.int64)
+    cameras = oriented_cameras([flight.camera], one, flight.rotations, flight.centres)
     last = np.array([flight.plan.width_px, flight.plan.height_px]) - 1 - margin_px
     limits = np.array([margin_px, margin_px, *last])
     reach = 1.02 * float(np.linalg.norm(flight.corners, axis=1).max())
@@ -237,9 +235,7 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
         pairs = cKDTree(chunk[:, :2]).sparse_distance_matrix(tree, near_m, output_type="ndarray")
         order = np.lexsort((pairs["j"], pairs["i"]))
         point, photograph = pairs["i"][order].astype(np.int64), pairs["j"][order].astype(np.int64)
-        pixel, seen = _sight(
-            flight.camera.kind, q, R, C, D, chunk, photograph, point, reach, limits, flight.plan.height_px
-        )
+        pixel, seen = _sight(cameras, D, chunk, photograph, point, reach, limits, flight.plan.height_px)
         parts.append(Sightings(photograph, point + start, pixel).select(seen))
     photograph, point, pixel = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")

@@ -17,7 +17,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import check_range
 from photogram.frames import LocalFrame
-from photogram.projection import CLASSIC, PARAMETERS
+from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, PARAMETERS
 from photogram.quality.flight_lines import Course, flown
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
 from photogram.simulation.scene import terrain_height
@@ -54,19 +54,16 @@ class Calibration:
 
     focal_px: float = 15.0
     principal_point_px: float = 10.0
-    k1: float = 0.01
-    k2: float = 0.02
-    k3: float = 0.01
-    p1: float = 0.0005
-    p2: float = 0.0005
+    k1: float = CAMERA_PARAMETERS[K1].ordinary
+    k2: float = CAMERA_PARAMETERS[K2].ordinary
+    k3: float = CAMERA_PARAMETERS[K3].ordinary
+    p1: float = CAMERA_PARAMETERS[P1].ordinary
+    p2: float = CAMERA_PARAMETERS[P2].ordinary
 
     @property
     def sigmas(self) -> FloatArray:
-        """Return the sigmas (11,) in the order of camera.PARAMETER_NAMES."""
-        all_sigmas = np.zeros(PARAMETERS)
-        c = self.principal_point_px
-        all_sigmas[CLASSIC] = (self.focal_px, c, c, self.k1, self.k2, self.k3, self.p1, self.p2)
-        return all_sigmas
+        """Return the sigmas (11,) in the order of PARAMETER_NAMES."""
+        return np.array([getattr(self, p.sigma_key, 0.0) for p in CAMERA_PARAMETERS])
 
 
 @dataclass(frozen=True)

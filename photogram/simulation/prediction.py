@@ -101,9 +101,7 @@ def site_places(plan: FlightPlan) -> FloatArray:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def _ground(
-    survey: PlannedSurvey, problem: Problem, state: State, found: Covariances
-) -> tuple[FloatArray, FloatArray, IntArray]:
+def _ground(survey: PlannedSurvey, state: State, found: Covariances) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return places (Q, 2), covariances (Q, 3, 3) and rays (Q,) of ground points marked in all that show them."""
     plan, xy = survey.plan, site_places(survey.plan)
     points = np.column_stack([xy, terrain_height(SEED, plan.relief_m, xy)])
@@ -114,8 +112,6 @@ def _ground(
         seen.point,
         seen.pixel,
         np.full(n, plan.mark_sigma_px),
-        np.zeros(n, np.int64),
-        problem.tie.model,
     )
     rays = np.bincount(seen.point, minlength=len(points)).astype(np.int64)
     return xy, intersected_covariances(marks, points, state, found), rays
@@ -159,7 +155,7 @@ def _prediction(
     survey: PlannedSurvey, problem: Problem, state: State, found: Covariances, stiff: Stiffness, known: Deformation
 ) -> Prediction:
     plan, block = survey.plan, survey.block
-    place, covariance, rays = _ground(survey, problem, state, found)
+    place, covariance, rays = _ground(survey, state, found)
     sigma = np.sqrt(np.einsum("qii->qi", covariance))
     camera = block.cameras[0]
     parameter = dict(zip(PARAMETER_NAMES, np.sqrt(np.diag(found.calibration(0))).tolist(), strict=True))

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera, Pose, image_plane
+from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
 from photogram.machine import cores
-from photogram.projection import ideal_point
+from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 _COARSEST_WAVELENGTH_M = 20.0
@@ -226,30 +226,29 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _render_rows(
     f: _Field,
-    model: int,
-    q: FloatArray,
-    R: FloatArray,
-    C: FloatArray,
+    cameras: OrientedCameras,
     readout: FloatArray,
     first: int,
     height_px: int,
     vignetting: float,
     out: NDArray[np.float32],
 ) -> None:
-    """Fill rows of a photograph, from row ``first`` on, with digital numbers; where a ray meets nothing it sees sky."""
+    """Fill rows of a photograph, the only one of ``cameras``, from row ``first`` on, with digital numbers; where a ray
+    meets nothing it sees sky."""
     rgb, d = np.empty(3), np.empty(3)
-    middle = C.copy()
+    R, middle, model = cameras.rotation, cameras.position[0], cameras.model[0]
+    q = lens_of(cameras.parameters, 0)
     for row in range(out.shape[0]):
         C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
         for column in range(out.shape[1]):
             x, y = ideal_point(model, q, column, first + row)
             for k in range(3):
-                d[k] = R[k, 0] * x + R[k, 1] * y + R[k, 2]
+                d[k] = R[0, k, 0] * x + R[0, k, 1] * y + R[0, k, 2]
             t = _first_hit(f, C, d, 1e5)
             if np.isnan(t):
                 rgb[0], rgb[1], rgb[2] = 0.55, 0.65, 0.80
             else:
-                _colour(f, C[0] + t * d[0], C[1] + t * d[1], C[2] + t * d[2], t / q[0], rgb)
+                _colour(f, C[0] + t * d[0], C[1] + t * d[1], C[2] + t * d[2], t / q[FOCAL], rgb)
             falloff = 1.0 - vignetting * (x * x + y * y)
             for k in range(3):
                 out[row, column, k] = 255.0 * np.sqrt(max(rgb[k] * falloff, 0.0))
@@ -277,8 +276,7 @@ def render(
     """
     corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
     image_plane(camera, corners)
-    field, q = _field(scene), camera.parameters
-    R, C = np.ascontiguousarray(pose.rotation_world_from_camera), np.ascontiguousarray(pose.position_world_m)
+    field, one = _field(scene), oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
     readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
     with ThreadPoolExecutor(threads or cores()) as pool:
@@ -286,10 +284,7 @@ def render(
             pool.submit(
                 _render_rows,
                 field,
-                camera.kind,
-                q,
-                R,
-                C,
+                one,
                 readout,
                 row,
                 camera.height_px,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.frames import LocalFrame
-from photogram.projection import CLASSIC, PARAMETERS, Model
+from photogram.projection import PARAMETERS, Model
 
 CalibrationSource = Literal["laboratory", "maker", "exif"]
 
@@ -22,36 +22,36 @@ _DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 class SurveyPlan:
     """All settings of a simulated survey.
 
-    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 [k4], ``tangential`` p1
+    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 k4, ``tangential`` p1
     p2, ``affinity_px`` b1 b2, and the ``camera_model``. ``calibration_source`` is what the surveyor has of it: a
     ``laboratory``'s figures, the ``maker``'s in the tags (DewarpData), or the ``exif`` focal length alone, in whole
     millimetres on 35 mm film, with no distortion known. ``focal_tag_factor`` is what EXIF's focal length is wrong by,
-    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of camera.PARAMETER_NAMES, or of those in
-    camera.CLASSIC, are the sigmas that the approximate camera states, and its errors but for ``exif`` (a zero: known;
-    infinity: free, and without error). Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose
-    height is 0 on the average; an oblique strip, of ``oblique_photographs`` where it is not as long as the others,
-    crosses them, its cameras tilted forward by ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m``
-    are how badly the plan is flown, ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is
-    measured; ``readout_s`` is the time from the first to the last row of a rolling shutter, during which the camera
-    moves on with ``speed_m_s``; ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips
-    are shared out among the ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor
-    attitude nor time. Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of
-    ``buildings`` and ``trees``. Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every
-    photograph must see ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is
-    added to the surveyed height of the point called ``blunder_point``.
+    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of PARAMETER_NAMES, are the sigmas that
+    the approximate camera states, and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
+    Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose height is 0 on the average; an oblique
+    strip, of ``oblique_photographs`` where it is not as long as the others, crosses them, its cameras tilted forward by
+    ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m`` are how badly the plan is flown,
+    ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is measured; ``readout_s`` is the time
+    from the first to the last row of a rolling shutter, during which the camera moves on with ``speed_m_s``;
+    ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips are shared out among the
+    ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor attitude nor time.
+    Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of ``buildings`` and ``trees``.
+    Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every photograph must see
+    ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is added to the
+    surveyed height of the point called ``blunder_point``.
     """
 
     width_px: int = 1200
     height_px: int = 900
     focal_px: float = 1800.0
     principal_point_offset_px: tuple[float, float] = (3.0, -2.0)
-    radial: tuple[float, ...] = (-0.08, 0.06, -0.01)
+    radial: tuple[float, float, float, float] = (-0.08, 0.06, -0.01, 0.0)
     tangential: tuple[float, float] = (0.0004, -0.0003)
     affinity_px: tuple[float, float] = (0.0, 0.0)
     camera_model: Model = "brown"
     calibration_source: CalibrationSource = "laboratory"
     focal_tag_factor: float = 1.0
-    calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002)
+    calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
     flying_height_m: float = 80.0
     forward_overlap: float = 0.7
     side_overlap: float = 0.65
@@ -92,9 +92,8 @@ class SurveyPlan:
             raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
         if self.oblique_photographs is not None and self.oblique_photographs < 1:
             raise ValueError("oblique_photographs: an oblique strip has at least one photograph")
-        if len(self.calibration_sigmas) not in (np.count_nonzero(CLASSIC), PARAMETERS):
-            raise ValueError(f"calibration_sigmas: eight or eleven values, not {len(self.calibration_sigmas)}")
-
+        if len(self.calibration_sigmas) != PARAMETERS:
+            raise ValueError(f"calibration_sigmas: {PARAMETERS} values, not {len(self.calibration_sigmas)}")
         beyond_tags = any(self.radial[3:]) or any(self.affinity_px) or self.camera_model != "brown"
         if self.calibration_source == "maker" and beyond_tags:
             raise ValueError("a maker's tags hold k1 k2 k3 p1 p2 of a Brown camera, neither k4, affinity nor a fisheye")
@@ -153,7 +152,19 @@ def whole_survey_plan(width_px: int = 1200) -> SurveyPlan:
         height_px=width_px * 3 // 4,
         focal_px=focal_px,
         calibration_source="exif",
-        calibration_sigmas=(0.03 * focal_px, 0.01 * width_px, 0.01 * width_px, 0.1, 0.1, 0.05, 0.002, 0.002),
+        calibration_sigmas=(
+            0.03 * focal_px,
+            0.01 * width_px,
+            0.01 * width_px,
+            0.1,
+            0.1,
+            0.05,
+            0.0,
+            0.002,
+            0.002,
+            0.0,
+            0.0,
+        ),
         flying_height_m=60.0,
         forward_overlap=0.8,
         side_overlap=0.7,
@@ -177,7 +188,7 @@ def rtk_plan(*, oblique: bool = False) -> SurveyPlan:
     return SurveyPlan(
         focal_px=1000.0,
         calibration_source="maker",
-        calibration_sigmas=(10.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+        calibration_sigmas=(10.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
         flying_height_m=60.0,
         forward_overlap=0.8,
         side_overlap=0.7,

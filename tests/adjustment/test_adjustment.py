@@ -14,12 +14,11 @@ from scipy.stats import chi2
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
 from photogram.adjustment.outliers import noise_scale
 from photogram.arrays import FloatArray
-from photogram.camera import Camera
+from photogram.camera import Camera, oriented_by, oriented_cameras
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
-from photogram.projection import PARAMETERS
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -27,7 +26,7 @@ from photogram.triangulation import MANY_PAIRS, consensus_intersections
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
 )  # fmt: skip
 SEEDS = range(50)
 SETTINGS = AdjustmentSettings()
@@ -52,11 +51,9 @@ def position_error(block: SimulatedBlock, result: Adjustment) -> FloatArray:
 
 def state_of(result: Adjustment) -> State:
     control = [g for g, role in enumerate(result.block.control_points.role) if role == "control"]
-    poses = [p for p in result.block.poses if p is not None]
+    camera_of = np.array([p.camera for p in result.block.photographs])
     return State(
-        np.array([p.rotation_world_from_camera for p in poses]),
-        np.array([p.position_world_m for p in poses]),
-        np.array([c.parameters for c in result.block.cameras]),
+        oriented_by(result.block.cameras, camera_of, result.block.poses),
         result.block.tie_points.position_world_m,
         result.ground_world_m[control],
         result.offset_world_m,
@@ -225,7 +222,7 @@ def control_only(block: SimulatedBlock) -> Block:
     camera = block.block.cameras[0]
     fixed = Camera(
         camera.name, camera.width_px, camera.height_px, camera.focal_px, camera.principal_point_px,
-        np.array([*camera.radial[:2], 0.0]), camera.tangential,
+        np.array([*camera.radial[:2], 0.0, 0.0]), camera.tangential,
     )  # fmt: skip
     photographs = tuple(
         replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
@@ -442,15 +439,15 @@ def test_long_tracks_with_many_mismatches_are_intersected_from_a_bounded_number_
     X = np.array([1.0, -2.0, 3.0])
     C = np.column_stack([rng.uniform(-30, 30, (rays, 2)), np.full(rays, 80.0)])
     R = np.tile(np.diag([1.0, -1.0, -1.0]), (rays, 1, 1))
-    q = np.array([[1000.0, 500.0, 400.0, *np.zeros(PARAMETERS - 3)]])
     ideal = (X - C)[:, :2] / (X - C)[:, 2:] * np.array([-1.0, 1.0])
     pixel = ideal * 1000.0 + np.array([500.0, 400.0])
     wrong = rng.permutation(rays) < 24
     pixel[wrong] += rng.uniform(-90, 90, (24, 2)) + 30.0
     ideal = (pixel - np.array([500.0, 400.0])) / 1000.0
-    zero, order = np.zeros(rays, np.int64), np.arange(rays)
+    pinhole = Camera("c", 1000, 800, 1000.0, np.array([500.0, 400.0]))
+    cameras = oriented_cameras([pinhole], np.zeros(rays, np.int64), R, C)
     points, agreeing = consensus_intersections(
-        np.array([0, rays]), order, zero, pixel, ideal, np.full(rays, 3.0), zero[:1], q, R, C
+        np.array([0, rays]), np.arange(rays), pixel, ideal, np.full(rays, 3.0), cameras
     )
     np.testing.assert_allclose(points[0], X, atol=1e-6)
     assert agreeing[~wrong].all()

@@ -21,7 +21,7 @@ from photogram.survey import Block
 SETTINGS = AdjustmentSettings(robust_loss="none")
 PLAN = SurveyPlan(
     strips=3, photographs_per_strip=4, control_points=8, check_points=2, gnss_offset_sigma_m=(0.0, 0.0, 0.0),
-    calibration_sigmas=(0.0,) * 8,
+    calibration_sigmas=(0.0,) * 11,
 )  # fmt: skip
 
 

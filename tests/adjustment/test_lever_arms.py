@@ -30,7 +30,7 @@ ARM = np.array([0.02, 0.3, -0.05])  # camera axes: 2 cm right, 30 cm to the rear
 SETTINGS = AdjustmentSettings(robust_loss="none")
 PLAN = SurveyPlan(
     focal_px=900.0, strips=4, photographs_per_strip=5, control_points=8, check_points=4, forward_overlap=0.75,
-    gnss_offset_sigma_m=(0.0, 0.0, 0.0), calibration_sigmas=(0.0,) * 8,
+    gnss_offset_sigma_m=(0.0, 0.0, 0.0), calibration_sigmas=(0.0,) * 11,
 )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def test_the_arm_that_is_left_is_the_one_that_is_missing(made: SimulatedBlock) -
 
 def test_a_free_principal_point_takes_the_arm_and_the_sigma_says_so() -> None:
     """Over level ground an arm in plan is a principal point off by f a / H: neither can then be told."""
-    plan = replace(PLAN, calibration_sigmas=(0.0, np.inf, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0), relief_m=0.0)
+    plan = replace(PLAN, calibration_sigmas=(0.0, np.inf, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), relief_m=0.0)
     made = simulate_block(plan, 3, tie_points=800)
     result = adjust(of_antennas(made), SETTINGS)
     moved = result.block.cameras[0].principal_point_px - made.truth.camera.principal_point_px

@@ -19,7 +19,7 @@ from photogram.survey import Block
 PLAN = SurveyPlan(
     strips=3, photographs_per_strip=4, control_points=7, check_points=3,
     gnss_sigma_m=(2.0, 2.0, 4.0), gnss_offset_sigma_m=(1.0, 1.0, 2.0),
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 )  # fmt: skip
 SETTINGS = AdjustmentSettings()
 

@@ -23,7 +23,7 @@ from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=3, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 )  # fmt: skip
 
 

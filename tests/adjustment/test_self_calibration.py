@@ -14,13 +14,13 @@ from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal
-from photogram.projection import CLASSIC, PARAMETER_NAMES
+from photogram.projection import PARAMETER_NAMES, USUAL
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
 
 SETTINGS = AdjustmentSettings()
-WIDE = (0.03 * 800 / 1.2, 8.0, 8.0, 0.1, 0.05, 0.02, 0.002, 0.002)
+WIDE = (0.03 * 800 / 1.2, 8.0, 8.0, 0.1, 0.05, 0.02, 0.0, 0.002, 0.002, 0.0, 0.0)
 LEVEL = replace(
     whole_survey_plan(800), strips=3, photographs_per_strip=5, calibration_source="laboratory",
     calibration_sigmas=WIDE, control_points=0, check_points=0, relief_m=0.0, attitude_noise_deg=0.5,
@@ -53,12 +53,12 @@ def calibrated(plan: SurveyPlan, seed: int) -> tuple[Adjustment, Held]:
 
 
 def sigma_of(result: Adjustment) -> FloatArray:
-    return np.asarray(np.sqrt(np.diag(result.calibration_covariance[0]))[CLASSIC])
+    return np.asarray(np.sqrt(np.diag(result.calibration_covariance[0]))[USUAL])
 
 
 def error_of(plan: SurveyPlan, seed: int) -> FloatArray:
     result = calibrated(plan, seed)[0]
-    return np.asarray((result.block.cameras[0].parameters - simulated(plan, seed).truth.camera.parameters)[CLASSIC])
+    return np.asarray((result.block.cameras[0].parameters - simulated(plan, seed).truth.camera.parameters)[USUAL])
 
 
 def within_99(normalised: FloatArray) -> bool:
@@ -79,11 +79,11 @@ def test_oblique_photographs_tell_a_camera_that_was_hardly_known() -> None:
         assert result.converged
         # k3 is small beside k1 and k2: that the photographs hardly tell it is so
         assert set(held["simulated"]) <= {"k3"}
-        assert np.all(sigma[[0, 1, 2, 3, 6, 7]] < 0.3 * np.array(WIDE)[[0, 1, 2, 3, 6, 7]])
+        assert np.all(sigma[[0, 1, 2, 3, 6, 7]] < 0.3 * np.array(WIDE)[USUAL][[0, 1, 2, 3, 6, 7]])
         assert abs(error[0]) < 0.01 * OBLIQUE.focal_px
         assert abs(error[3]) < 0.02
         normalised.append(error / sigma)
-    for k, name in enumerate(np.array(PARAMETER_NAMES)[CLASSIC]):
+    for k, name in enumerate(np.array(PARAMETER_NAMES)[USUAL]):
         assert within_99(np.array(normalised)[:, k]), name
     given = [abs(simulated(OBLIQUE, s).block.cameras[0].radial[0] - OBLIQUE.radial[0]) for s in SEEDS]
     assert max(given) > 0.1, "what was given was far off"
@@ -134,7 +134,7 @@ def test_what_is_held_stays_in_the_predicted_height() -> None:
     share = sigma_of(result)[0] / LEVEL.focal_px
     assert sigma > 0.8 * share * LEVEL.flying_height_m
     block = simulated(LEVEL, 1).block
-    camera = replace(block.cameras[0], sigmas=np.zeros(8))
+    camera = replace(block.cameras[0], sigmas=np.zeros(11))
     known, _ = calibrate(replace(block, cameras=(camera,)), SETTINGS, ("auto",))
     assert len(tie) > 100
     assert np.sqrt(np.median(known.tie_point_covariance_m2[:, 2, 2])) < 0.8 * sigma
@@ -142,7 +142,7 @@ def test_what_is_held_stays_in_the_predicted_height() -> None:
 
 def test_parallel_strips_hold_what_they_cannot_tell() -> None:
     """A principal point that is known to half a pixel beforehand is no better known afterwards."""
-    sigmas = (2.0, 0.5, 0.5, 0.004, 0.004, 0.0, 0.00002, 0.00002)
+    sigmas = (2.0, 0.5, 0.5, 0.004, 0.004, 0.0, 0.0, 0.00002, 0.00002, 0.0, 0.0)
     plan = replace(LEVEL, calibration_sigmas=sigmas)
     result, held = calibrated(plan, 1)
     assert np.all(sigma_of(result)[1:3] > 0.7 * 0.5)
@@ -159,15 +159,15 @@ def test_parallel_strips_hold_what_they_cannot_tell() -> None:
 
 
 def test_priors_take_the_place_of_none() -> None:
-    sigmas = np.array([np.inf, 3.0, np.inf, np.inf, 0.0, np.inf, 0.001, np.inf])
+    sigmas = np.array([np.inf, 3.0, np.inf, np.inf, 0.0, np.inf, 0.0, 0.001, np.inf, 0.0, 0.0])
     camera = Camera("c", 4000, 3000, 3500.0, np.array([2000.0, 1500.0]), sigmas=sigmas)
-    np.testing.assert_allclose(with_priors(camera).sigmas[CLASSIC], [350.0, 3.0, 200.0, 0.3, 0.0, 0.3, 0.001, 0.01])
+    np.testing.assert_allclose(with_priors(camera).sigmas[USUAL], [350.0, 3.0, 200.0, 0.3, 0.0, 0.3, 0.001, 0.01])
     np.testing.assert_array_equal(with_priors(camera).parameters, camera.parameters)
 
 
 def freed(block: Block) -> Block:
     """The same block, nothing known of its camera but the values it starts from."""
-    return replace(block, cameras=(replace(block.cameras[0], sigmas=np.full(8, np.inf)),))
+    return replace(block, cameras=(replace(block.cameras[0], sigmas=np.where(USUAL, np.inf, 0.0)),))
 
 
 def test_given_sigmas_are_taken_as_they_are() -> None:
@@ -176,13 +176,13 @@ def test_given_sigmas_are_taken_as_they_are() -> None:
     assert held == {"simulated": {}}
     auto, _ = calibrate(block, SETTINGS, ("auto",))
     assert np.all(sigma_of(auto) < sigma_of(given))
-    prior = with_priors(block.cameras[0]).sigmas[CLASSIC]
+    prior = with_priors(block.cameras[0]).sigmas[USUAL]
     # information of the photographs and of the prior add up
     for k in (5,):
         assert sigma_of(auto)[k] ** -2 == pytest.approx(sigma_of(given)[k] ** -2 + prior[k] ** -2, rel=0.3)
-    fixed = replace(block, cameras=(replace(block.cameras[0], sigmas=np.zeros(8)),))
+    fixed = replace(block, cameras=(replace(block.cameras[0], sigmas=np.zeros(11)),))
     result, held = calibrate(fixed, SETTINGS, ("auto",))
-    assert set(held["simulated"]) == set(np.array(PARAMETER_NAMES)[CLASSIC]), "k4, b1 and b2 take no part at all"
+    assert set(held["simulated"]) == set(np.array(PARAMETER_NAMES)[USUAL]), "k4, b1 and b2 take no part at all"
     np.testing.assert_array_equal(result.block.cameras[0].parameters, block.cameras[0].parameters)
 
 
@@ -193,7 +193,7 @@ def test_where_it_starts_does_not_matter_what_is_known_does(plan: SurveyPlan) ->
     start = block.truth.camera.parameters * [1.02, 1, 1, 0.8, *[1] * 7]
     result, held = calibrate(block.block, SETTINGS, ("auto",), (start,))
     assert result.converged
-    difference = (result.block.cameras[0].parameters - plain.block.cameras[0].parameters)[CLASSIC]
+    difference = (result.block.cameras[0].parameters - plain.block.cameras[0].parameters)[USUAL]
     assert np.abs(difference / sigma_of(plain)).max() < 0.02
     assert held.keys() == {"simulated"}
 

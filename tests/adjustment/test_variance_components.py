@@ -22,7 +22,7 @@ from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=2, flights=2,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, np.inf),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0),
 )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, minimise
 from photogram.arrays import FloatArray
-from photogram.camera import models_of
+from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle, minimise_bundle
 from photogram.factors.elimination.reduced import NormalEquations
@@ -27,7 +27,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0),
 )  # fmt: skip
 
 
@@ -126,17 +126,9 @@ def growing(sigma_px: float = 0.0, tie_points: int = 200) -> tuple[SimulatedBloc
         start_attitude_sigma_deg=0.3, start_point_sigma_m=0.3,
     )  # fmt: skip
     tie = made.block.tie_points
-    n = len(tie.point)
-    observations = Observations(
-        tie.photograph, tie.point, tie.pixel, np.full(n, 0.5), np.zeros(n, np.int64), models_of(made.block.cameras)
-    )
-    poses = [pose for pose in made.block.poses if pose is not None]
-    state = BundleState(
-        np.array([p.rotation_world_from_camera for p in poses]),
-        np.array([p.position_world_m for p in poses]),
-        made.truth.camera.parameters[None],
-        tie.position_world_m,
-    )
+    observations = Observations(tie.photograph, tie.point, tie.pixel, np.full(len(tie.point), 0.5))
+    camera_of = np.zeros(len(made.block.poses), np.int64)
+    state = BundleState(oriented_by([made.truth.camera], camera_of, made.block.poses), tie.position_world_m)
     return made, observations, state
 
 
@@ -201,7 +193,7 @@ def test_a_free_focal_length_moves_as_far_as_its_prior_lets_it() -> None:
     errors = []
     for sigma in (np.inf, 1e-3):
         found = adjust_bundle(
-            observations, replace(state, parameters=wrong), held_poses=held, free=free,
+            observations, replace(state, cameras=state.cameras._replace(parameters=wrong)), held_poses=held, free=free,
             prior_sigma=np.where(free, sigma, np.inf), prior_parameters=wrong, maximum_iterations=50,
         )  # fmt: skip
         np.testing.assert_array_equal(found.parameters[~free], wrong[~free])
@@ -230,7 +222,7 @@ def test_points_behind_photographs_are_a_flag() -> None:
     turned = state.rotation.copy()
     turned[1] = turned[1] @ Rotation.from_euler("x", 180, degrees=True).as_matrix()
     found = adjust_bundle(
-        observations, replace(state, rotation=turned), held_poses=np.zeros(6, bool),
+        observations, replace(state, cameras=state.cameras._replace(rotation=turned)), held_poses=np.zeros(6, bool),
         prior_parameters=state.parameters, **NOTHING_FREE,
     )  # fmt: skip
     assert not found.converged
@@ -241,8 +233,11 @@ def test_points_behind_photographs_are_a_flag() -> None:
 def test_photographs_without_observations_do_not_matter() -> None:
     _, observations, state = growing(0.5)
     more = replace(
-        state, rotation=np.concatenate([state.rotation, np.eye(3)[None]]),
-        position=np.concatenate([state.position, np.zeros((1, 3))]),
+        state, cameras=state.cameras._replace(
+            camera=np.append(state.cameras.camera, 0),
+            rotation=np.concatenate([state.rotation, np.eye(3)[None]]),
+            position=np.concatenate([state.position, np.zeros((1, 3))]),
+        ),
     )  # fmt: skip
     found, alone = (
         adjust_bundle(

@@ -16,7 +16,7 @@ from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=5, check_points=3,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0), gnss_offset_sigma_m=(0.3, 0.3, 0.5),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), gnss_offset_sigma_m=(0.3, 0.3, 0.5),
 )  # fmt: skip
 SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=50.0, relative_tolerance=1e-12)
 SIGMA_PX = 25.0

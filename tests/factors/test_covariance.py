@@ -84,7 +84,7 @@ def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
 def test_gtsams_own_factors_give_the_same_covariances() -> None:
     """With the calibration held and no k3, GTSAM's factors build the whole graph without photogram's Jacobians."""
     made = simulate_block(
-        replace(SMALL, radial=(-0.08, 0.06, 0.0), calibration_sigmas=(0.0,) * 8), 5, tie_points=40,
+        replace(SMALL, radial=(-0.08, 0.06, 0.0, 0.0), calibration_sigmas=(0.0,) * 11), 5, tie_points=40,
         start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
     )  # fmt: skip
     problem, state = problem_of(made.block)
@@ -172,18 +172,14 @@ def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
 
 def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
     problem, state = small_problem()
-    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 7))
-    two = replace(
-        problem,
-        block=replace(problem.block, cameras=(*problem.block.cameras, unused)),
-        tie=replace(problem.tie, model=np.zeros(2, np.int64)),
-        marks=replace(problem.marks, model=np.zeros(2, np.int64)),
-    )
-    both_name(two, replace(state, parameters=np.vstack([state.parameters, state.parameters])), (CALIBRATION, 1))
+    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 10))
+    two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
+    cameras = state.cameras._replace(model=np.zeros(2, np.int64), parameters=np.tile(state.parameters, (2, 1)))
+    both_name(two, replace(state, cameras=cameras), (CALIBRATION, 1))
 
 
 def test_a_block_without_any_datum_is_not_solved() -> None:
-    problem, state = small_problem(sigmas=(0.0,) * 8)
+    problem, state = small_problem(sigmas=(0.0,) * 11)
     photographs = tuple(
         replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
         for p in problem.block.photographs

@@ -12,7 +12,7 @@ from makers import SMALL, problem_of, small_problem, whole_normal_equations
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import all_parameters, models_of
+from photogram.camera import oriented_by
 from photogram.factors.elimination.loss import robust_terms, steer
 from photogram.factors.elimination.reprojection import (
     Observations,
@@ -188,21 +188,18 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
     n = len(ties.point)
     shift = np.array([0.6, -0.8])
     sigma = np.linspace(0.2, 2.0, n)
-    marks = Observations(
-        ties.photograph, ties.point, ties.pixel - shift, sigma, np.zeros(n, np.int64), models_of([truth.camera])
-    )
-    R = np.array([pose.rotation_world_from_camera for pose in truth.poses])
-    C = np.array([pose.position_world_m for pose in truth.poses])
-    q = truth.camera.parameters[None]
-    found = residuals(marks, q, R, C, made.tie_point_position_world_m)
+    marks = Observations(ties.photograph, ties.point, ties.pixel - shift, sigma)
+    cameras = oriented_by([truth.camera], np.zeros(len(truth.poses), np.int64), truth.poses)
+    found = residuals(marks, cameras, made.tie_point_position_world_m)
     np.testing.assert_allclose(found, shift / sigma[:, None], rtol=0, atol=1e-8)
-    linear = linearise(marks, q, R, C, made.tie_point_position_world_m)
+    linear = linearise(marks, cameras, made.tie_point_position_world_m)
     np.testing.assert_array_equal(linear.residual, found)
-    behind = C.copy()
-    behind[0] -= [0.0, 0.0, 500.0]
-    lost = residuals(marks, q, R, behind, made.tie_point_position_world_m)
+    below = cameras.position.copy()
+    below[0] -= [0.0, 0.0, 500.0]
+    behind = cameras._replace(position=below)
+    lost = residuals(marks, behind, made.tie_point_position_world_m)
     np.testing.assert_array_equal(np.isinf(lost).all(axis=1), ties.photograph == 0)
-    nothing = linearise(marks, q, R, behind, made.tie_point_position_world_m)
+    nothing = linearise(marks, behind, made.tie_point_position_world_m)
     for rows in (nothing.residual, nothing.pose, nothing.calibration, nothing.point):
         np.testing.assert_array_equal(rows[ties.photograph == 0], 0.0)
         assert np.all(np.any(rows[ties.photograph != 0] != 0.0, axis=tuple(range(1, rows.ndim))))
@@ -210,20 +207,21 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
 
 def test_observations_use_the_camera_they_are_of() -> None:
     problem, state = small_problem()
-    two = np.vstack(
-        [state.parameters, state.parameters + all_parameters(np.array([100.0, 5.0, -3.0, 0.01, 0, 0, 0, 0]))]
-    )
-    mixed = replace(problem.tie, camera=(problem.tie.photograph % 2).astype(np.int64), model=np.zeros(2, np.int64))
-    found = residuals(mixed, two, state.rotation, state.position, state.tie_point)
+    two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, *[0.0] * 7])])
+    camera_of = np.arange(len(state.position)) % 2
+    mixed = state.cameras._replace(camera=camera_of, model=np.zeros(2, np.int64), parameters=two)
+    found = residuals(problem.tie, mixed, state.tie_point)
     for c in (0, 1):
-        one = residuals(problem.tie, two[c : c + 1], state.rotation, state.position, state.tie_point)
-        np.testing.assert_array_equal(found[mixed.camera == c], one[mixed.camera == c])
+        one = residuals(problem.tie, state.cameras._replace(parameters=two[c : c + 1]), state.tie_point)
+        own = camera_of[problem.tie.photograph] == c
+        assert own.any()
+        np.testing.assert_array_equal(found[own], one[own])
 
 
 def test_linearised_observations_agree_with_differences() -> None:
     problem, state = small_problem()
     tie = problem.tie
-    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(tie, state.cameras, state.tie_point)
 
     def of(change: Callable[[np.ndarray], State], size: int, step: np.ndarray) -> np.ndarray:
         columns = []
@@ -231,21 +229,23 @@ def test_linearised_observations_agree_with_differences() -> None:
             t = np.zeros(size)
             t[k] = step[k]
             ends = [
-                residuals(tie, s.parameters, s.rotation, s.position, s.tie_point)
-                for s in (change(2 * t), change(t), change(-t), change(-2 * t))
+                residuals(tie, s.cameras, s.tie_point) for s in (change(2 * t), change(t), change(-t), change(-2 * t))
             ]
             columns.append((8 * (ends[1] - ends[2]) - (ends[0] - ends[3])) / (12 * step[k]))
         return np.stack(columns, axis=2)
 
     def pose(t: np.ndarray) -> State:
         turn = Rotation.from_rotvec(t[:3]).as_matrix()
-        return replace(state, rotation=state.rotation @ turn, position=state.position + state.rotation @ t[3:])
+        position = state.position + state.rotation @ t[3:]
+        return replace(state, cameras=state.cameras._replace(rotation=state.rotation @ turn, position=position))
 
     expected = {
         "pose": of(pose, 6, np.array([1e-4] * 3 + [1e-2] * 3)),
         "point": of(lambda t: replace(state, tie_point=state.tie_point + t), 3, np.full(3, 1e-2)),
         "calibration": of(
-            lambda t: replace(state, parameters=state.parameters + t), PARAMETERS, np.array([1.0] * 3 + [1e-2] * 8)
+            lambda t: replace(state, cameras=state.cameras._replace(parameters=state.parameters + t)),
+            PARAMETERS,
+            np.array([1.0] * 3 + [1e-2] * 8),
         ),
     }
     for name, numerical in expected.items():
@@ -256,12 +256,12 @@ def test_linearised_observations_agree_with_differences() -> None:
 
 def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
     # GTSAM's Cal3DS2 has no k3 and its own order: fx fy s u0 v0 k1 k2 p1 p2.
-    made = simulate_block(replace(SMALL, radial=(-0.08, 0.06, 0.0)), 2, tie_points=40)
+    made = simulate_block(replace(SMALL, radial=(-0.08, 0.06, 0.0, 0.0)), 2, tie_points=40)
     problem, state = problem_of(made.block)
     f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2 = state.parameters[0]
     assert k3 == k4 == b1 == b2 == 0.0
     tie = replace(problem.tie, sigma_px=np.linspace(0.3, 1.2, len(problem.tie)))
-    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(tie, state.cameras, state.tie_point)
     values = values_of(problem, state)
     calibration = key("c", 0)
     values.insert(calibration, gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2))
@@ -282,7 +282,7 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
 def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
     problem, state = small_problem()
     tie = problem.tie
-    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(tie, state.cameras, state.tie_point)
     weight = np.random.default_rng(0).uniform(0.1, 1.0, len(tie))
     scale = calibration_scale(float(state.parameters[0, 0]))
     free = np.array([0, 3, 7])
@@ -304,7 +304,7 @@ def test_linear_factors_carry_weights_units_and_free_parameters() -> None:
 def test_a_unit_of_calibration_moves_a_pixel_by_about_a_pixel() -> None:
     problem, state = small_problem()
     tie = replace(problem.tie, sigma_px=np.ones(len(problem.tie)))
-    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(tie, state.cameras, state.tie_point)
     moves = np.abs(linear.calibration * problem.scale[0]).max(axis=(0, 1))
     assert moves.max() < 2.0
     assert moves[[0, 1, 2, 3, 7, 8, 9, 10]].min() > 0.03

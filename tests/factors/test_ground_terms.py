@@ -161,7 +161,7 @@ def test_marks_of_coupled_points_have_the_covariance_of_the_whole_normal_matrix(
     expected, place = whole_covariance(problem, state)
     found, marks = covariances(problem, state), problem.marks
     adjusted = mark_covariances(problem, state, found)
-    linear = linearise(marks, state.parameters, state.rotation, state.position, state.control)
+    linear = linearise(marks, state.cameras, state.control)
     free = problem.free[0]
     for i, (photograph, point) in enumerate(zip(marks.photograph.tolist(), marks.point.tolist(), strict=True)):
         J = np.zeros((2, len(expected)))

@@ -23,7 +23,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=3, flights=2,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, 0.0),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, 0.0, 0.0, 0.0),
     mark_sigma_px=0.002, gnss_sigma_m=(0.002, 0.002, 0.004), control_sigma_m=(0.001, 0.001, 0.001),
 )  # fmt: skip
 
@@ -81,9 +81,9 @@ def by_differences(problem: Problem, state: State) -> tuple[FloatArray, FloatArr
         mine = points.mark_point == g
         marks = Observations(
             points.mark_photograph[mine], np.zeros(mine.sum(), np.int64), points.mark_pixel[mine],
-            points.mark_sigma_px[mine], np.zeros(mine.sum(), np.int64), problem.tie.model,
+            points.mark_sigma_px[mine],
         )  # fmt: skip
-        J = linearise(marks, state.parameters, state.rotation, state.position, ground[g][None]).point.reshape(-1, 3)
+        J = linearise(marks, state.cameras, ground[g][None]).point.reshape(-1, 3)
         joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3] += np.linalg.inv(J.T @ J)
     return joint, ground
 
@@ -130,7 +130,7 @@ def test_the_own_part_of_tie_points_is_theirs_with_the_cameras_held(
     monkeypatch.setattr(joint_covariance, "OBSERVATIONS_AT_ONCE", at_once)
     own, whole = ray_covariances(problem, state), covariances(problem, state).tie_point
     o, threshold = problem.tie, problem.robust_threshold
-    linear = linearise(o, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(o, state.cameras, state.tie_point)
     for p in range(len(state.tie_point)):
         V = np.zeros((3, 3))
         for i in np.flatnonzero(o.point == p):

@@ -19,6 +19,7 @@ from photogram.adjustment.adjustment import (
     sigma0_and_redundancy,
     start_state,
 )
+from photogram.camera import Camera, oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
 from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
@@ -29,7 +30,7 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, wh
 ROOT = Path(__file__).resolve().parents[2]
 EVERYTHING = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0002, np.inf),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0),
 )  # fmt: skip
 TIGHT = AdjustmentSettings(relative_tolerance=1e-18, maximum_iterations=300)
 
@@ -63,8 +64,9 @@ def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
     moved = {
         n: getattr(near, n) + 0.3 * unit * rng.standard_normal(getattr(near, n).shape) for n, unit in sigma.items()
     }
-    moved["rotation"] = near.rotation
-    reference = minimise(problem, replace(near, **moved), replace(TIGHT, engine="reference"))
+    cameras = near.cameras._replace(position=moved.pop("position"), parameters=moved.pop("parameters"))
+    del moved["rotation"]
+    reference = minimise(problem, replace(near, cameras=cameras, **moved), replace(TIGHT, engine="reference"))
     assert reference.converged
     for solver, found in fast.items():
         for name, unit in sigma.items():
@@ -100,7 +102,7 @@ def test_decreases_that_grow_are_no_sign_of_a_minimum() -> None:
 
 GROSS = replace(
     whole_survey_plan(), strips=3, photographs_per_strip=4, check_points=0, calibration_source="maker",
-    calibration_sigmas=(50.0, 5.0, 5.0, 0.01, 0.01, 0.0, 0.0005, 0.0005),
+    calibration_sigmas=(50.0, 5.0, 5.0, 0.01, 0.01, 0.0, 0.0, 0.0005, 0.0005, 0.0, 0.0),
 )  # fmt: skip
 
 
@@ -120,10 +122,8 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
         kept = found.block.tie_points
         problem = make_problem(replace(made.block, tie_points=kept), AdjustmentSettings())
-        start = replace(
-            start_state(replace(made.block, poses=truth.poses, tie_points=kept), problem.flights),
-            parameters=truth.camera.parameters[None],
-        )
+        right = replace(made.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
+        start = start_state(right, problem.flights)
         minimum = minimise(problem, start, AdjustmentSettings())
         assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed
         sigma = np.sqrt(np.einsum("naa->na", found.position_covariance_m2))
@@ -167,6 +167,7 @@ def test_a_step_to_a_focal_length_that_cannot_be_is_refused(lost: float) -> None
 def state_of(focal_px: float) -> State:
     """One camera and nothing else."""
     none = np.zeros((0, 3))
+    cameras = oriented_by([Camera("c", 10, 10, 1.0, np.zeros(2))], np.zeros(0, np.int64), [])
     parameters = np.zeros((1, 11))
     parameters[0, 0] = focal_px
-    return State(np.zeros((0, 3, 3)), none, parameters, none, none, none)
+    return State(cameras._replace(parameters=parameters), none, none, none)

@@ -10,12 +10,10 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
-from photogram.camera import all_parameters
 from photogram.factors.elimination import points as elimination
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
 from photogram.factors.elimination.points import (
-    Cameras,
     Points,
     Rays,
     eliminate,
@@ -49,12 +47,13 @@ class Case:
             first = first_observations(tie.point, tie_points)
             many = first[np.argmax(np.diff(first))]
             photograph[many + 1] = photograph[many]
-        self.tie = replace(
-            tie, photograph=photograph, camera=(photograph % 2).astype(np.int64), model=np.zeros(2, np.int64)
+        self.tie = replace(tie, photograph=photograph)
+        other = np.array([9.0, 2.0, -1.0, 0.001, *[0.0] * 7])
+        self.cameras = state.cameras._replace(
+            camera=np.arange(len(state.position)) % 2,
+            model=np.zeros(2, np.int64),
+            parameters=np.vstack([state.parameters, state.parameters + other]),
         )
-        other = all_parameters(np.array([9.0, 2.0, -1.0, 0.001, 0, 0, 0, 0]))
-        q = np.vstack([state.parameters, state.parameters + other])
-        self.cameras = Cameras(q, state.rotation, state.position)
         self.points = Points.unknown(state.tie_point)
         self.unit = np.zeros((2, PARAMETERS))
         self.unit[0] = [1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0]
@@ -69,13 +68,12 @@ class Case:
     def jacobian(self, loss: Loss = HUBER) -> tuple[FloatArray, FloatArray]:
         """The dense weighted Jacobian on poses, border and points, and the weighted residuals."""
         tie, layout, X = self.tie, self.layout, self.points.position
-        c = self.cameras
-        linear = linearise(tie, c.parameters, c.rotation, c.position, X)
+        linear = linearise(tie, self.cameras, X)
         kind = {number: name for name, number in KINDS.items()}[loss.kind]
         turn, residual = steer(linear.residual, kind, loss.threshold, loss.least_curvature)
         edge = layout.columns + layout.border
         J = np.zeros((len(tie), 2, edge + 3 * len(X)))
-        for i, (p, k, n) in enumerate(zip(tie.photograph, tie.camera, tie.point, strict=True)):
+        for i, (p, k, n) in enumerate(zip(tie.photograph, linear.camera, tie.point, strict=True)):
             at = 6 * layout.place[p]
             if at >= 0:
                 J[i, :, at : at + 6] = linear.pose[i]
@@ -132,8 +130,8 @@ def test_elimination_is_the_schur_complement(loss: Loss, damping: float, twice: 
 def test_the_cost_is_the_sum_of_the_losses() -> None:
     case = Case()
     c = case.cameras
-    whitened = residuals(case.tie, c.parameters, c.rotation, c.position, case.points.position)
-    cost = observation_cost(case.rays, c, case.points.position, case.layout, HUBER)
+    whitened = residuals(case.tie, c, case.points.position)
+    cost = observation_cost(case.rays, c, case.points.position, HUBER)
     assert cost == pytest.approx(0.5 * robust_terms(whitened, "huber", HUBER.threshold)[0].sum(), rel=1e-12)
 
 
@@ -148,7 +146,7 @@ def test_rays_from_behind_cost_much_and_pull_at_nothing() -> None:
     assert eliminate(others, case.cameras, Points.unknown(at), after, HUBER, 1e-3) == -1
     for found, expected in ((before.A, after.A), (before.Q, after.Q), (before.H, after.H)):
         np.testing.assert_array_equal(found, expected)
-    costs = [observation_cost(r, case.cameras, at, case.layout, HUBER) for r in (case.rays, others)]
+    costs = [observation_cost(r, case.cameras, at, HUBER) for r in (case.rays, others)]
     rays = case.tie.point == 7
     penalty = robust_terms(np.column_stack([BEHIND_PX / case.tie.sigma_px[rays], np.zeros(rays.sum())]), "huber", 2.0)
     assert costs[0] - costs[1] == pytest.approx(0.5 * penalty[0].sum(), rel=1e-12)
@@ -167,7 +165,7 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     damped[unseen, unseen] = 1.0
     expected = np.asarray(np.linalg.solve(damped, g), dtype=np.float64)
     poses, border = expected[: layout.columns], expected[layout.columns : edge]
-    moved = Cameras(case.cameras.parameters * 1.0001, case.cameras.rotation, case.cameras.position + 0.01)
+    moved = case.cameras._replace(parameters=case.cameras.parameters * 1.0001, position=case.cameras.position + 0.01)
     X, predicted, cost = substitute(case.rays, case.cameras, case.points, layout, wide, damping, (poses, border), moved)
     step = expected[edge:].reshape(-1, 3)
     np.testing.assert_allclose(X - case.points.position, step, rtol=0, atol=1e-6 * np.abs(step).max())
@@ -179,7 +177,7 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     saved = g @ expected - 0.5 * expected @ H @ expected
     cameras = 0.5 * damping * np.sum(np.diag(H)[:edge] * expected[:edge] ** 2)
     assert predicted + cameras == pytest.approx(saved, rel=1e-6)
-    whitened = residuals(case.tie, moved.parameters, moved.rotation, moved.position, X)
+    whitened = residuals(case.tie, moved, X)
     assert cost == pytest.approx(0.5 * robust_terms(whitened, "huber", wide.threshold)[0].sum(), rel=1e-12)
 
 
@@ -245,7 +243,7 @@ def test_results_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Monk
         with ThreadPoolExecutor(threads or 1) as pool:
             given = None if threads is None else pool
             eliminate(case.rays, case.cameras, case.points, normal, HUBER, 1e-4, given)
-            cost = observation_cost(case.rays, case.cameras, case.points.position, case.layout, HUBER, given)
+            cost = observation_cost(case.rays, case.cameras, case.points.position, HUBER, given)
         found.append((cost, normal))
     for cost, normal in found[1:]:
         assert cost == found[0][0]

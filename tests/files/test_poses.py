@@ -35,7 +35,7 @@ from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 Json = dict[str, Any]
 # 3° east of the central meridian of zone 32: meridian convergence of 2.5°
 FRAME = LocalFrame("EPSG:25832", (805_000.0, 6_200_000.0, 60.0))
-CAMERA = Camera("left, wide", 800, 600, 700.0, np.array([402.0, 297.0]), np.array([-0.06, 0.02, 0.0]))
+CAMERA = Camera("left, wide", 800, 600, 700.0, np.array([402.0, 297.0]), np.array([-0.06, 0.02, 0.0, 0.0]))
 NADIR = np.diag([1.0, -1.0, -1.0])
 ROTATIONS = st.tuples(*[st.floats(-np.pi, np.pi)] * 3).map(lambda v: Rotation.from_rotvec(v).as_matrix())
 POSITIONS = st.tuples(st.floats(-900, 900), st.floats(-900, 900), st.floats(20, 300)).map(np.array)
@@ -263,7 +263,7 @@ def test_footprints_project_to_the_corners_of_the_photograph(tmp_path: Path) -> 
 )
 def test_photographs_without_a_footprint(tmp_path: Path, pitch_deg: float, height_m: float, radial: float) -> None:
     pose = Pose(rotation_from_gimbal(10.0, pitch_deg, 0.0), np.array([0.0, 0.0, height_m]))
-    camera = replace(CAMERA, radial=np.array([radial, 0.0, 0.0]))
+    camera = replace(CAMERA, radial=np.array([radial, 0.0, 0.0, 0.0]))
     assert footprint_world_m(camera, pose, 0.0) is None
     result = adjusted([pose])
     result = replace(result, block=replace(result.block, cameras=(camera,)))

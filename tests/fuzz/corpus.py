@@ -63,7 +63,7 @@ PLAN = SurveyPlan(
     width_px=400, height_px=300, focal_px=600.0, flying_height_m=40.0, forward_overlap=0.75, side_overlap=0.7, strips=2,
     photographs_per_strip=2, relief_m=4.0, buildings=2, trees=6, target_radius_m=0.3, control_points=8, check_points=4,
     control_marks_per_photograph=4, mark_sigma_px=0.0, whole_pixel_marks=True,
-    principal_point_offset_px=(1.0, -0.7), calibration_sigmas=(2.0, 1.0, 1.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    principal_point_offset_px=(1.0, -0.7), calibration_sigmas=(2.0, 1.0, 1.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 )  # fmt: skip
 
 

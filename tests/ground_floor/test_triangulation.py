@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, models_of, project
+from photogram.camera import Camera, Pose, oriented_by, project
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import TiePoints
 from photogram.triangulation import (
@@ -31,21 +31,15 @@ def cameras_and_numbers(block: SimulatedBlock) -> tuple[Camera, np.ndarray]:
 
 def consensus(block: SimulatedBlock, ties: TiePoints, limit_px: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     camera, camera_of = cameras_and_numbers(block)
-    R = np.array([pose.rotation_world_from_camera for pose in block.truth.poses])
-    C = np.array([pose.position_world_m for pose in block.truth.poses])
     ideal = ideal_observations([camera], camera_of, ties)
     limit = np.broadcast_to(limit_px, len(ties.point)).astype(np.float64)
     points, inlier = consensus_intersections(
         ties.first_observation,
         ties.photograph,
-        camera_of,
         ties.pixel,
         ideal,
         limit,
-        models_of([camera]),
-        camera.parameters[None],
-        R,
-        C,
+        oriented_by([camera], camera_of, block.truth.poses),
     )
     return np.asarray(points), np.asarray(inlier)
 
@@ -135,7 +129,7 @@ def test_many_points_at_once_equal_each_alone(exact: SimulatedBlock) -> None:
 
 def test_ideal_observations_use_each_photographs_own_camera(exact: SimulatedBlock) -> None:
     ties = exact.block.tie_points
-    other = Camera("other", 1200, 900, 1500.0, np.array([600.0, 440.0]), np.array([0.05, 0.0, 0.0]))
+    other = Camera("other", 1200, 900, 1500.0, np.array([600.0, 440.0]), np.array([0.05, 0.0, 0.0, 0.0]))
     camera_of = (np.arange(len(exact.truth.poses)) % 2).astype(np.int64)
     ideal = ideal_observations([exact.truth.camera, other], camera_of, ties)
     for camera, number in ((exact.truth.camera, 0), (other, 1)):

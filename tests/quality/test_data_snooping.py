@@ -20,7 +20,7 @@ from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=3, photographs_per_strip=4, control_points=7, check_points=3,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=4, check_points=2, flights=2)
 SETTINGS = AdjustmentSettings(robust_loss="huber")
-SIGMAS = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, 0.0)
+SIGMAS = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, 0.0, 0.0, 0.0)
 
 
 def small(seed: int = 1, plan: SurveyPlan = PLAN, ties: int = 60) -> tuple[Problem, State]:
@@ -190,7 +190,7 @@ def test_points_intersected_with_uncertain_cameras_are_check_points() -> None:
     rows = rows[np.argsort(points.mark_point[rows], kind="stable")]
     marks = Observations(
         points.mark_photograph[rows], np.searchsorted(check, points.mark_point[rows]), points.mark_pixel[rows],
-        points.mark_sigma_px[rows], np.zeros(len(rows), np.int64), problem.tie.model,
+        points.mark_sigma_px[rows],
     )  # fmt: skip
     intersected = intersected_covariances(marks, position[check], state, found)
     np.testing.assert_allclose(intersected, expected[check], rtol=1e-6, atol=1e-9)
@@ -263,7 +263,8 @@ def weak_block(control: int = 4, gnss_m: float = 2.0) -> tuple[Problem, State]:
         side_overlap=0.7, gnss_sigma_m=(gnss_m,) * 3, gnss_offset_sigma_m=(gnss_m / 2,) * 3, relief_m=2.0,
     )  # fmt: skip
     made = simulate_block(
-        replace(plan, calibration_sigmas=(20.0, 5.0, 5.0, 0.02, 0.02, 0.0, 0.0005, 0.0005)), 1, tie_points=700,
+        replace(plan, calibration_sigmas=(20.0, 5.0, 5.0, 0.02, 0.02, 0.0, 0.0, 0.0005, 0.0005, 0.0, 0.0)), 1,
+        tie_points=700,
         start_position_sigma_m=0.0, start_attitude_sigma_deg=0.0, start_point_sigma_m=0.0,
     )  # fmt: skip
     problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))

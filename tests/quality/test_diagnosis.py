@@ -25,7 +25,7 @@ NADIR = SurveyPlan(
 
 RTK_NADIR = replace(
     rtk_plan(), relief_m=0.0, attitude_noise_deg=0.05, position_noise_m=0.05,
-    calibration_sigmas=(30.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+    calibration_sigmas=(30.0, 5.0, 5.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
 )  # fmt: skip
 
 
@@ -77,7 +77,8 @@ def test_a_dome_from_a_wrong_calibration_is_measured() -> None:
 
 def test_predicted_dome_is_what_domes_scatter_by() -> None:
     """The adjustment's own prediction of the dome, against the dome of its tie points over the truth."""
-    plan = replace(NADIR, check_points=0, calibration_sigmas=(10.0, 3.0, 3.0, 0.01, 0.01, 0.0, 0.0002, 0.0002))
+    sigmas = (10.0, 3.0, 3.0, 0.01, 0.01, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
+    plan = replace(NADIR, check_points=0, calibration_sigmas=sigmas)
     domes, sigmas = [], []
     for seed in range(12):
         made = simulate_block(

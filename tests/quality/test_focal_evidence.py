@@ -19,8 +19,8 @@ LENS = 0.06
 
 PLAN = replace(
     whole_survey_plan(800), strips=3, photographs_per_strip=6, calibration_source="laboratory", control_points=0,
-    check_points=6, relief_m=8.0, radial=(LENS, 0.0, 0.0), tangential=(0.0, 0.0),
-    calibration_sigmas=(0.02 * 800 / 1.2, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    check_points=6, relief_m=8.0, radial=(LENS, 0.0, 0.0, 0.0), tangential=(0.0, 0.0),
+    calibration_sigmas=(0.02 * 800 / 1.2, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 )  # fmt: skip
 
 
@@ -60,6 +60,6 @@ def test_what_is_settled_lies_near_the_source_and_its_sigma_counts() -> None:
 
 
 def test_with_the_lens_in_the_model_there_is_nothing_to_settle() -> None:
-    right = replace(PLAN, calibration_sigmas=(0.02 * 800 / 1.2, 2.0, 2.0, 0.5, 0.1, 0.05, 0.0, 0.0))
+    right = replace(PLAN, calibration_sigmas=(0.02 * 800 / 1.2, 2.0, 2.0, 0.5, 0.1, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert judged(right).focal_lengths == {}
     assert judged(right).accused == ()

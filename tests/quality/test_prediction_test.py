@@ -18,7 +18,7 @@ from photogram.simulation.simulated_survey import SurveyPlan
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=5, check_points=6, control_sigma_m=(0.005, 0.005, 0.008),
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0), gnss_sigma_m=(0.1, 0.1, 0.15),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), gnss_sigma_m=(0.1, 0.1, 0.15),
 )  # fmt: skip
 
 # nothing but satellites of 2 m: all points err together

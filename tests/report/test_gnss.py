@@ -26,7 +26,7 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 Json = dict[str, Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
-PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, calibration_sigmas=(0.0,) * 8)
+PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, calibration_sigmas=(0.0,) * 11)
 
 
 @pytest.fixture(scope="module")

@@ -89,7 +89,7 @@ def hills(plan: FloatArray) -> FloatArray:
 def test_any_camera_and_pose_as_the_projection_says() -> None:
     """Tilted photographs with a distortion that folds back within the picture's reach, over hills."""
     camera = Camera(
-        "barrel", 900, 700, 500.0, np.array([440.0, 360.0]), np.array([-0.25, 0.02, 0.0]), np.array([1e-3, 2e-3])
+        "barrel", 900, 700, 500.0, np.array([440.0, 360.0]), np.array([-0.25, 0.02, 0.0, 0.0]), np.array([1e-3, 2e-3])
     )
     assert np.isfinite(camera.largest_radius)
     rng = np.random.default_rng(4)

@@ -17,7 +17,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 from photogram.survey import TiePoints
 
 SETTINGS = StructureSettings()
-KNOWN = (0.0,) * 8
+KNOWN = (0.0,) * 11
 PLAN = SurveyPlan(
     strips=4, photographs_per_strip=6, forward_overlap=0.75, control_points=0, check_points=0, calibration_sigmas=KNOWN
 )

@@ -115,8 +115,8 @@ def test_verification_keeps_right_matches_and_rejects_wrong_ones(mismatches: flo
 
 def test_verification_sees_pixels_free_of_each_cameras_own_distortion() -> None:
     camera, both, candidates, _ = true_pair(0.6, 0.4, 7)
-    straight = replace(camera, radial=np.zeros(3), tangential=np.zeros(2))
-    other = replace(straight, radial=np.array([0.3, 0.0, 0.0]), tangential=np.array([0.004, 0.003]))
+    straight = replace(camera, radial=np.zeros(4), tangential=np.zeros(2))
+    other = replace(straight, radial=np.array([0.3, 0.0, 0.0, 0.0]), tangential=np.array([0.004, 0.003]))
     plain = (
         features(both[0].descriptor, undistort(camera, both[0].pixel)),
         features(both[1].descriptor, undistort(camera, both[1].pixel)),

@@ -24,7 +24,13 @@ BY_CONTROL, BY_ATTITUDE = OrientationSettings(method="control"), OrientationSett
 # ---- by control points ----------------------------------------------------------------------------------------------
 
 CAMERA = Camera(
-    "p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008])
+    "p",
+    5472,
+    3648,
+    3670.0,
+    np.array([2741.0, 1837.0]),
+    np.array([-0.26, 0.11, -0.035, 0.0]),
+    np.array([-0.001, 0.0008]),
 )
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
 
@@ -117,11 +123,11 @@ def test_check_points_resect_nothing() -> None:
 @pytest.mark.parametrize(
     ("sigmas", "expected"),
     [
-        ((0.0,) * 8, True),
-        ((2.0, 1.0, 1.0, 0.001, 0.0, 0.0, 0.0, 0.0), True),
-        ((np.inf,) * 8, True),
-        ((110.0, 20.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0), True),
-        ((0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0), False),
+        ((0.0,) * 11, True),
+        ((2.0, 1.0, 1.0, 0.001, *(0.0,) * 7), True),
+        ((np.inf,) * 11, True),
+        ((110.0, 20.0, 20.0, *(0.0,) * 8), True),
+        ((0.0, 0.0, 0.0, 0.1, *(0.0,) * 7), False),
     ],
 )
 def test_a_camera_that_is_hardly_known_is_not_resected_by_control(sigmas: tuple[float, ...], expected: bool) -> None:
@@ -250,7 +256,7 @@ def test_a_hardly_known_camera_with_control_everywhere_is_not_taken_for_contradi
 def test_known_control_everywhere_is_used_and_is_exact() -> None:
     plan = SurveyPlan(
         strips=2, photographs_per_strip=4, control_points=14, check_points=0, control_marks_per_photograph=4,
-        calibration_sigmas=(0.0,) * 8,
+        calibration_sigmas=(0.0,) * 11,
     )  # fmt: skip
     block = simulated(1, plan)
     oriented = orient(bare(block), AUTO)
@@ -259,7 +265,7 @@ def test_known_control_everywhere_is_used_and_is_exact() -> None:
 
 
 def test_one_photograph_with_contradicting_control_does_not_stop_a_block_that_needs_none() -> None:
-    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=10)
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 11, calibration_source="laboratory", control_points=10)
     block = simulated(1, plan)
     control = block.block.control_points
     marks = np.bincount(control.mark_photograph, minlength=COUNT)
@@ -280,7 +286,7 @@ def test_control_that_contradicts_in_every_photograph_does_not_stop_a_block_with
     """All marks of every photograph stand at each other's places: GNSS places what the tie points orient."""
     plan = SurveyPlan(
         strips=2, photographs_per_strip=4, control_points=14, check_points=0, control_marks_per_photograph=4,
-        calibration_sigmas=(0.0,) * 8,
+        calibration_sigmas=(0.0,) * 11,
     )  # fmt: skip
     block = simulated(1, plan)
     control = block.block.control_points
@@ -300,7 +306,7 @@ def test_control_that_contradicts_in_every_photograph_does_not_stop_a_block_with
 
 def test_a_resection_far_away_is_not_believed() -> None:
     """Three marks and a position allow a pose 40 m off, of which only the tie points show that it is wrong."""
-    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=14)
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 11, calibration_source="laboratory", control_points=14)
     block = simulated(1, plan)
     resections, faults = resections_of(bare(block))
     assert faults == ()
@@ -347,7 +353,7 @@ def test_photographs_of_another_site_and_empty_ones_are_left_out_and_told(change
 
 
 def test_a_photograph_without_tie_points_stays_by_its_control() -> None:
-    plan = replace(PLAN, calibration_sigmas=(0.0,) * 8, calibration_source="laboratory", control_points=14)
+    plan = replace(PLAN, calibration_sigmas=(0.0,) * 11, calibration_source="laboratory", control_points=14)
     block = simulated(1, plan)
     marks = np.bincount(block.block.control_points.mark_photograph, minlength=COUNT)
     alone = int(np.argmax(marks))

@@ -18,7 +18,7 @@ from photogram.sfm.tie_points.pairs import PairSettings, SelectedPairs, predicte
 from photogram.survey import Photograph
 
 SETTINGS = PairSettings()
-CAMERA = Camera("wide", 1200, 900, 1000.0, np.array([603.0, 448.0]), np.array([-0.08, 0.06, -0.01]))
+CAMERA = Camera("wide", 1200, 900, 1000.0, np.array([603.0, 448.0]), np.array([-0.08, 0.06, -0.01, 0.0]))
 NARROW = Camera("narrow", 1400, 700, 100_000.0, np.array([699.5, 349.5]))
 HEIGHT = 80.0
 WIDTH_M, LENGTH_M = 1200 * HEIGHT / 1000, 900 * HEIGHT / 1000
@@ -401,7 +401,7 @@ def test_cameras_are_told_apart() -> None:
 
 
 def test_a_distortion_that_cannot_be_undone_is_named() -> None:
-    folded = replace(CAMERA, radial=np.array([-3.0, 0.0, 0.0]))
+    folded = replace(CAMERA, radial=np.array([-3.0, 0.0, 0.0, 0.0]))
     with pytest.raises(ImageError, match="camera wide: its distortion"):
         select_pairs(block(2, 2), [folded], SETTINGS, similar=None)
 

@@ -15,7 +15,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, forward_overlap=0.75, control_points=0, check_points=0,
-    calibration_sigmas=(0.0,) * 8,
+    calibration_sigmas=(0.0,) * 11,
 )  # fmt: skip
 COUNT = 8
 SETTINGS = StructureSettings()
@@ -203,7 +203,7 @@ def freed(block: SimulatedBlock, sigmas: tuple[float, ...], focal_error: float =
 
 
 def test_the_calibration_moves_only_where_it_is_free_and_the_block_large_enough() -> None:
-    free = (20.0, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0)
+    free = (20.0, 0.0, 0.0, 0.05, *(0.0,) * 7)
     block = freed(simulated(), free, 0.002)
     start = block.block.cameras[0].parameters
     small = settled(structure_of(block, range(4)))
@@ -214,14 +214,16 @@ def test_the_calibration_moves_only_where_it_is_free_and_the_block_large_enough(
     np.testing.assert_array_equal(held.parameters[0], start)
     whole = settled(structure_of(block))
     assert np.flatnonzero(whole.parameters[0] != start).tolist() == [0, 3]
-    known = settled(structure_of(freed(simulated(), (0.0,) * 8)))
+    known = settled(structure_of(freed(simulated(), (0.0,) * 11)))
     np.testing.assert_array_equal(known.parameters[0], simulated().block.cameras[0].parameters)
 
 
 def test_a_wrong_distortion_is_told_and_used_for_what_follows() -> None:
     block = simulated()
     camera = replace(
-        block.block.cameras[0], radial=np.array([0.0, 0.0, -0.01]), sigmas=np.array([0, 0, 0, 0.2, 0.2, 0, 0, 0.0])
+        block.block.cameras[0],
+        radial=np.array([0.0, 0.0, -0.01, 0.0]),
+        sigmas=np.array([0, 0, 0, 0.2, 0.2, *[0.0] * 6]),
     )
     structure = structure_of(replace(block, block=replace(block.block, cameras=(camera,))))
     for _ in range(3):
@@ -235,7 +237,7 @@ def test_a_wrong_distortion_is_told_and_used_for_what_follows() -> None:
 def test_a_calibration_that_no_camera_has_is_not_taken() -> None:
     """Attitudes of other photographs, as shuffled tags give them: a free calibration would follow them anywhere."""
     for seed in range(6):
-        block = freed(simulated(seed), (40.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0))
+        block = freed(simulated(seed), (40.0, 0.0, 0.0, 0.1, 0.1, *(0.0,) * 6))
         structure = structure_of(block)
         structure.point[:] = block.tie_point_position_world_m
         structure.rotation[:] = np.random.default_rng(seed).permutation(structure.rotation)
@@ -304,7 +306,7 @@ def test_too_few_known_points_resect_nothing() -> None:
 
 def test_far_coordinates_do_not_blur_a_resected_pose() -> None:
     rng = np.random.default_rng(0)
-    camera = replace(simulated().block.cameras[0], radial=np.zeros(3), tangential=np.zeros(2))
+    camera = replace(simulated().block.cameras[0], radial=np.zeros(4), tangential=np.zeros(2))
     shift = np.array([600_000.0, 5_800_000.0, 300.0])
     pose = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 80.0]))
     points = rng.uniform(-1, 1, (40, 3)) * [25.0, 25.0, 3.0] + [13.0, -15.0, 0.0]

@@ -13,7 +13,7 @@ from makers import SharedData
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.camera import Camera, Pose, image_plane, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, image_plane, oriented_by, project, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project
@@ -23,9 +23,15 @@ from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect
 ROOT = Path(__file__).parents[2]
 
 CAMERA = Camera(
-    "p", 5472, 3648, 3670.0, np.array([2741.0, 1837.0]), np.array([-0.26, 0.11, -0.035]), np.array([-0.001, 0.0008])
+    "p",
+    5472,
+    3648,
+    3670.0,
+    np.array([2741.0, 1837.0]),
+    np.array([-0.26, 0.11, -0.035, 0.0]),
+    np.array([-0.001, 0.0008]),
 )
-PINHOLE = replace(CAMERA, radial=np.zeros(3), tangential=np.zeros(2))
+PINHOLE = replace(CAMERA, radial=np.zeros(4), tangential=np.zeros(2))
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
 SIGMA = 1.5
 
@@ -169,10 +175,8 @@ def jacobian(points: np.ndarray) -> np.ndarray:
     for X in points:
         J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 11)), np.empty((2, 3))
         project_point_jacobians(
-            CAMERA.kind,
-            CAMERA.parameters,
-            POSE.rotation_world_from_camera,
-            POSE.position_world_m,
+            oriented_by([CAMERA], np.zeros(1, np.int64), [POSE]),
+            0,
             X,
             J,
             J_camera,
@@ -317,7 +321,7 @@ def test_three_points_that_magnify_noise_do_not_contradict_a_fourth(seed: int) -
 
 def test_points_and_centre_near_one_cylinder_are_refined_all_the_same() -> None:
     """Steps shrink slowly there (the dangerous cylinder); the marks contradict nothing."""
-    camera = Camera("s", 1200, 900, 1800.0, np.array([602.5, 447.5]), np.array([-0.08, 0.06, -0.01]))
+    camera = Camera("s", 1200, 900, 1800.0, np.array([602.5, 447.5]), np.array([-0.08, 0.06, -0.01, 0.0]))
     pose = Pose(rotation_from_gimbal(180.0, -90.0, 0.0), np.array([-19.14, 17.38, 80.12]))
     points = np.array([[1.7, 24.8, 2.1], [-45.9, 14.2, 2.3], [-20.7, 11.2, 2.2], [-16.7, 29.3, 2.8]])
     exact = project(camera, pose, points)
@@ -359,7 +363,7 @@ def test_another_programs_poses_are_found_again(number: int, shared_data: Shared
     calibration = ET.parse(solved / "Calib-PerspCentral-Foc-28000_Cam-PENTAX_K5.xml")
     radial = [float(calibration.findtext(f".//{k}") or "nan") for k in ("K1", "K2", "K3")]
     focal_px, centre = float(calibration.findtext(".//F") or "nan"), numbers(calibration.findtext(".//PP"))
-    camera = Camera("Pentax K5", 1728, 1152, focal_px, centre, np.array(radial))
+    camera = Camera("Pentax K5", 1728, 1152, focal_px, centre, np.array([*radial, 0.0]))
     pose = ET.parse(solved / f"Ori-PerspCentral-IMGP{number}.JPG.xml")
     axes = np.column_stack([numbers(pose.findtext(f".//{axis}")) for axis in ("AxeI", "AxeJ", "AxeK")])
     checks = list(ET.parse(folder / "Ori-Ground_mm3d" / f"Orientation-IMGP{number}.JPG.xml").iter("Appuis"))

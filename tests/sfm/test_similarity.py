@@ -58,7 +58,7 @@ def test_a_similarity_is_found_again(seed: int, count: int, flatness: float) -> 
 @given(seed=st.integers(0, 10_000))
 def test_projections_do_not_change_under_a_similarity(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    camera = Camera("c", 1000, 800, 900.0, np.array([500.0, 400.0]), np.array([-0.1, 0.02, 0.0]))
+    camera = Camera("c", 1000, 800, 900.0, np.array([500.0, 400.0]), np.array([-0.1, 0.02, 0.0, 0.0]))
     pose = Pose(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-10, 10, 3))
     points = pose.world_from_camera(np.column_stack([rng.uniform(-1, 1, (10, 2)), rng.uniform(3, 9, 10)]))
     moved = random_similarity(seed)

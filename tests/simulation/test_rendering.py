@@ -17,7 +17,7 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 
 def camera(width: int = 480, height: int = 320, focal: float = 700.0) -> Camera:
     return Camera(
-        "c", width, height, focal, np.array([width / 2 + 2.0, height / 2 - 3.0]), np.array([-0.08, 0.06, -0.01]),
+        "c", width, height, focal, np.array([width / 2 + 2.0, height / 2 - 3.0]), np.array([-0.08, 0.06, -0.01, 0.0]),
         np.array([4e-4, -3e-4]),
     )  # fmt: skip
 
@@ -126,8 +126,8 @@ def test_target_is_where_the_projection_says(scene: Scene) -> None:
 
 def test_distortion_is_drawn_as_opencv_removes_it(scene: Scene) -> None:
     where, real = pose((1.0, 2.0, 15.0), (1.0, 0.0, 45.0)), camera()
-    strong = replace(real, radial=np.array([-0.25, 0.1, 0.02]))
-    pinhole = replace(real, radial=np.zeros(3), tangential=np.zeros(2))
+    strong = replace(real, radial=np.array([-0.25, 0.1, 0.02, 0.0]))
+    pinhole = replace(real, radial=np.zeros(4), tangential=np.zeros(2))
     straight = render(scene, pinhole, where, seed=0, noise_dn=0.0, vignetting=0.0)
     bent = render(scene, strong, where, seed=0, noise_dn=0.0, vignetting=0.0)
     u, v = np.meshgrid(np.arange(480.0), np.arange(320.0))
@@ -156,7 +156,7 @@ def test_number_of_threads_changes_nothing(scene: Scene) -> None:
 
 
 def test_distortion_that_cannot_be_undone_is_refused(scene: Scene) -> None:
-    folded = replace(camera(focal=200.0), radial=np.array([-0.9, 0.0, 0.0]))
+    folded = replace(camera(focal=200.0), radial=np.array([-0.9, 0.0, 0.0, 0.0]))
     with pytest.raises(ImageError, match="cannot be undone"):
         render(scene, folded, pose((0.0, 0.0, 0.0), (0.0, 0.0, 45.0)), seed=0)
 

@@ -214,4 +214,5 @@ def test_views_are_the_straightest_that_show_a_place(photographed_plane: Any) ->
     assert np.array_equal(chosen, expected)
     assert np.allclose(tangent, np.sort(lean, axis=1)[:, :3])
     assert 0 < np.mean(inside) < 1
-    assert np.all(choose_views(replace(views, position_world_m=-views.position_world_m), places, 2)[0] == -1)
+    below = replace(views, cameras=views.cameras._replace(position=-views.position_world_m))
+    assert np.all(choose_views(below, places, 2)[0] == -1)

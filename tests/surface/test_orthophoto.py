@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import ByteArray
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, oriented_by, project, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
@@ -41,7 +41,7 @@ TARGETS = np.array([[0.0, 0.0], [6.0, 4.0], [-7.0, 4.5], [-4.0, -6.0], [7.0, -5.
 
 def camera() -> Camera:
     middle = np.array([WIDTH / 2 + 2.0, DEPTH / 2 - 3.0])
-    return Camera("c", WIDTH, DEPTH, FOCAL, middle, np.array([-0.08, 0.06, -0.01]), np.array([4e-4, -3e-4]))
+    return Camera("c", WIDTH, DEPTH, FOCAL, middle, np.array([-0.08, 0.06, -0.01, 0.0]), np.array([4e-4, -3e-4]))
 
 
 def flown(columns: int, rows: int, seed: int = 1) -> list[Pose]:
@@ -56,11 +56,8 @@ def flown(columns: int, rows: int, seed: int = 1) -> list[Pose]:
 
 
 def views_of(cameras: Sequence[Camera], poses: Sequence[Pose]) -> Views:
-    return Views(
-        np.arange(len(poses)), np.array([c.kind for c in cameras]), np.array([c.parameters for c in cameras]),
-        np.array([p.rotation_world_from_camera for p in poses]), np.array([p.position_world_m for p in poses]),
-        np.array([(c.width_px, c.height_px) for c in cameras]), np.array([c.largest_radius for c in cameras]),
-    )  # fmt: skip
+    number = np.arange(len(poses))
+    return Views(number, oriented_by(cameras, number, poses))
 
 
 def level(half_m: float, cell_m: float = 0.2, height_map_m: float = HEIGHT) -> Raster:

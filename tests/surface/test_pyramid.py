@@ -263,6 +263,7 @@ def test_the_median_takes_spikes_away_and_leaves_holes() -> None:
 
 def test_one_photograph_sees_no_surface(made: SimulatedSurvey, known: KnownGround) -> None:
     views = views_of(made)
-    apart = replace(views, position_world_m=views.position_world_m + 1e4 * np.arange(6)[:, None] * [1.0, 0.0, 0.0])
+    position = views.position_world_m + 1e4 * np.arange(6)[:, None] * [1.0, 0.0, 0.0]
+    apart = replace(views, cameras=views.cameras._replace(position=position))
     with pytest.raises(PhotogramError, match="dense matching needs overlap"):
         survey_grid(made.frame, known, apart, CELL_M, 2)

@@ -13,15 +13,25 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
-from photogram.adjustment.self_calibration import WEAKEST, with_priors
-from photogram.camera import Camera, models_of, project
+from photogram.adjustment.self_calibration import with_priors
+from photogram.camera import Camera, Pose, oriented_by, project
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.kernels import CALIBRATION, WIDTH, linearise_point, point_cost
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.graph import cost, ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION as CALIBRATION_KIND
 from photogram.factors.variables import POSE, TIE_POINT, key
-from photogram.projection import FISHEYE, MODELS, PARAMETER_NAMES, PARAMETERS, Model, project_point_jacobians
+from photogram.projection import (
+    B1,
+    CAMERA_PARAMETERS,
+    FISHEYE,
+    K4,
+    MODELS,
+    PARAMETER_NAMES,
+    PARAMETERS,
+    Model,
+    project_point_jacobians,
+)
 from photogram.results import Adjustment
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
@@ -71,17 +81,18 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
     C = np.array([1.0, 2.0, 3.0])
     X = C + R @ (10.0 * np.array(place))
     J_pose, J_camera, J_point = np.zeros((2, 6)), np.zeros((2, PARAMETERS)), np.zeros((2, 3))
-    u, v, _ = project_point_jacobians(MODELS[model], q, R, C, X, J_pose, J_camera, J_point)
+    camera = Camera("c", 1000, 1000, 1000.0, np.zeros(2), model=model).with_parameters(q)
+    cameras = oriented_by([camera], np.zeros(1, np.int64), [Pose(R, C)])
+    u, v, _ = project_point_jacobians(cameras, 0, X, J_pose, J_camera, J_point)
     chosen, unit = np.flatnonzero(free), np.linspace(0.5, 1.5, PARAMETERS)
     free_of = np.zeros((1, 2 + PARAMETERS), np.int64)
     free_of[0, 1], free_of[0, 2 : 2 + len(chosen)] = len(chosen), chosen
-    packed = np.concatenate([q, np.where(free, unit, 0.0), [MODELS[model]]])[None]
-    seen, measured = np.zeros((1, 2), np.int64), np.array([[u - 3.0, v + 4.0, 2.0]])
+    measured = np.array([[u - 3.0, v + 4.0, 2.0]])
     J, V = np.zeros((2, WIDTH)), np.zeros(12)
-    ray = (0, 1, seen, measured, packed, np.concatenate([R.ravel(), C])[None], X[None], 0)
-    assert linearise_point(*ray, free_of, 0, 1.0, 1.0, J, V) == 0
+    ray, of_free = (0, 1, np.zeros(1, np.int64), measured, cameras), np.where(free, unit, 0.0)[None]
+    assert linearise_point(*ray, of_free, X[None], 0, free_of, 0, 1.0, 1.0, J, V) == 0
     np.testing.assert_allclose(J[:, 9], [6.0, -8.0], rtol=1e-9)
-    assert point_cost(*ray, 0, 1.0) == (pytest.approx(50.0), 0)
+    assert point_cost(*ray, X[None], 0, 0, 1.0) == (pytest.approx(50.0), 0)
     for part, expected in ((J[:, :6], J_pose), (J[:, 6:9], J_point)):
         np.testing.assert_allclose(part, 2.0 * expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     own = 2.0 * (J_camera * unit)[:, chosen]
@@ -138,7 +149,7 @@ def test_gtsams_own_fisheye_gives_the_same_errors_and_jacobians() -> None:
     f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2 = state.parameters[0]
     assert p1 == p2 == 0.0
     calibration = gtsam.Cal3Fisheye(f + b1, f, b2, cx, cy, k1, k2, k3, k4)
-    linear = linearise(tie, state.parameters, state.rotation, state.position, state.tie_point)
+    linear = linearise(tie, state.cameras, state.tie_point)
     for i in range(0, len(tie), 9):
         p, x = int(tie.photograph[i]), state.tie_point[tie.point[i]]
         local = state.rotation[p].T @ (x - state.position[p])
@@ -179,9 +190,9 @@ def test_a_fisheye_is_no_brown_camera() -> None:
     block = simulated("fisheye", 1, 800).block
     wrong = replace(block, cameras=(replace(block.cameras[0], model="brown"),))
     problem, other = (make_problem(b, AdjustmentSettings()) for b in (block, wrong))
-    state = start_state(block, problem.flights)
-    assert cost(other, ground_graph(other), state) > 5.0 * cost(problem, ground_graph(problem), state)
-    assert problem.tie.model.tolist() == [FISHEYE]
+    state, brown = start_state(block, problem.flights), start_state(wrong, other.flights)
+    assert cost(other, ground_graph(other), brown) > 5.0 * cost(problem, ground_graph(problem), state)
+    assert state.cameras.model.tolist() == [FISHEYE]
 
 
 def test_a_growing_block_of_a_fisheye() -> None:
@@ -202,8 +213,8 @@ def test_a_growing_block_of_a_fisheye() -> None:
 def test_parameters_left_free_get_wide_priors() -> None:
     camera = Camera("c", 4000, 3000, 3500.0, np.array([2000.0, 1500.0]), sigmas=np.full(PARAMETERS, np.inf))
     sigmas = dict(zip(PARAMETER_NAMES, with_priors(camera).sigmas.tolist(), strict=True))
-    assert sigmas["b1"] == sigmas["b2"] == WEAKEST["b1"] * 3500.0
-    assert sigmas["k4"] == WEAKEST["k4"]
+    assert sigmas["b1"] == sigmas["b2"] == CAMERA_PARAMETERS[B1].weakest * 3500.0
+    assert sigmas["k4"] == CAMERA_PARAMETERS[K4].weakest
 
 
 # ---- a camera per flight --------------------------------------------------------------------------------------------
@@ -241,7 +252,6 @@ def two_flights(longer_px: float) -> tuple[SimulatedBlock, Block]:
 
 def test_two_flights_with_focal_lengths_of_their_own_are_told_apart() -> None:
     made, block = two_flights(3.0)
-    assert models_of(block.cameras).tolist() == [0, 0]
     result = adjust(block, AdjustmentSettings())
     focal = np.array([camera.focal_px for camera in result.block.cameras])
     sigma = np.sqrt(result.calibration_covariance[:, 0, 0])

@@ -70,7 +70,7 @@ def dbat_block(data: Path) -> Block:
     tied = tied[np.lexsort((tied[:, 1], tied[:, 0]))]
     ids, number = np.unique(tied[:, 0], return_inverse=True)
     frame = LocalFrame("EPSG:27561", (1000000.0, 112400.0, 140.0), "grid")
-    camera = Camera("Camera1", 8858, 12996, 123.9392 * 1000 / 6, np.array([4429.5, 6468.5]), np.zeros(3))
+    camera = Camera("Camera1", 8858, 12996, 123.9392 * 1000 / 6, np.array([4429.5, 6468.5]))
     photographs = tuple(Photograph(name, 0) for name in FRAMES)
     block = Block(
         frame, (camera,), photographs, (None,) * 5,

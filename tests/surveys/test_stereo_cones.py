@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import Float32Array
+from photogram.camera import Camera, oriented_cameras
 from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, Window, fill_costs
 from photogram.surface.dense.pyramid import median_of_known
 from photogram.surface.dense.refinement import refine_heights
@@ -53,13 +54,14 @@ def pair(left: NDArray[np.generic], right: NDArray[np.generic]) -> tuple[Crops, 
     rows, columns = left.shape
     pictures = [np.pad(picture, RIM_PX, mode="edge").astype(np.float32) for picture in (left, right)]
     height, width = pictures[0].shape
-    parameters = np.zeros((2, 11))
-    parameters[:, 0] = parameters[1, 1] = HEIGHT_M
+    cameras = oriented_cameras(
+        [Camera("c", width, height, HEIGHT_M, np.array([cx, 0.0])) for cx in (0.0, HEIGHT_M)],
+        np.arange(2), np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
+        np.array([[0.0, 0.0, HEIGHT_M], [HEIGHT_M, 0.0, HEIGHT_M]]),
+    )  # fmt: skip
     crops = Crops(
-        np.zeros(2, np.int64), parameters, np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
-        np.array([[0.0, 0.0, HEIGHT_M], [HEIGHT_M, 0.0, HEIGHT_M]]), np.full(2, np.inf),
-        np.array([0, height * width]), np.full(2, -RIM_PX), np.full(2, -RIM_PX), np.full(2, width), np.full(2, height),
-        np.concatenate([picture.ravel() for picture in pictures]), 1.0,
+        cameras, np.array([0, height * width]), np.full(2, -RIM_PX), np.full(2, -RIM_PX), np.full(2, width),
+        np.full(2, height), np.concatenate([picture.ravel() for picture in pictures]), 1.0,
     )  # fmt: skip
     row, column = np.mgrid[:rows, :columns].astype(np.float64)
     foot, up = np.stack([column, -row, np.zeros_like(row)], axis=-1), np.zeros((rows, columns, 3))

@@ -25,7 +25,7 @@ from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
 )  # fmt: skip
 SETTINGS = AdjustmentSettings()
 
@@ -148,7 +148,7 @@ def test_a_photograph_that_starts_upside_down_is_left_out(marked: bool) -> None:
 
 def test_a_focal_length_that_nothing_tells_is_named_with_its_sigma() -> None:
     """Level ground and photographs that look straight down: few tie points and loose control hardly tell it."""
-    plan = replace(PLAN, relief_m=0.0, calibration_sigmas=(np.inf, 3.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    plan = replace(PLAN, relief_m=0.0, calibration_sigmas=(np.inf, 3.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     block = simulate_block(plan, 1, tie_points=60).block
     photographs = tuple(
         replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
@@ -211,7 +211,7 @@ def test_a_photograph_or_mark_turned_over_alone_is_named_for_being_left_out() ->
     over = state.rotation.copy()
     over[1] = over[1] @ np.diag([1.0, -1.0, -1.0])
     with pytest.raises(UnheldError, match="turned photographs over") as fault:
-        check_in_front(problem, replace(state, rotation=over))
+        check_in_front(problem, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert list(fault.value.photographs) == [1]
     assert not fault.value.marks
     alone = problem.with_tie_observations(problem.tie.select(problem.tie.photograph != 1))
@@ -222,11 +222,11 @@ def test_a_photograph_or_mark_turned_over_alone_is_named_for_being_left_out() ->
     one[control_marks(problem.block)[mine[1:]]] = False
     single = make_problem(without_marks(problem.block, one), SETTINGS).with_tie_observations(alone.tie)
     with pytest.raises(UnheldError, match="lies behind it") as fault:
-        check_in_front(single, replace(state, rotation=over))
+        check_in_front(single, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert list(fault.value.marks) == [int(np.count_nonzero(one[:number]))]
     over[2] = over[1]
     with pytest.raises(AdjustmentError) as both:
-        check_in_front(problem, replace(state, rotation=over))
+        check_in_front(problem, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert not isinstance(both.value, UnheldError)
 
 

@@ -26,7 +26,7 @@ SETTINGS = AdjustmentSettings()
 RTK = SurveyPlan(
     strips=3, photographs_per_strip=5, forward_overlap=0.78, control_points=7, check_points=4,
     gnss_sigma_m=(0.02, 0.02, 0.03), gnss_offset_sigma_m=(0.0, 0.0, 0.0),
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0002, 0.0002),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
 )  # fmt: skip
 NO_GNSS = replace(RTK, gnss_tags=False)
 

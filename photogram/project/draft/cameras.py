@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 from photogram.files.photographs.tags import Dewarp, PhotographTags
+from photogram.projection import CAMERA_PARAMETERS
 
 DIAGONAL_35MM_MM = 43.2666
 """The diagonal of 36 × 24 mm; a 35 mm equivalent compares diagonals (CIPA DCG-001)."""
@@ -28,16 +29,17 @@ SENSOR_WIDTH_MM = {
 }  # fmt: skip
 """Widths of sensors by the models that their tags name, from the makers' data sheets."""
 
-SIGMA_NAMES = ("focal_px", "principal_point_px", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
+_UNKNOWN = {p.sigma_key: p.unknown for p in CAMERA_PARAMETERS if p.unknown > 0.0}
+
+SIGMA_NAMES = tuple(_UNKNOWN)
+"""What a drafted camera states sigmas of."""
 
 _FORMATS = (4 / 3, 3 / 2, 16 / 9, 17 / 9)
 _SAME = 0.01
 _DISAGREEMENT = 1.25
-_EXIF_SIGMAS = (0.1, 0.1, 0.05, 0.003, 0.003)
-_EXIF_FOCAL, _EXIF_CENTRE = 0.03, 0.01
-_SHUTTER = (0.003, 0.001)
-"""Affinity b1, b2 in the focal length of a camera whose shutter is not known: a rolling one, read out in 30 ms at 5 m/s
-and 60 m above ground, stretches the picture by 0.25 % along the flight."""
+_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_OTHERS = _UNKNOWN.values()
+"""The affinity of a camera whose shutter is not known: a rolling one, read out in 30 ms at 5 m/s and 60 m above ground,
+stretches the picture by 0.25 % along the flight."""
 
 _ALIKE = 0.005
 """Readings of one tag that differ by less are one."""
@@ -138,7 +140,7 @@ def _undistorted(focal_px: float, source: str, reason: str, readings_px: tuple[f
     """Return a camera of which EXIF tells the focal length alone; its standard deviation covers half of what other
     readings differ by."""
     apart = max((abs(other / focal_px - 1.0) for other in readings_px), default=0.0)
-    sigmas = (hypot(_EXIF_FOCAL, 0.5 * apart), _EXIF_CENTRE, *_EXIF_SIGMAS, *_SHUTTER)
+    sigmas = (hypot(_EXIF_FOCAL, 0.5 * apart), _EXIF_CENTRE, *_EXIF_OTHERS)
     return _Interior(focal_px, (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), sigmas, source, reason, readings_px)
 
 
@@ -197,7 +199,7 @@ def _from_camera_tags(tags: PhotographTags) -> _Interior | None:
         (0.0, 0.0),
         tags.calibrated_radial or (0.0, 0.0, 0.0),
         (0.0, 0.0),
-        (0.01, _EXIF_CENTRE, *((0.05, 0.05, 0.05) if tags.calibrated_radial else (0.1, 0.1, 0.05)), 0.003, 0.003),
+        (0.01, _EXIF_CENTRE, *((0.05, 0.05, 0.05) if tags.calibrated_radial else _EXIF_OTHERS[:3]), *_EXIF_OTHERS[3:5]),
         f"the maker's calibration in the tags, {tags.calibrated_focal_mm:g} mm at {tags.pixels_per_mm:.1f} pixels "
         "per mm",
         "focal length and radial distortion of this camera; its principal point and tangential terms are not used, "
@@ -258,7 +260,7 @@ def _given(focal_px: float) -> _Interior:
         (0.0, 0.0),
         (0.0, 0.0, 0.0),
         (0.0, 0.0),
-        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_SIGMAS, *_SHUTTER),
+        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_OTHERS),
         "focal length given on the command line",
         "3 % of the focal length; make it smaller if you know it better.",
     )

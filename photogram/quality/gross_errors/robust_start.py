@@ -69,7 +69,7 @@ def _misfits(problem: Problem, state: State) -> _Misfits:
         whitened = np.where(np.isfinite(problem.control_sigma_m), off / problem.control_sigma_m, np.nan)
         control[own, 0], control[own, 1] = np.linalg.norm(whitened[:, :2], axis=1) / np.sqrt(2.0), abs(whitened[:, 2])
     used = np.isin(points.mark_point, own) & np.isfinite(points.mark_sigma_px)
-    v = residuals(problem.marks, state.parameters, state.rotation, state.position, state.control)
+    v = residuals(problem.marks, state.cameras, state.control)
     mark[used] = np.where(np.isfinite(v).all(axis=1), np.linalg.norm(v, axis=1) / np.sqrt(2.0), np.inf)
     gnss, attitude = np.full(count, np.nan), np.full(count, np.nan)
     for i, photograph in enumerate(block.photographs):
@@ -137,7 +137,7 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
     met = intersected_marks(part)[0][controls]
     state = replace(state, control=np.where(np.isfinite(met), met, state.control))
     if len(start):
-        state = replace(state, parameters=np.array(start))
+        state = replace(state, cameras=state.cameras._replace(parameters=np.array(start)))
     angle = float(np.deg2rad(settings.minimum_ray_angle_deg))
     _, agreeing, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie

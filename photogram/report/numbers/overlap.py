@@ -13,9 +13,8 @@ from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy.ndimage import median
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import models_of
 from photogram.compilation import njit
-from photogram.projection import project_point
+from photogram.projection import OrientedCameras, project_point
 from photogram.results import Adjustment
 from photogram.survey import Raster
 
@@ -49,19 +48,17 @@ class Overlap:
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _count(
-    camera: IntArray, model: IntArray, Q: FloatArray, widest: FloatArray, size_px: FloatArray, R: FloatArray,
-    C: FloatArray, X: FloatArray,
-) -> FloatArray:  # fmt: skip
+def _count(cameras: OrientedCameras, widest: FloatArray, X: FloatArray) -> FloatArray:
+    R, C, size_px = cameras.rotation, cameras.position, cameras.size_px
     seen = np.zeros(len(X))
     for i in range(len(R)):
-        c = camera[i]
+        c = cameras.camera[i]
         for n in range(len(X)):
             dx, dy, dz = X[n, 0] - C[i, 0], X[n, 1] - C[i, 1], X[n, 2] - C[i, 2]
             depth = R[i, 0, 2] * dx + R[i, 1, 2] * dy + R[i, 2, 2] * dz
             if depth <= 0.0 or dx * dx + dy * dy + dz * dz > widest[c] * depth * depth:
                 continue
-            u, v, _ = project_point(model[c], Q[c], R[i], C[i], X[n])
+            u, v, _ = project_point(cameras, i, X[n])
             if -0.5 <= u <= size_px[c, 0] - 0.5 and -0.5 <= v <= size_px[c, 1] - 0.5:
                 seen[n] += 1.0
     return seen
@@ -78,14 +75,10 @@ def _registered(result: Adjustment) -> tuple[IntArray, FloatArray, FloatArray]:
 def _views(result: Adjustment, points_world_m: FloatArray) -> FloatArray:
     """Return the number (P,) of registered photographs whose format holds each of points (P, 3)."""
     cameras = result.block.cameras
-    index, rotation, centre = _registered(result)
-    camera = np.array([photograph.camera for photograph in result.block.photographs], dtype=np.int64)[index]
     # the squared secant of the widest ray: beyond it the distortion folds points from outside back into the format
     widest = 1.0 + np.array([c.largest_radius for c in cameras]) ** 2
-    size = np.array([[c.width_px, c.height_px] for c in cameras], dtype=np.float64)
-    parameters = np.array([c.parameters for c in cameras])
-    points = np.ascontiguousarray(points_world_m)
-    counts: FloatArray = _count(camera, models_of(cameras), parameters, widest, size, rotation, centre, points)
+    chosen = [i for i, pose in enumerate(result.block.poses) if pose is not None]
+    counts: FloatArray = _count(result.block.oriented_cameras(chosen), widest, np.ascontiguousarray(points_world_m))
     return counts
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.compilation import njit
-from photogram.projection import seen_at
+from photogram.projection import OrientedCameras, seen_at
 from photogram.surface.dense.semi_global import FULL_COST
 
 NEUTRAL = FULL_COST // 2
@@ -35,18 +35,13 @@ _EDGE_PX = 0.01
 
 
 class Crops(NamedTuple):
-    """Views and the part of each (reduced) picture that a block of cells needs, one after the other in ``pixels``.
+    """Cameras and the part of each (reduced) picture that a block of cells needs, one after the other in ``pixels``.
 
-    ``model`` (V,), ``q`` (V, 11), ``R`` (V, 3, 3), ``C`` (V, 3), ``radius`` (V,) as in Views; ``start`` (V,), ``left``,
-    ``top``, ``width``, ``height`` (V,) of each crop; a pixel (u, v) of the photograph is (u, v) · ``scale`` in the
-    reduced picture.
+    ``start`` (V,), ``left``, ``top``, ``width``, ``height`` (V,) of each crop; a pixel (u, v) of the photograph is
+    (u, v) · ``scale`` in the reduced picture.
     """
 
-    model: IntArray
-    q: FloatArray
-    R: FloatArray
-    C: FloatArray
-    radius: FloatArray
+    cameras: OrientedCameras
     start: IntArray
     left: IntArray
     top: IntArray
@@ -81,21 +76,22 @@ class Window(NamedTuple):
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def nearest_views(
-    crops: Crops, size: IntArray, margin_px: float, place: FloatArray, out: IntArray, tangent: FloatArray
+    cameras: OrientedCameras, margin_px: float, place: FloatArray, out: IntArray, tangent: FloatArray
 ) -> None:
     """Fill ``out`` (P, N) with the views that see places (P, 3) from straightest above, −1 where there are no more, and
-    ``tangent`` (P, N) with the tangents of their angles off the vertical; ``size`` (V, 2) of the photographs."""
-    most = out.shape[1]
+    ``tangent`` (P, N) with the tangents of their angles off the vertical."""
+    most, C = out.shape[1], cameras.position
     for n in range(len(place)):
         X = place[n]
         out[n], tangent[n] = -1, np.inf
-        for v in range(len(crops.model)):
-            dx, dy, dz = crops.C[v, 0] - X[0], crops.C[v, 1] - X[1], crops.C[v, 2] - X[2]
+        for v in range(len(cameras.camera)):
+            dx, dy, dz = C[v, 0] - X[0], C[v, 1] - X[1], C[v, 2] - X[2]
             lean = np.hypot(dx, dy) / dz if dz > 0.0 else np.inf
             if not lean < tangent[n, most - 1]:
                 continue
-            x, y, _ = seen_at(crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v], X)
-            if margin_px <= x <= size[v, 0] - 1 - margin_px and margin_px <= y <= size[v, 1] - 1 - margin_px:
+            x, y, _ = seen_at(cameras, v, X)
+            width, height = cameras.size_px[cameras.camera[v], 0], cameras.size_px[cameras.camera[v], 1]
+            if margin_px <= x <= width - 1 - margin_px and margin_px <= y <= height - 1 - margin_px:
                 k = most - 1
                 while k > 0 and tangent[n, k - 1] > lean:
                     out[n, k], tangent[n, k] = out[n, k - 1], tangent[n, k - 1]
@@ -135,7 +131,6 @@ def look_up_row(
             v = views[start // ground.patch, i]
             if v < 0:
                 continue
-            model, q, R, C, radius = crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v]
             scale, left, top = crops.scale, crops.left[v], crops.top[v]
             for c in range(start, min(start + ground.patch, len(low))):
                 if np.isnan(low[c]):
@@ -143,23 +138,23 @@ def look_up_row(
                 found, foot, up = out[c, i], ground.foot[row, c], ground.up[row, c]
                 middle = 0.5 * (low[c] + high[c])
                 _raise(foot, up, middle, X)
-                x, y, depth = seen_at(model, q, R, C, radius, X)
+                x, y, depth = seen_at(crops.cameras, v, X)
                 found[0], found[1] = x * scale - left, y * scale - top
                 _raise(foot, up, middle + slope[c, 0], X)
                 for k in range(3):
                     X[k] += ground.east[k]
-                x, y, _ = seen_at(model, q, R, C, radius, X)
+                x, y, _ = seen_at(crops.cameras, v, X)
                 found[2], found[3] = x * scale - left - found[0], y * scale - top - found[1]
                 _raise(foot, up, middle + slope[c, 1], X)
                 for k in range(3):
                     X[k] += ground.south[k]
-                x, y, _ = seen_at(model, q, R, C, radius, X)
+                x, y, _ = seen_at(crops.cameras, v, X)
                 found[4], found[5] = x * scale - left - found[0], y * scale - top - found[1]
                 _raise(foot, up, low[c], X)
-                x, y, nearest = seen_at(model, q, R, C, radius, X)
+                x, y, nearest = seen_at(crops.cameras, v, X)
                 found[6], found[7] = x * scale - left, y * scale - top
                 _raise(foot, up, high[c], X)
-                x, y, farthest = seen_at(model, q, R, C, radius, X)
+                x, y, farthest = seen_at(crops.cameras, v, X)
                 found[8], found[9] = x * scale - left, y * scale - top
                 found[10] = 0.5 * (farthest - nearest) / depth
 
@@ -357,7 +352,7 @@ def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Floa
             if v < 0:
                 continue
             _raise(ground.foot[r, c], ground.up[r, c], np.float64(surface[r, c]), X)
-            x, y, _ = seen_at(crops.model[v], crops.q[v], crops.R[v], crops.C[v], crops.radius[v], X)
+            x, y, _ = seen_at(crops.cameras, v, X)
             at[0], at[1] = x * crops.scale - crops.left[v], y * crops.scale - crops.top[v]
             crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
             if sample_square(crop, size, at, 0, grey):

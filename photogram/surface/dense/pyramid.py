@@ -13,7 +13,7 @@ from photogram.arrays import NMAD_FACTOR, Float32Array, FloatArray
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
-from photogram.surface.dense.correlation import Crops, nearest_views
+from photogram.surface.dense.correlation import nearest_views
 from photogram.surface.views import Views
 
 STEP_PX = 0.7
@@ -91,7 +91,7 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     flying = float(np.median(above))
     if not flying > 0:
         raise PhotogramError("dense matching looks down: the photographs lie below the ground they show")
-    gsd = float(np.median(above / views.parameters[:, 0]))
+    gsd = float(np.median(above / views.focal_px))
     neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
     away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
     spread = float(np.median(away)) / flying
@@ -126,14 +126,9 @@ def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: flo
 def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[NDArray[np.int64], FloatArray]:
     """Return the views (P, most) that see places (P, 3) from straightest above, −1 where there are no more, and the
     tangents (P, most) of their angles off the vertical."""
-    none = np.zeros(0, np.int64)
-    whole = Crops(
-        views.model, views.parameters, views.rotation_world_from_camera, views.position_world_m, views.largest_radius,
-        none, none, none, none, none, np.zeros(0, np.float32), 1.0,
-    )  # fmt: skip
     chosen = np.empty((len(places_world_m), most), np.int64)
     tangent = np.empty((len(places_world_m), most))
-    nearest_views(whole, views.size_px, 0.0, np.ascontiguousarray(places_world_m), chosen, tangent)
+    nearest_views(views.cameras, 0.0, np.ascontiguousarray(places_world_m), chosen, tangent)
     return chosen, tangent
 
 

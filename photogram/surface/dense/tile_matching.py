@@ -185,12 +185,7 @@ def _crops(scene: Scene, lines: Verticals, views: IntArray, prior: Prior, reduct
         pixels.append(part.ravel())
         total += part.size
     flat = np.concatenate(pixels)
-    scale = 1.0 / reduction
-    views_of = scene.views
-    return Crops(
-        views_of.model, views_of.parameters, views_of.rotation_world_from_camera, views_of.position_world_m,
-        views_of.largest_radius, start, left, top, width, height, flat, scale,
-    )  # fmt: skip
+    return Crops(scene.views.cameras, start, left, top, width, height, flat, 1.0 / reduction)
 
 
 def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape: tuple[int, ...]) -> Window:

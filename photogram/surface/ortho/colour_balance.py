@@ -19,7 +19,7 @@ from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
-from photogram.projection import seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_at
 from photogram.surface.ortho.seamlines import Seams
 from photogram.surface.views import Views
 
@@ -72,20 +72,21 @@ class Samples:
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _mean_colours(
     picture: ByteArray,
-    camera: tuple[int, FloatArray, FloatArray, FloatArray, float],
+    cameras: OrientedCameras,
+    view: int,
     X: FloatArray,
     side_m: float,
     out: FloatArray,
 ) -> None:
     """Fill the squared ideal radius and the mean colour (N, 4) of squares around places (N, 3); NaN where they reach
     out of the picture, or hold a pixel too dark or too bright."""
-    model, q, R, C, largest = camera
+    focal, C = cameras.parameters[cameras.camera[view], FOCAL], cameras.position
     out[:] = np.nan
     for n in range(len(X)):
-        u, v, depth = seen_at(model, q, R, C, largest, X[n])
+        u, v, depth = seen_at(cameras, view, X[n])
         if not np.isfinite(u):
             continue
-        half = min(max(int(0.5 * side_m * q[0] / depth), 1), LARGEST_HALF_PX)
+        half = min(max(int(0.5 * side_m * focal / depth), 1), LARGEST_HALF_PX)
         c, r = int(np.rint(u)), int(np.rint(v))
         if c < half or r < half or c + half >= picture.shape[1] or r + half >= picture.shape[0]:
             continue
@@ -98,7 +99,7 @@ def _mean_colours(
                     good = good and DARKEST <= value <= BRIGHTEST
                     total[k] += value
         if good:
-            distance2 = (X[n, 0] - C[0]) ** 2 + (X[n, 1] - C[1]) ** 2 + (X[n, 2] - C[2]) ** 2
+            distance2 = (X[n, 0] - C[view, 0]) ** 2 + (X[n, 1] - C[view, 1]) ** 2 + (X[n, 2] - C[view, 2]) ** 2
             out[n, 0] = distance2 / (depth * depth) - 1.0
             for k in range(3):
                 out[n, 1 + k] = total[k] / (2 * half + 1) ** 2
@@ -124,7 +125,7 @@ def sample_overlaps(
         place = np.flatnonzero(((listed == view) & clear).any(axis=1))
         out = np.empty((len(place), 4))
         if len(place):
-            _mean_colours(pixels_of(view), camera_of(views, view), X[place], side_m, out)
+            _mean_colours(pixels_of(view), views.cameras, view, X[place], side_m, out)
         good = np.isfinite(out[:, 0])
         return place[good].astype(np.int64), out[good]
 
@@ -133,14 +134,6 @@ def sample_overlaps(
     found = np.concatenate([out for _, out in parts]) if parts else np.zeros((0, 4))
     place = np.concatenate([place for place, _ in parts]) if parts else np.zeros(0, np.int64)
     return Samples(place, view, found[:, 0], np.log(found[:, 1:]))
-
-
-def camera_of(views: Views, view: int) -> tuple[int, FloatArray, FloatArray, FloatArray, float]:
-    """Return model, parameters, rotation, position and largest radius of a view, as ``seen_at`` takes them."""
-    return (
-        int(views.model[view]), views.parameters[view], views.rotation_world_from_camera[view],
-        views.position_world_m[view], float(views.largest_radius[view]),
-    )  # fmt: skip
 
 
 def balance_exposure(samples: Samples, camera: IntArray) -> Balance:

@@ -21,17 +21,10 @@ from photogram.compilation import njit
 from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, verticals
-from photogram.surface.ortho.colour_balance import Balance, PixelsOf, balance_exposure, camera_of, sample_overlaps
+from photogram.projection import OrientedCameras
+from photogram.surface.ortho.colour_balance import Balance, PixelsOf, balance_exposure, sample_overlaps
 from photogram.surface.ortho.resampling import add_photograph
-from photogram.surface.ortho.seamlines import (
-    SMALLEST_BLOCK,
-    Seams,
-    ViewArrays,
-    bundled,
-    bundled_lines,
-    find_seams,
-    sees,
-)
+from photogram.surface.ortho.seamlines import SMALLEST_BLOCK, Seams, bundled_lines, find_seams, sees
 from photogram.surface.ortho.visibility import NARROW, STRICT, Relief, Terrain, at_edge, height_at
 from photogram.surface.views import Views
 from photogram.survey import Raster
@@ -77,7 +70,7 @@ def ground_sampling_distance_m(views: Views, terrain: Terrain) -> float:
     ground = np.full(len(views), np.nan)
     ground[inside] = values[row[inside], column[inside]]
     ground = np.where(np.isfinite(ground), ground, np.nanmedian(values))
-    return float(np.median((terrain.position_map_m[:, 2] - ground) / views.parameters[:, 0]))
+    return float(np.median((terrain.position_map_m[:, 2] - ground) / views.focal_px))
 
 
 def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None) -> MapGrid:
@@ -121,7 +114,7 @@ class Orthophoto:
         label, weight = np.full((rows, columns, 4), -1, np.int32), np.zeros((rows, columns, 4), np.float32)
         height = np.full((rows, columns), np.nan)
         _choose(
-            self.terrain.around(self.grid, window), bundled(self.views), self.terrain.position_map_m,
+            self.terrain.around(self.grid, window), self.views.cameras, self.terrain.position_map_m,
             self.grid.centres_map_m(window), bundled_lines(lines), (window.row, window.column),
             (self.seams.label, self.seams.candidate),
             (self.seams.block_cells, self.feather_cells / self.seams.block_cells), (label, weight, height),
@@ -129,8 +122,8 @@ class Orthophoto:
         colour = np.zeros((rows, columns, 3), np.float32)
         places = (lines.foot_world_m, lines.up, height - lines.base_map_m)
         for view in np.unique(label[label >= 0]).tolist():
-            camera, gain, falloff = camera_of(self.views, view), self.balance.log_gain[view], self.balance.falloff[view]
-            add_photograph(view, pixels_of(view), camera, gain, falloff, places, label, weight, colour)
+            gain, falloff = self.balance.log_gain[view], self.balance.falloff[view]
+            add_photograph(view, pixels_of(view), self.views.cameras, gain, falloff, places, label, weight, colour)
         shown = (label[..., 0] >= 0)[..., None]
         rgb = np.clip(np.rint(colour), 0, 255).astype(np.uint8)
         return np.concatenate([np.where(shown, rgb, 0), np.where(shown, 255, 0)], axis=2).astype(np.uint8)
@@ -200,7 +193,7 @@ def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Ar
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _choose(
     relief: Relief,
-    views: ViewArrays,
+    cameras: OrientedCameras,
     centre: FloatArray,
     cells: tuple[FloatArray, FloatArray],
     lines: tuple[float, FloatArray, FloatArray],
@@ -235,10 +228,10 @@ def _choose(
             place = (east[j], north[i], h)
             edge = at_edge(relief, east[j], north[i])
             soft = 0.0 if edge else feather
-            if not _mix(relief, views, centre, X, place, soft, found, share):
+            if not _mix(relief, cameras, centre, X, place, soft, found, share):
                 row = min((corner[0] + i) // block, label.shape[0] - 1)
                 column = min((corner[1] + j) // block, label.shape[1] - 1)
-                _second_best(relief, views, centre, X, place, edge, candidate[row, column], found, share)
+                _second_best(relief, cameras, centre, X, place, edge, candidate[row, column], found, share)
             n = 0
             for k in range(4):
                 if found[k] >= 0 and share[k] > 0.0:
@@ -249,7 +242,7 @@ def _choose(
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _mix(
     relief: Relief,
-    views: ViewArrays,
+    cameras: OrientedCameras,
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
@@ -260,7 +253,7 @@ def _mix(
     """Turn shares into weights of the photographs that see a place; False where none does."""
     largest, best = 0.0, -1
     for k in range(4):
-        if found[k] >= 0 and share[k] > 0.0 and not sees(views, found[k], relief, centre, X, place, STRICT):
+        if found[k] >= 0 and share[k] > 0.0 and not sees(cameras, found[k], relief, centre, X, place, STRICT):
             found[k] = -1
         if found[k] >= 0 and share[k] > largest:
             largest, best = share[k], k
@@ -280,7 +273,7 @@ def _mix(
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _second_best(
     relief: Relief,
-    views: ViewArrays,
+    cameras: OrientedCameras,
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
@@ -295,6 +288,6 @@ def _second_best(
     share[:] = 0.0
     for mercy in range(STRICT, NARROW + 1 if edge else STRICT + 1):
         for k in range(len(candidate)):
-            if candidate[k] >= 0 and sees(views, candidate[k], relief, centre, X, place, mercy):
+            if candidate[k] >= 0 and sees(cameras, candidate[k], relief, centre, X, place, mercy):
                 found[0], share[0] = candidate[k], 1.0
                 return

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.projection import seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_at
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -58,7 +58,7 @@ def add_linear(picture: ByteArray, u: float, v: float, scale: float, out: FloatA
 def add_photograph(
     number: int,
     picture: ByteArray,
-    camera: tuple[int, FloatArray, FloatArray, FloatArray, float],
+    cameras: OrientedCameras,
     log_gain: FloatArray,
     falloff: FloatArray,
     places: tuple[FloatArray, FloatArray, FloatArray],
@@ -68,13 +68,12 @@ def add_photograph(
 ) -> None:
     """Add to ``out`` (R, C, 3) what the photograph ``number`` contributes to each cell.
 
-    ``camera`` is model, parameters, rotation, position and largest radius as ``seen_at`` takes them; colours are
-    multiplied by exp(−``log_gain`` (3,) − ``falloff`` (3,) r²), r the ideal radius. ``places`` are the feet of the
-    verticals (R, C, 3), their steps up (R, C, 3) and heights on them (R, C); ``label`` and ``weight`` (R, C, 4) say
-    which photographs a cell is made of, −1 for none. Cells that are larger than a pixel are sampled at as many
+    Colours are multiplied by exp(−``log_gain`` (3,) − ``falloff`` (3,) r²), r the ideal radius. ``places`` are the feet
+    of the verticals (R, C, 3), their steps up (R, C, 3) and heights on them (R, C); ``label`` and ``weight`` (R, C, 4)
+    say which photographs a cell is made of, −1 for none. Cells that are larger than a pixel are sampled at as many
     places as they have pixels, at the height of their centre.
     """
-    model, q, R, C, largest = camera
+    focal, C = cameras.parameters[cameras.camera[number], FOCAL], cameras.position
     foot, up, height = places
     X, colour, across, down = np.empty(3), np.empty(3), np.empty(4), np.empty(4)
     east, south = np.empty(3), np.empty(3)
@@ -91,14 +90,14 @@ def add_photograph(
                 east[k] = foot[i, j + 1, k] - foot[i, j, k]
                 south[k] = foot[i + 1, j, k] - foot[i, j, k]
                 colour[k] = 0.0
-            u, v, depth = seen_at(model, q, R, C, largest, X)
+            u, v, depth = seen_at(cameras, number, X)
             side = np.sqrt(east[0] * east[0] + east[1] * east[1] + east[2] * east[2])
-            n = int(np.ceil(side * q[0] / depth - 0.5))
+            n = int(np.ceil(side * focal / depth - 0.5))
             if n <= 1:
                 add_cubic(picture, u, v, 1.0, across, down, colour)
             else:
-                _add_cell(picture, camera, X, (east, south), n, colour)
-            distance2 = (X[0] - C[0]) ** 2 + (X[1] - C[1]) ** 2 + (X[2] - C[2]) ** 2
+                _add_cell(picture, cameras, number, X, (east, south), n, colour)
+            distance2 = (X[0] - C[number, 0]) ** 2 + (X[1] - C[number, 1]) ** 2 + (X[2] - C[number, 2]) ** 2
             r2 = max(distance2 / (depth * depth) - 1.0, 0.0)
             for k in range(3):
                 out[i, j, k] += w * colour[k] * np.exp(-log_gain[k] - falloff[k] * r2)
@@ -107,17 +106,17 @@ def add_photograph(
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _add_cell(
     picture: ByteArray,
-    camera: tuple[int, FloatArray, FloatArray, FloatArray, float],
+    cameras: OrientedCameras,
+    number: int,
     X: FloatArray,
     sides: tuple[FloatArray, FloatArray],
     n: int,
     colour: FloatArray,
 ) -> None:
     """Add the mean over n × n places of a cell centred at X (3,); its image is taken as a parallelogram."""
-    model, q, R, C, largest = camera
-    u, v, _ = seen_at(model, q, R, C, largest, X)
-    du, dv, _ = seen_at(model, q, R, C, largest, X + sides[0])
-    eu, ev, _ = seen_at(model, q, R, C, largest, X + sides[1])
+    u, v, _ = seen_at(cameras, number, X)
+    du, dv, _ = seen_at(cameras, number, X + sides[0])
+    eu, ev, _ = seen_at(cameras, number, X + sides[1])
     if not np.isfinite(du + dv + eu + ev):
         du, dv, eu, ev = u, v, u, v
     for a in range(n):

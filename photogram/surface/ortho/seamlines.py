@@ -11,14 +11,13 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Verticals, Window, verticals
-from photogram.projection import seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_at
 from photogram.surface.ortho.visibility import STRICT, Relief, Terrain, height_at, is_hidden
 from photogram.surface.views import Views
 
@@ -90,7 +89,7 @@ def find_seams(
         part = (rows, slice(window.column // block, -(-window.column_end // block)))
         relief, lines = terrain.around(grid, window), verticals(frame, grid, window)
         _rate(
-            relief, bundled(views), terrain.position_map_m, grid.centres_map_m(window), bundled_lines(lines),
+            relief, views.cameras, terrain.position_map_m, grid.centres_map_m(window), bundled_lines(lines),
             (block, block * grid.cell_m),
             (candidate[part], cost[part], clear[part], height[part]),
         )  # fmt: skip
@@ -101,18 +100,6 @@ def find_seams(
     price = _prices(height, block * grid.cell_m, max(flying, block * grid.cell_m))
     label = chosen_labels(candidate, cost, *price, SWEEPS)
     return Seams(block, label, candidate, clear, np.ascontiguousarray(height[..., 0]))
-
-
-ViewArrays = tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.int64]]
-"""Models, parameters, rotations, positions in the world, largest radii and sizes of photographs."""
-
-
-def bundled(views: Views) -> ViewArrays:
-    """Return photographs as the kernels of orthophotos take them."""
-    return (
-        views.model, views.parameters, views.rotation_world_from_camera, views.position_world_m, views.largest_radius,
-        views.size_px,
-    )  # fmt: skip
 
 
 def bundled_lines(lines: Verticals) -> tuple[float, FloatArray, FloatArray]:
@@ -156,7 +143,7 @@ def _block_heights(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _costs_at(
-    views: ViewArrays,
+    cameras: OrientedCameras,
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
@@ -165,27 +152,30 @@ def _costs_at(
 ) -> None:
     """Fill the costs (V,) of photographs at a place, ``X`` in the world, ``place`` in the map; infinite where it lies
     farther out of a photograph than a block reaches."""
-    model, q, R, C, largest, size = views
+    R, C, size = cameras.rotation, cameras.position, cameras.size_px
     finest = np.inf
-    for n in range(len(model)):
+    for n in range(len(out)):
         out[n] = np.inf
-        u, v, depth = seen_at(model[n], q[n], R[n], C[n], largest[n], X)
+        u, v, depth = seen_at(cameras, n, X)
         if not depth > 0.0:
             continue
-        margin = side_m * q[n, 0] / depth
-        if u >= -margin and v >= -margin and u <= size[n, 0] - 1.0 + margin and v <= size[n, 1] - 1.0 + margin:
+        m = cameras.camera[n]
+        focal = cameras.parameters[m, FOCAL]
+        margin = side_m * focal / depth
+        if u >= -margin and v >= -margin and u <= size[m, 0] - 1.0 + margin and v <= size[m, 1] - 1.0 + margin:
             away2 = (centre[n, 0] - place[0]) ** 2 + (centre[n, 1] - place[1]) ** 2
             above = centre[n, 2] - place[2]
             distance2 = (X[0] - C[n, 0]) ** 2 + (X[1] - C[n, 1]) ** 2 + (X[2] - C[n, 2]) ** 2
             tan2 = min(away2 / (above * above), 100.0) if above > 0.0 else 100.0
             out[n] = tan2 + MIDDLE_WEIGHT * max(distance2 / (depth * depth) - 1.0, 0.0)
-            finest = min(finest, depth / q[n, 0])
-    for n in range(len(model)):
+            finest = min(finest, depth / focal)
+    for n in range(len(out)):
         if np.isfinite(out[n]):
             depth = 0.0
             for k in range(3):
                 depth += R[n, k, 2] * (X[k] - C[n, k])
-            out[n] += SCALE_WEIGHT * np.log(depth / q[n, 0] / finest) ** 2
+            focal = cameras.parameters[cameras.camera[n], FOCAL]
+            out[n] += SCALE_WEIGHT * np.log(depth / focal / finest) ** 2
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -202,7 +192,7 @@ def _insert(number: int, value: float, candidate: Int32Array, cost: Float32Array
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def sees(
-    views: ViewArrays,
+    cameras: OrientedCameras,
     n: int,
     relief: Relief,
     centre: FloatArray,
@@ -212,9 +202,9 @@ def sees(
 ) -> bool:
     """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map; ``mercy``
     as in ``is_hidden``."""
-    model, q, R, C, largest, size = views
-    u, v, _ = seen_at(model[n], q[n], R[n], C[n], largest[n], X)
-    if not (u >= -0.5 and v >= -0.5 and u <= size[n, 0] - 0.5 and v <= size[n, 1] - 0.5):
+    u, v, _ = seen_at(cameras, n, X)
+    size, m = cameras.size_px, cameras.camera[n]
+    if not (u >= -0.5 and v >= -0.5 and u <= size[m, 0] - 0.5 and v <= size[m, 1] - 0.5):
         return False
     return not is_hidden(relief, place, centre[n], mercy)
 
@@ -222,7 +212,7 @@ def sees(
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _rate(
     relief: Relief,
-    views: ViewArrays,
+    cameras: OrientedCameras,
     centre: FloatArray,
     cells: tuple[FloatArray, FloatArray],
     lines: tuple[float, FloatArray, FloatArray],
@@ -248,7 +238,7 @@ def _rate(
             r, c = (rows[0] + rows[1]) // 2, (columns[0] + columns[1]) // 2
             for k in range(3):
                 X[k] = foot[r, c, k] + (mean - base) * up[r, c, k]
-            _costs_at(views, centre, X, (east[c], north[r], mean), side_m, all_costs)
+            _costs_at(cameras, centre, X, (east[c], north[r], mean), side_m, all_costs)
             for n in range(len(all_costs)):
                 if np.isfinite(all_costs[n]):
                     _insert(n, all_costs[n], candidate[i, j], cost[i, j])
@@ -266,7 +256,7 @@ def _rate(
                     X[k] = foot[r, c, k] + (h - base) * up[r, c, k]
                 for k in range(len(seen)):
                     n = candidate[i, j, k]
-                    if n >= 0 and sees(views, n, relief, centre, X, (east[c], north[r], h), STRICT):
+                    if n >= 0 and sees(cameras, n, relief, centre, X, (east[c], north[r], h), STRICT):
                         seen[k] += 1.0
             _order_again(candidate[i, j], cost[i, j], clear[i, j], seen, max(count, 1.0), order)
 
