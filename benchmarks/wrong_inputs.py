@@ -233,16 +233,16 @@ def trial(job: tuple[int, str, str]) -> Trial | None:
     spoiling = spoil(block, plan, fault, np.random.default_rng([seed, 12, len(fault)]))
     if not spoiling.wrong:
         return None
-    false_alarms = tuple(a.words for a in clean.accused)
+    false_alarms = tuple(a.words for a in clean.rejected)
     rms = clean.check_after.rmse_h_m, clean.check_after.rmse_v_m
     try:
         verdict, lost = judged(spoiling.block)
     except PhotogramError as error:
         nothing = float("nan"), float("nan")
         return Trial(fault, receiver, False, (), false_alarms, rms, nothing, 0, f"seed {seed}: {error}", ())
-    accused = {a.what for a in verdict.accused}
+    accused = {a.what for a in verdict.rejected}
     named = spoiling.wrong <= accused | lost
-    innocents = tuple(a.words for a in verdict.accused if a.what not in spoiling.wrong)
+    innocents = tuple(a.words for a in verdict.rejected if a.what not in spoiling.wrong)
     after, said = verdict.check_after, tuple(b.sentence for b in verdict.blunders)
     found = after.rmse_h_m, after.rmse_v_m
     return Trial(fault, receiver, named, innocents, false_alarms, rms, found, after.n, "", (f"seed {seed}", *said))

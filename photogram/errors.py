@@ -56,7 +56,7 @@ class DamagedStageError(WorkspaceError):
     """A file of a complete stage is missing or is not what the stage wrote; the stage has to be made again."""
 
     def __init__(self, stage: str, path: Path, what: str) -> None:
-        super().__init__(f"{path}: {what}: run photogram adjust, which makes the stage {stage} again")
+        super().__init__(f"{path}: {what}: run photogram adjust, which runs the stage {stage} again")
         self.stage, self.path, self.what = stage, path, what
 
 

@@ -49,11 +49,11 @@ def _resections(report: Mapping[str, Any]) -> Table | None:
 def _block(report: Mapping[str, Any]) -> Table:
     block = report["block"]
     table = Table("figure", "value", title="Block", show_header=False)
-    table.add_row("photographs registered", f"{block['registered']} of {block['photographs']}, by {block['method']}")
+    table.add_row("photographs oriented", f"{block['registered']} of {block['photographs']}, by {block['method']}")
     sizes = block["component_sizes"]
     if len(sizes) > 1:
         table.add_row(
-            "parts without tie points in common", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
+            "components without common tie points", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
         )
     if block["gsd_m"] is not None:
         table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
@@ -73,7 +73,7 @@ def _left_out(report: Mapping[str, Any]) -> Table | None:
     missing = [(name, p["reason"]) for name, p in report["photographs"].items() if not p["registered"]]
     if not missing:
         return None
-    table = Table("photograph", "why", title=f"Left out: {len(missing)} photographs")
+    table = Table("photograph", "why", title=f"Not oriented: {len(missing)} photographs")
     for name, reason in missing[:MAXIMUM_LEFT_OUT]:
         table.add_row(escape(name), escape(reason))
     if len(missing) > MAXIMUM_LEFT_OUT:
@@ -122,16 +122,16 @@ def _result(report: Mapping[str, Any]) -> Table:
         sigma = camera["sigma"]["focal_px"]
         table.add_row(
             f"focal length, {name}",
-            f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
+            f"{camera['focal_px']:.2f} px" + (" (fixed)" if sigma is None else f" ± {sigma:.2f}"),
         )
     table.add_row(*_accuracy(report))
     figures = [f for f in (report.get("verdict") or {}).get("figures", ()) if report["check_points"]["n"]]
     if figures and all(f["rmse_m"] is not None and f["target_m"] is not None for f in figures):
         reached, targets = (", ".join(f"{f[key]:.3f}" for f in figures) for key in ("rmse_m", "target_m"))
-        table.add_row("the same with the uncertainty of their survey, targets", f"{reached} m; {targets} m")
+        table.add_row("including the uncertainty of their survey; targets", f"{reached} m; {targets} m")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
-        table.add_row("check points without two marks that meet", ", ".join(unused))
+        table.add_row("check points without two intersecting marks", ", ".join(unused))
     return table
 
 
@@ -143,13 +143,13 @@ def _accuracy(report: Mapping[str, Any]) -> tuple[str, str]:
     elif left is not None:
         tested, by = left, f"leave-one-out ({left['n']}, no check points)"
     else:
-        return "check points", "none: the accuracy of this survey is predicted, not tested"
+        return "check points", "none: the accuracy is predicted, not tested"
     return f"{by}: RMSE in plan, height", f"{tested['rmse_h_m']:.3f}, {tested['rmse_v_m']:.3f} m"
 
 
 def _show_blunders(report: Mapping[str, Any]) -> None:
     for blunder in report["blunders"]:
-        console.print(f"[bold red]Left out:[/bold red] {escape(blunder['sentence'])}")
+        console.print(f"[bold red]Rejected:[/bold red] {escape(blunder['sentence'])}")
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
@@ -175,7 +175,7 @@ def _show_diagnosis(diagnosis: Mapping[str, Any]) -> None:
     for sentence in diagnosis["warnings"]:
         console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
     if diagnosis["warnings"] and diagnosis["remedies"]:
-        console.print(f"[bold]What would help most:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
+        console.print(f"[bold]Most effective improvement:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
     for resections in diagnosis["resections"]:
         console.print(escape(resections["sentence"]))
 

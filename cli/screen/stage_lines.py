@@ -48,7 +48,7 @@ def _matches(summary: Summary) -> str:
 def _tie_points(summary: Summary) -> str:
     left_out = summary["conflicts"]
     return f"{_count(summary['tie_points'], 'tie point')}" + (
-        f", {left_out} contradictory left out" if left_out else ""
+        f", {left_out} contradictory rejected" if left_out else ""
     )
 
 
@@ -72,7 +72,7 @@ def _adjustment(summary: Summary) -> str:
     parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
     parts.append(f"sigma0 {summary['sigma0']:.3f}")
     if summary.get("blunders"):
-        parts.append(f"{_count(summary['blunders'], 'blunder')} left out")
+        parts.append(f"{_count(summary['blunders'], 'blunder')} rejected")
     for key, what in (("disbelieved_headings", "heading"), ("disbelieved_attitudes", "attitude")):
         if summary.get(key):
             parts.append(f"{_count(summary[key], what)} not used")
@@ -80,7 +80,7 @@ def _adjustment(summary: Summary) -> str:
 
 
 def _dense(summary: Summary) -> str:
-    return f"{_cells(summary)}, {_count(summary['levels'], 'level')}" if "columns" in summary else "not asked for"
+    return f"{_cells(summary)}, {_count(summary['levels'], 'level')}" if "columns" in summary else "not requested"
 
 
 def _surface(summary: Summary) -> str:
@@ -97,14 +97,14 @@ def _relief(summary: Summary) -> str:
     if "contours" in summary:
         lines = _count(summary["contours"], "contour line")
         parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
-    return ", ".join(parts) or "not asked for"
+    return ", ".join(parts) or "not requested"
 
 
 def _orthophoto(summary: Summary) -> str:
     if "left_out" in summary:
         return f"left out: {summary['left_out']}"
     if "columns" not in summary:
-        return "not asked for"
+        return "not requested"
     return f"{_cells(summary)} from {_count(summary['photographs'], 'photograph')}"
 
 

@@ -65,7 +65,7 @@ def _is_hidden(path: Path) -> bool:
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
     if not isdir(folder):
-        raise ImageError(f"{folder}: there is no such folder: give the folder of the photographs")
+        raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
         paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
@@ -73,14 +73,14 @@ def _names(folder: Path, recursive: bool) -> list[str]:
         raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
     names = sorted(p.as_posix() for p in paths if not _is_hidden(p))
     if not names:
-        within = "" if recursive else "; --recursive looks into the folders within"
-        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) in it: give the folder of the photographs{within}")
+        within = "" if recursive else "; --recursive searches subfolders"
+        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) found: give the folder of the photographs{within}")
     return names
 
 
 def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
     if not name.isprintable():
-        return LeftOut(repr(name), "its name has characters that cannot be printed: rename it")
+        return LeftOut(repr(name), "its name has unprintable characters: rename it")
     path = folder / name
     try:
         return TaggedPhotograph(name, inspect_photograph(path))
@@ -157,7 +157,7 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
             files.append(DraftPositions(written, matching.rows, matching.fault))
         except ProjectError as fault:
             lines = str(fault).splitlines()
-            more = f" and {len(lines) - 1} more faults" if len(lines) > 1 else ""
+            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
             files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
     return tuple(files)
 
@@ -223,7 +223,7 @@ def run(wanted: Request) -> None:
     project, photographs = wanted.project, wanted.photographs
     if exists(project) and not wanted.force:
         raise ProjectError(
-            f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
+            f"{project}: the project file exists already: give another with --project FILE, or --force to overwrite it"
         )
     names = _names(photographs, wanted.recursive)
     files = tuple(
@@ -241,7 +241,7 @@ def run(wanted: Request) -> None:
     try:
         written = load_project(project)
     except ProjectError as fault:
-        raise ProjectError(f"{project} is written, but these errors must be fixed first:\n{fault}") from fault
+        raise ProjectError(f"{project} written; fix these errors first:\n{fault}") from fault
     for finding in written.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
     console.print(f"Next: photogram check {escape(str(project))}, then photogram adjust {escape(str(project))}")

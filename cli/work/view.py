@@ -31,22 +31,22 @@ def _report(folder: Path) -> ViewRecord:
     """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
     is damaged or something else."""
     if not isdir(folder):
-        raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
+        raise ReportError(f"{folder}: folder not found: give the results folder of a survey")
     path = folder / NUMBERS
     if not path.is_file():
         below = folder / "results"
-        hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
-        raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
+        hint = f"run photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
+        raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: {hint}")
     try:
         return view_record(read_whole(path, MOST_BYTES))
     except ReportError as fault:
-        raise ReportError(f"{path}: {fault}: make it again with photogram adjust") from fault
+        raise ReportError(f"{path}: {fault}: run photogram adjust again") from fault
 
 
 def _cloud(folder: Path) -> Path:
     found = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
     if found is None:
-        raise ReportError(f"{folder}: no point cloud in it, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
+        raise ReportError(f"{folder}: no point cloud found, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
     return found
 
 
@@ -54,7 +54,7 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> Mapping[str,
     """Return where photographs lie: in the folder that was named, else where the project above the results has them."""
     if folder is not None:
         if not folder.is_dir():
-            raise ReportError(f"{folder}: there is no such folder: name the folder of the photographs")
+            raise ReportError(f"{folder}: folder not found: name the folder of the photographs")
         return {name: folder / name for name in names if (folder / name).is_file()}
     project = results.absolute().parent / PROJECT
     if not project.is_file():
@@ -103,4 +103,4 @@ def run(results: Path, points: int, cloud: Path | None, photographs: Path | None
         progress(3, 3, "")
     console.print(f"Written: {escape(str(target))}, {target.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
     if show and not webbrowser.open(target.absolute().as_uri()):
-        raise ReportError(f"no browser found to open {target} with: open it yourself")
+        raise ReportError(f"no browser found: open {target} yourself")

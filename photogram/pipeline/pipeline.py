@@ -271,7 +271,7 @@ def run_pipeline(
         make_folder(project.results)  # what cannot be written must show before hours of work
         reason = unwritable(project.results)
         if reason:
-            raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
+            raise WorkspaceError(f"{project.results}: {reason}: allow it, or give another folder under results")
         _Progress(run, watcher, first, last).go_on()
     report = project.results / "report.json"
     return dict(read_json(report)) if last == len(names) - 1 else {}
@@ -306,7 +306,7 @@ class _Progress:
                     raise
                 raise WorkspaceError(
                     f"{fault.filename or self.run.workspace.folder}: {fault.strerror or fault}, in the stage "
-                    f"{STAGES[number].name}: check the disks, and who may read and write there"
+                    f"{STAGES[number].name}: check the disks and their permissions"
                 ) from fault
 
     def _next(self) -> int:
@@ -329,13 +329,13 @@ class _Progress:
     def _note_damage(self, fault: DamagedStageError) -> None:
         if fault.stage in self.repaired:
             raise WorkspaceError(
-                f"{fault.path}: {fault.what}, again after it was made anew: check the disk, or name another folder "
-                "under work"
+                f"{fault.path}: {fault.what}, again after it was recomputed: check the disk, or give another "
+                "folder under work"
             ) from fault
         self.repaired.add(fault.stage)
         if fault.stage in self.marks:
             self.damaged.add(fault.stage)
-        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is made again")
+        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is run again")
         self.run.workspace.discard(fault.stage)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Severity = Literal["fault", "warning", "note"]
-"""A fault makes the work fail, a warning makes its result doubtful, a note says what to expect."""
+Severity = Literal["error", "warning", "note"]
+"""An error makes processing fail, a warning makes its result doubtful, a note says what to expect."""
 
 
 @dataclass(frozen=True)

@@ -159,8 +159,9 @@ def _arms(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[F
     attitude = _body_attitude(photograph, tags)
     if attitude is None:
         raise ProjectError(
-            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither its tags "
-            "nor a file of positions give the aircraft's yaw, pitch and roll: where the camera is fixed to look down "
+            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither "
+            "its tags nor a position file give the aircraft's yaw, pitch and roll: where the camera is fixed "
+            "to look down "
             "give gnss.lever_arm_axes: camera"
         )
     # the angles of an aircraft turn its body as those of a gimbal turn the camera, which has right, down and forward

@@ -169,8 +169,8 @@ def coarse_survey(found: Accuracy, settings: ReportSettings) -> list[str]:
         ("in height", found.survey_v_m, settings.target_rmse_v_m),
     )
     return [
-        f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard asks for half the target RMSE or "
-        f"better ({target_m / SURVEY_FACTOR:.3f} m)"
+        f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard requires half the target "
+        f"RMSE or better ({target_m / SURVEY_FACTOR:.3f} m)"
         for where, sigma_m, target_m in rows
         if target_m is not None and sigma_m > target_m / SURVEY_FACTOR
     ]

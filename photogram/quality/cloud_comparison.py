@@ -100,7 +100,7 @@ def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
     Raises PhotogramError when the reference is empty.
     """
     if len(reference) == 0:
-        raise PhotogramError("comparison: the reference holds no points")
+        raise PhotogramError("comparison: the reference contains no points")
     origin = reference.position_map_m[0]
     tree = cKDTree(reference.position_map_m - origin)
     distance, _ = tree.query(cloud.position_map_m - origin)
@@ -141,7 +141,7 @@ def triangulate(reference: PointCloud, maximum_gap_m: float | None = None) -> Tr
     Raises PhotogramError for a cloud of fewer than three points, or of points on one line.
     """
     if len(reference) < 3:
-        raise PhotogramError(f"comparison: the reference holds {len(reference)} points: a surface needs at least 3")
+        raise PhotogramError(f"comparison: the reference has {len(reference)} points: a surface needs at least 3")
     origin = reference.position_map_m.min(axis=0)
     vertex = reference.position_map_m - origin
     try:
@@ -178,7 +178,7 @@ def compare(cloud: PointCloud, reference: Reference, sor: bool = True) -> Compar
     when the cloud is empty or does not overlap the reference.
     """
     if len(cloud) == 0:
-        raise PhotogramError("comparison: the cloud holds no points")
+        raise PhotogramError("comparison: the cloud contains no points")
     surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
     keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
     kept = PointCloud(cloud.position_map_m[keep])

@@ -1,6 +1,6 @@
 """What a finished block is weak in: dome, focal length against height, principal point against tilt; what would help.
 
-Measured, from points that took no part (check points, and control points as everything else predicts them), and
+Measured, from points that took no part (check points, and control points as all other observations predict them), and
 predicted, from the covariance of the block as a whole: the first shows what happened, the second what may happen
 unseen.
 """
@@ -25,7 +25,7 @@ from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation
 
-STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
+STRONG = 0.95  # correlation beyond which two quantities cannot be separated in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.01
@@ -50,7 +50,8 @@ _PIXELS = ("focal_px", "cx_px", "cy_px", "b1", "b2")
 class Dome:
     """A quadratic trend of height errors with the distance from the block's centre, as they are ``radius_m`` from it
     against those in the centre; ``measured_m`` with ``sigma_m`` from ``points`` points, of which ``control_points`` are
-    control points as everything else predicts them; NaN with too few. ``predicted_sigma_m`` is its sigma a priori."""
+    control points predicted by all other observations; NaN with too few. ``predicted_sigma_m`` is its sigma a
+    priori."""
 
     radius_m: float
     measured_m: float
@@ -124,7 +125,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Return places (n, 2) in the world, predicted − surveyed heights (n,) and their sigmas (n,) of points that took no
-    part: check points first, then control points as everything else predicts them, and how many these are."""
+    part: check points first, then control points as all other observations predict them, and how many these are."""
     points, frame = result.block.control_points, result.block.frame
     check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.ground_world_m).all(axis=1))
     left = np.flatnonzero(np.isfinite(result.reliability.ground_left_out_m[:, 2]))
@@ -185,7 +186,7 @@ def _focal_height(known: Deformation, camera: int, cameras: int, flights: Sequen
 
 
 def focal_heights(known: Deformation, cameras: Sequence[Camera], flights: Sequence[str]) -> dict[str, FocalHeight]:
-    """Return how far each camera's focal length cannot be told from heights; none where nothing is known."""
+    """Return how far each camera's focal length cannot be separated from heights; none where nothing is known."""
     if not known.known:
         return {}
     return {camera.name: _focal_height(known, c, len(cameras), flights) for c, camera in enumerate(cameras)}
@@ -202,17 +203,17 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             (abs(r) for r in (focal.centres, focal.ground, *focal.offset.values()) if np.isfinite(r)), default=0.0
         )
         if strongest > HALF and focal.height_sigma_m > precise:
-            told = "cannot be told apart" if strongest > STRONG else "are hardly told apart"
+            told = "cannot be separated" if strongest > STRONG else "are hardly separable"
             sentences.append(
                 f"The focal length of {name} and the height of the block {told} (correlation "
-                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights come with it, where tie "
-                f"points are intersected to {precise:.3f} m"
+                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights results from "
+                f"it, against {precise:.3f} m of intersection alone"
             )
     dome = float(np.sqrt(known.covariance[DOME, DOME]))
     if dome > precise:
         sentences.append(
-            f"The block may be bent to a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
-            f"without its measurements showing it, where tie points are intersected to {precise:.3f} m"
+            f"The block may have a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
+            f"without any measurement showing it, while tie points are intersected to {precise:.3f} m"
         )
     placed = datum_sentence(known)
     if placed is not None:
@@ -226,8 +227,8 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             plan = max(abs(float(correlation[row, k])) * np.sqrt(known.covariance[k, k]) for k in (0, 1))
             if r > STRONG and plan > known.intersection_sigma_m[axis]:
                 sentences.append(
-                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot be told "
-                    f"apart (correlation {r:.3f}): {plan:.3f} m of uncertainty in plan come with it"
+                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot "
+                    f"be separated (correlation {r:.3f}): {plan:.3f} m of uncertainty in plan results from it"
                 )
     return sentences
 
@@ -241,7 +242,7 @@ def hidden(known: Deformation) -> list[str]:
     if not (then**2 - now**2 > precise**2 and then > HIDDEN_TIMES * now):
         return []
     return [
-        f"Parameters of the calibration are held, which no sigma shows: were they uncertain as those of an ordinary "
+        "Calibration parameters are fixed, so no sigma includes them: with the uncertainty of an ordinary "
         f"calibration, heights over the block would be known to {then:.3f} m instead of {now:.3f} m, "
         f"and the dome to {freed[2]:.3f} m"
     ]
@@ -251,15 +252,15 @@ def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> l
     """Return a sentence for each camera whose residuals show that its model leaves something out."""
     slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
     effect = (
-        f"an error of that size which the block follows would tilt it by {slopes.max():.3f} m and bend it to a dome of "
-        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma holds it"
+        f"an error of that size, if the block follows it, tilts it by {slopes.max():.3f} m and domes it by "
+        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma includes it"
         if np.isfinite(dome)
-        else "what it does to heights is in no predicted sigma"
+        else "no predicted sigma includes its effect on heights"
     )
     return [
-        f"Residuals in {name} have a pattern of {pattern.pattern_px:.2g} px in common (RMS, of their "
-        f"{pattern.residual_px:.2g} px): the camera model leaves something out, such as a correction within the camera "
-        f"or a rolling shutter; {effect}"
+        f"Residuals in {name} share a pattern of {pattern.pattern_px:.2g} px (RMS; of their "
+        f"{pattern.residual_px:.2g} px): the camera model is incomplete: an in-camera correction or a rolling "
+        f"shutter, for example; {effect}"
         for name, pattern in patterns.items()
         if pattern.significant
     ]
@@ -283,7 +284,7 @@ def undetermined(
     known: Deformation, cameras: Sequence[Camera], flights: Sequence[str], offset_sigma_m: FloatArray
 ) -> list[str]:
     """Return in words what the measurements do not determine: parameters that are hardly better known than before, what
-    was held, and quantities that change together (correlations beyond STRONG)."""
+    was held, and quantities that are correlated (|r| beyond STRONG)."""
     if not known.known:
         return []
     prior = np.concatenate([*(c.sigmas for c in cameras), np.tile(offset_sigma_m, len(flights))])
@@ -295,9 +296,7 @@ def undetermined(
         f"{names[k]} (± {sigma[start + k]:.3g}{units[k]}; stated ± {prior[k]:.3g}{units[k]})"
         for k in np.flatnonzero(told > TOLD)
     ]
-    sentences = [f"hardly determined by the measurements, so that the stated values stand: {', '.join(weak)}"] * bool(
-        weak
-    )
+    sentences = [f"hardly determined by the observations, so the stated values remain: {', '.join(weak)}"] * bool(weak)
     freed, after = known.freed_prior.copy(), known.freed_sigma.ravel()
     # a focal length that was settled is uncertain in every figure: nothing is hidden by it
     freed[[c for c, camera in enumerate(cameras) if camera.considered_focal_sigma_px > 0], 0] = 0.0
@@ -307,11 +306,11 @@ def undetermined(
             f"{names[k]} (to {after[k]:.3g}{units[k]})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]
         ]
         sentences.append(
-            f"held at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
+            f"fixed at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
             + (
-                f"freed, the photographs would hardly determine {', '.join(untold)}"
+                f"if released, the photographs would hardly determine {', '.join(untold)}"
                 if untold
-                else "freed, the photographs would determine them"
+                else "if released, the photographs would determine them"
             )
         )
     words, size = {start + k: name for k, name in enumerate(names)}, f"over {known.radius_m:.0f} m"
@@ -321,7 +320,7 @@ def undetermined(
         words[GROUND.start + k] = f"{axis} of the ground"
         words[CENTRES.start + k] = f"{axis} of the projection centres"
     return sentences + [
-        f"change together (correlation {r:.2f}), so that they cannot be told apart: "
+        f"correlated (r = {r:.2f}) and not separable: "
         + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{' m' if k < start else units[k - start]})" for k in group)
         for group, r in _groups(known, words, start, cameras)
     ]
@@ -378,9 +377,10 @@ def diagnose(result: Adjustment) -> Diagnosis:
     )
     if dome.significant:
         warnings.append(
-            f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "
-            f"{dome.sigma_m:.3f} m at {dome.radius_m:.0f} m, from {dome.points} points; {dome.predicted_sigma_m:.3f} m "
-            "(1 sigma) were to be expected"
+            "Height differences of check and tie points grow with the distance from the centre: "
+            f"{dome.measured_m:+.3f} m ± "
+            f"{dome.sigma_m:.3f} m at {dome.radius_m:.0f} m, from {dome.points} points; "
+            f"{dome.predicted_sigma_m:.3f} m (1 sigma) were predicted"
         )
     return Diagnosis(
         {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},

@@ -69,7 +69,7 @@ def datum_sentence(known: Deformation) -> str | None:
     if not moved:
         return None
     return (
-        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without its measurements showing it; relative to "
-        f"each other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
+        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without any measurement showing it; relative to each "
+        f"other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
         "in height"
     )

@@ -73,15 +73,16 @@ class PredictedAgainstAchieved:
         ratio = float(np.sqrt(self.chi2 / self.dof))
         test = f"χ² = {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
         if self.consistent:
-            return f"{points}: the differences are as large as predicted, {ratio:.2f} times on the average ({test})"
+            return f"{points}: the differences are as large as predicted, {ratio:.2f} times on average ({test})"
         if self.p < 0.5:
             return (
-                f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): some sigma is stated "
-                "too small, a measurement is wrong, or the camera bends the block; see Stated sigmas against residuals"
+                f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): a stated "
+                "sigma is too small, a measurement is wrong, or the calibration deforms the block; see "
+                "Stated sigmas against residuals"
             )
         return (
-            f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): some sigma is "
-            "stated too large; see Stated sigmas against residuals"
+            f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): a stated "
+            "sigma is too large; see Stated sigmas against residuals"
         )
 
 
@@ -164,7 +165,7 @@ def _triple(values: FloatArray) -> tuple[float, float, float]:
 
 
 def leave_one_out(result: Adjustment) -> LeaveOneOut | None:
-    """Summarise what everything else predicts for each control point; None where nothing else determines any."""
+    """Summarise what all other observations predict for each control point; None where nothing else determines any."""
     r, points = result.reliability, result.block.control_points
     known = np.flatnonzero(np.isfinite(r.ground_left_out_m).all(axis=1))
     if not len(known):

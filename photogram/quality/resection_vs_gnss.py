@@ -46,11 +46,11 @@ class ResectionDifference:
         held = ", held," if self.focal_sigma_px == 0 else f" ± {self.focal_sigma_px:.1f} px"
         return (
             f"Resection with the given focal length of {self.given_px:.1f} px puts {len(self.distance_m)} photographs "
-            f"{span} from their GNSS positions, on the average {self.mean_m[2]:+.2f} m in height. The adjusted focal "
+            f"{span} from their GNSS positions, on average {self.mean_m[2]:+.2f} m in height. The adjusted focal "
             f"length of {self.focal_px:.1f} px{held} explains {self.focal_m:+.2f} m of it ({self.height_m:.1f} m × "
             f"{change:+.1f} px / {self.focal_px:.1f} px), the GNSS offset {offset} m (easting, northing, height); "
-            f"{self.rest_m[2]:+.2f} m of it remain. In position {self.scatter_m:.2f} m RMS remain, the noise of "
-            "resections from three points each"
+            f"{self.rest_m[2]:+.2f} m of it remain. In position {self.scatter_m:.2f} m RMS remain, the noise "
+            "of three-point resections"
         )
 
 

@@ -140,7 +140,7 @@ def _datum(report: Mapping[str, Any]) -> str:
     grid = f"{report['crs']} ({name})" if name and name != report["crs"] else report["crs"]
     output = heights.get("output")
     if not output:
-        return f"{grid}; heights in the system in which the project gives them"
+        return f"{grid}; heights in the undeclared system of the project"
     geoid = f", geoid {heights['geoid']}" if heights.get("geoid") else ""
     return f"{grid}; heights {plain(output)}{geoid}"
 
@@ -233,7 +233,7 @@ def _lights(report: Mapping[str, Any]) -> list[Json]:
         "subject": f"{len(dark)} of {len(lights)} questions",
         "grade": "unknown",
         "finding": finding,
-        "rule": "not tested is no good mark: it says that nobody knows",
+        "rule": "not tested is not a good grade: it means unknown",
     }
     return [*(light for light in lights if light["grade"] != "unknown"), one]
 

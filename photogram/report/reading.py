@@ -35,7 +35,7 @@ _UNITS = ("_m", "_px", "_deg", "_m2", "_px2", "_gsd", "_bytes", "_seconds")
 _IN_WORDS = ("held",)
 """Blocks that say in words why a parameter was not estimated."""
 
-_REMEDY = "make it again with photogram adjust"
+_REMEDY = "run photogram adjust again"
 
 
 def read_report(path: Path) -> Json:

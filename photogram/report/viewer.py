@@ -110,7 +110,7 @@ def _system(record: ViewRecord) -> str:
     grid = f"{name} ({record.crs})" if name and name != record.crs else record.crs
     kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
     output = record.heights and record.heights.output
-    return f"{grid}, {kind.get(str(output), 'heights in the system in which the project gives them')}"
+    return f"{grid}, {kind.get(str(output), 'heights in the undeclared system of the project')}"
 
 
 # ---- the cloud -----------------------------------------------------------------------------------------------------

@@ -20,12 +20,12 @@ GROUND_WEIGHT = 0.02  # of a ray; how strongly a tie point is held to the ground
 ROUNDS = 8
 AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are believed
 REGISTERED_SHARE = 0.6  # of the photographs
-STRANGER_SHARE = 0.6  # of what the photographs agree on the average, below which one belongs elsewhere
+STRANGER_SHARE = 0.6  # of what the photographs agree on average, below which one belongs elsewhere
 NEAR = 2.0  # thresholds, from which median residual on the photographs are adjusted with their calibration
 ROUNDS_TO_COME_NEAR = 3
 LARGEST_TURN_RAD = float(np.deg2rad(12.0))  # between a measured and an adjusted attitude that agree
 ATTITUDE_SHARE = 0.8  # of the photographs, whose attitudes must agree
-LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on the average
+LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on average
 
 
 def measured(block: Block) -> BoolArray:

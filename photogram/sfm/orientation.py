@@ -198,9 +198,9 @@ def georeference(structure: Structure, block: Block) -> Similarity:
     if not (straight(source) or straight(target)):
         return robust_similarity(source, target, sigma)[0]
     raise OrientationError(
-        f"the block of {int(structure.registered.sum())} photographs cannot be placed in {block.frame.crs}: "
+        f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {block.frame.crs}: "
         f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
-        "give three of either, not in one line"
+        "give at least three of either, not collinear"
     )
 
 
@@ -219,7 +219,7 @@ def _components(block: Block, settings: OrientationSettings, progress: Progress)
         if settings.method == "attitude":
             raise OrientationError(
                 "the tie points do not confirm the measured positions and attitudes: "
-                "set orientation: {method: growth}, or leave the choice out"
+                "set orientation: {method: growth}, or remove the setting"
             )
     if settings.method == "attitude":
         raise OrientationError("orientation by attitude needs three photographs with GNSS position and attitude")
@@ -234,7 +234,7 @@ def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -
             reasons.append("")
         elif number > 0:
             size = int(np.count_nonzero(component == number))
-            reasons.append(f"shares no tie points with the block: one of {size} photographs by themselves")
+            reasons.append(f"shares no tie points with the block: part of a separate component of {size} photographs")
         elif rays[i] < settings.minimum_points:
             reasons.append(f"{rays[i]} tie points with other photographs, {settings.minimum_points} are needed")
         else:
@@ -263,14 +263,15 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         lacking = [p.name for p, r in zip(block.photographs, resections, strict=True) if r is None]
         raise OrientationError(
             f"orientation by control needs 4 marked control points in every photograph; {len(lacking)} have fewer, "
-            f"the first {lacking[0]}: mark them, or leave orientation.method out"
+            f"the first {lacking[0]}: mark them, or remove orientation.method"
         )
     components, method = _components(block, settings, progress)
     if not components:
         if contradicted and settings.method == "auto":
             raise OrientationError("\n".join(faults))
         raise OrientationError(
-            f"no two of the {count} photographs can be oriented to each other: they need {settings.minimum_points} tie "
+            f"no two of the {count} photographs can be oriented relative to each other: they need "
+            f"{settings.minimum_points} tie "
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )
     structure = components[0]

@@ -138,7 +138,7 @@ def predict(plan: FlightPlan) -> Prediction:
         raise AdjustmentError(f"this flight cannot be predicted: {fault}") from fault
     except IndeterminateError as fault:
         raise AdjustmentError(
-            "this flight would not determine the survey: plan three control points at least, or GNSS, "
+            "this flight does not determine the block: plan three control points at least, or GNSS, "
             "and photographs that overlap by 60 % or more"
         ) from fault
     places = places_of(problem, state)
@@ -187,16 +187,16 @@ def _warnings(plan: FlightPlan, rays: IntArray, known: Deformation, camera: str,
         names = ", ".join(problem.block.control_points.name[g] for g in np.flatnonzero(unseen))
         warnings.append(f"Control points seen by fewer than two photographs: {names}")
     if 0 < plan.control < 3:
-        warnings.append(f"{plan.control} control points do not show a wrong one among them: plan four at least")
+        warnings.append(f"{plan.control} control points do not reveal a wrong one among them: plan at least four")
     return warnings
 
 
 def changes(plan: FlightPlan) -> dict[str, FlightPlan]:
     """Return plans with one change each, by what is changed; without those that cannot be, for too many photographs."""
     wanted: dict[str, dict[str, Any]] = {
-        "one control point more, in the middle": {"control_world_m": (*plan.control_world_m, (0.0, 0.0))},
-        "one oblique strip more": {"oblique_strips": plan.oblique_strips + 1},
-        "one cross strip more, higher": {"cross_strips": plan.cross_strips + 1},
+        "one more control point, in the middle": {"control_world_m": (*plan.control_world_m, (0.0, 0.0))},
+        "one more oblique strip": {"oblique_strips": plan.oblique_strips + 1},
+        "one more cross strip, higher": {"cross_strips": plan.cross_strips + 1},
     }
     if plan.control < 4:
         corners = {"control_points": 5, "control_layout": "corners", "control_world_m": ()}

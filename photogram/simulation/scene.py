@@ -196,7 +196,9 @@ class Scene:
             c1, r1 = np.clip(np.floor((centre + reach) / side), 0, limit).astype(int)
             window = result[r0 : r1 + 1, c0 : c1 + 1]
             if np.any(window >= 0):
-                raise ValueError(f"targets {window.max()} and {index} are too near: keep {2 * side:.1f} m between them")
+                raise ValueError(
+                    f"targets {window.max()} and {index} are too close: keep {2 * side:.1f} m between them"
+                )
             window[:] = index
         return result
 

@@ -51,7 +51,7 @@ class ContourSettings:
         for name in ("interval_m", "cell_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
+                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or remove it")
         if self.minimum_length_m is not None and not self.minimum_length_m >= 0:
             raise PhotogramError("minimum_length_m cannot be negative (0 keeps every line)")
 

@@ -71,7 +71,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
 
     Cells on the ground keep the surface's height; the others take the height between the ground around them, linear in
     the triangles of the blocks' means. Cells without data stay so, and what is wider than the maximum gap is left open.
-    The same surface gives the same terrain. Raises PhotogramError where the surface holds no ground.
+    The same surface gives the same terrain. Raises PhotogramError where no ground found in the surface.
     """
     settings = settings or TerrainSettings()
     block = max(1, round(settings.cell_m / surface.cell_m), int(np.ceil(np.sqrt(surface.values.size / MAXIMUM_BLOCKS))))
@@ -79,7 +79,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
     low = _blocks(values, block, _low_height)
     ground = _cloth(low, side_m, settings)
     if not ground.any():
-        raise PhotogramError("terrain: the surface holds no ground: choose a larger reach_m, or leave terrain out")
+        raise PhotogramError("terrain: no ground found in the surface: choose a larger reach_m, or remove terrain")
     rough = _between(low, ground)
     on_ground, high = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=np.uint8)
     for rows in _strips(values, block):
@@ -141,7 +141,7 @@ def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArr
     except ImportError as fault:
         raise PhotogramError(
             "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin "
-            "with a Python it is made for, or leave terrain out"
+            "for a Python version it supports, or remove terrain"
         ) from fault
     row, column = np.nonzero(np.isfinite(low))
     ground = np.zeros(low.shape, dtype=bool)

@@ -52,7 +52,7 @@ class SurfaceSettings:
         for name in ("cell_m", "maximum_gap_m"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
-                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or leave it out")
+                raise PhotogramError(f"{name} is {value}: give a positive length in metres, or remove it")
         if not self.spike_nmad >= 0 or not self.spike_minimum_m >= 0:
             raise PhotogramError("spike_nmad and spike_minimum_m cannot be negative (0 keeps every point)")
         if self.spike_neighbours < 4:
@@ -231,7 +231,7 @@ def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
         triangulation = Delaunay(points_m[:, :2])
     except QhullError as fault:
         raise PhotogramError(
-            f"surface: the {len(points_m)} points lie on one line in plan: a surface needs points that span an area"
+            f"surface: the {len(points_m)} points are collinear in plan: a surface needs points that span an area"
         ) from fault
     corners = points_m[triangulation.simplices]
     usable = _usable_triangles(corners, settings.maximum_gap_m)

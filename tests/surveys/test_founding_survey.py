@@ -69,7 +69,7 @@ def check_explanation(diagnosis: Json) -> None:
     for axis, way in (("easting", "east"), ("northing", "north")):
         together = next(line for line in said.splitlines() if f"GNSS offset in {axis}" in line)
         assert f"tilt of the block to the {way}" in together
-    assert "held at the given values, which nothing tests: principal point in x" in said
+    assert "fixed at the given values, which nothing tests: principal point in x" in said
 
 
 def test_founding_survey(

@@ -235,7 +235,7 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
         return None  # as EXIF writes a value that is not known
     except ValueError as fault:
         raise ImageError(
-            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, no number: correct or remove the tag"
+            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, not a number: correct or remove the tag"
         ) from fault
     return number
 
@@ -254,7 +254,7 @@ def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
         ) from fault
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (fx, fy, cx, cy, k1, k2, p1, p2, k3)):
         raise ImageError(
-            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, which is no calibration: correct or remove "
+            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, not a calibration: correct or remove "
             "the tag"
         )
     centre_x, centre_y = (_xmp_number(xmp, f"CalibratedOpticalCenter{axis}", path) for axis in "XY")
@@ -281,8 +281,8 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
         ) from fault
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (r1, r2, r3)):
         raise ImageError(
-            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, which is no distortion: "
-            "correct or remove the tag"
+            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, not a "
+            "distortion: correct or remove the tag"
         )
     return {"calibrated_focal_mm": focal_mm, "calibrated_radial": (r1, r2, r3)}
 
@@ -354,11 +354,11 @@ def _position(
         longitude = latitude = height = None
     elif not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
         raise ImageError(
-            f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which lie on no globe: "
-            "correct or remove the tags"
+            f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which are "
+            "impossible: correct or remove the tags"
         )
     elif height is not None and not abs(height) <= HIGHEST_M:
-        damage = (f"the tags give a height of {height:.6g} m (no aircraft flies there), the position is not used",)
+        damage = (f"the tags give a height of {height:.6g} m (above any aircraft), the position is not used",)
         longitude = latitude = height = None
     return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}, damage
 
@@ -376,7 +376,7 @@ def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[tuple[float, float,
     if all(SMALLEST_SIGMA_M <= s <= LARGEST_SIGMA_M for s in sigma):
         return sigma, ()
     text = ", ".join(f"{s:.6g}" for s in sigma)
-    return None, (f"the tags give standard deviations ({text} m) that no receiver has, they are not used",)
+    return None, (f"the tags give standard deviations ({text} m) that no receiver achieves; they are not used",)
 
 
 def _whole(value: object) -> int | None:
@@ -421,7 +421,7 @@ def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, 
         if isinstance(value, int | float) and not low <= value <= high:
             values[name] = None
             words = re.sub(r"_(?:deg|m|mm)$", "", name).replace("_", " ")
-            damage.append(f"the tags give a {words} that cannot be ({value:.6g}), it is not used")
+            damage.append(f"the tags give an impossible {words} ({value:.6g}); it is not used")
     return values, tuple(damage)
 
 

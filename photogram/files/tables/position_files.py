@@ -73,7 +73,7 @@ def check_on_globe(row: PositionRow, faults: Faults) -> None:
     if abs(longitude) > 180.0 or abs(latitude) > 90.0:
         faults.note(
             row.line,
-            f"longitude {longitude:.10g}, latitude {latitude:.10g} lie on no globe: check the order of the columns",
+            f"longitude {longitude:.10g}, latitude {latitude:.10g} are impossible: check the order of the columns",
         )
 
 
@@ -99,7 +99,7 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     found = _MRK_LINE.fullmatch(" ".join(text.split()))
     numbers = [] if found is None else [faults.number(found[k], "each value", line) for k in (2, *range(4, 13))]
     if found is None:
-        faults.note(line, f"is no line of a DJI MRK file: expected {_MRK_FORM}")
+        faults.note(line, f"is not a line of a DJI MRK file: expected {_MRK_FORM}")
         return None
     known = [n for n in numbers if n is not None]
     if len(known) < len(numbers):
@@ -107,7 +107,7 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     seconds, north_mm, east_mm, down_mm, latitude, longitude, height, *sigma = known
     time = gps_time(int(found[3]), seconds)
     if time is None:
-        faults.note(line, f"week {found[3]} and {seconds:.10g} s of it are no GPS time: correct the line")
+        faults.note(line, f"week {found[3]} and {seconds:.10g} s is not a GPS time: correct the line")
         return None
     check_sigmas(line, sigma, faults)
     row = PositionRow(
@@ -139,7 +139,7 @@ def read_mrk(path: Path) -> PositionFile:
     for row in rows:
         if first.setdefault(row.number, row.line) != row.line:
             faults.note(
-                row.line, f"number {row.number} is there twice, first in line {first[row.number]}: keep one of the two"
+                row.line, f"number {row.number} is given twice, first in line {first[row.number]}: keep one of the two"
             )
     faults.raise_all()
     return PositionFile(path, "mrk", True, tuple(rows))

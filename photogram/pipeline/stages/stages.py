@@ -124,7 +124,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     if faults:
         raise ImageError("\n".join(faults))
     times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
-    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "fault"]
+    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "error"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
     copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
@@ -234,7 +234,7 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     if not len(joined.tie_points):
         raise ImageError(
             f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
-            "in common, so nothing can be intersected: give photographs of one site that overlap by 60 % or more"
+            "in common: give photographs of one site that overlap by 60 % or more"
         )
     write_record(folder / "tie_points.npz", joined.tie_points)
     progress(1, 1, f"{len(joined.tie_points)} tie points")
@@ -388,7 +388,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_json(
         folder / "verdict.json",
         {
-            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.accused],
+            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
             "blunders": blunders,
             "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
             "check_points": verdict.check_before,

@@ -27,7 +27,7 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured, without
+from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured, without
 from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -121,11 +121,11 @@ class Run:
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment. Needs the stage `adjustment`."""
-        accused = [
+        rejected = [
             replace(unmeasured(kind, name, photograph), axes=tuple(axes))
             for kind, name, photograph, axes in self.verdict()["accused"]
         ]
-        return adjustment_from(self.block(), lambda name: self.workspace.file("adjustment", name), accused)
+        return adjustment_from(self.block(), lambda name: self.workspace.file("adjustment", name), rejected)
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
@@ -198,7 +198,7 @@ def _frame(project: Project, tags: Sequence[Mapping[str, Any]]) -> LocalFrame:
     known = np.isfinite(positions).reshape(-1, 3)
     if not known.any(axis=0).all():
         raise ProjectError(
-            f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
+            f"{project.path}: neither control points nor GNSS positions: the survey cannot be georeferenced; "
             "give control_points, or photographs with GNSS tags"
         )
     middle = np.nanmean(positions, axis=0)
@@ -358,9 +358,9 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def adjustment_from(block: Block, file: Callable[[str], Path], accused: Sequence[Accusation] = ()) -> Adjustment:
+def adjustment_from(block: Block, file: Callable[[str], Path], rejected: Sequence[Hypothesis] = ()) -> Adjustment:
     """Return the adjustment of a measured block from its arrays, ``file`` giving their paths by name; what was
-    ``accused`` took no part."""
+    ``rejected`` took no part."""
     arrays = read_arrays(file("adjustment.npz"))
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items()}
     for name in _WORDS:
@@ -373,7 +373,7 @@ def adjustment_from(block: Block, file: Callable[[str], Path], accused: Sequence
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=read_record(file("tie_points.npz"), TiePoints),
     )
-    adjusted = without(adjusted, [a for a in accused if a.kind != "focal length"])
+    adjusted = without(adjusted, [a for a in rejected if a.kind != "focal length"])
     return Adjustment(
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),

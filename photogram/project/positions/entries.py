@@ -129,8 +129,9 @@ def _check_entry(document: Document, key: Key, entry: PositionFileEntry) -> None
     if kind == "csv" and entry.position_of is None:
         document.fault(
             key,
-            "whose positions are these? give position_of: camera, or position_of: antenna where the program that wrote "
-            f"{entry.path} left the lever arm out",
+            "positions of camera or antenna? give position_of: camera, or position_of: antenna where the "
+            "program that wrote "
+            f"{entry.path} did not apply the lever arm",
         )
     if entry.lever_arms is not None and (kind == "mrk" or entry.position_of == "camera"):
         document.fault(
@@ -174,7 +175,9 @@ def _lever_arms(
         return {}
     place: Key = (*key, "lever_arms")
     if format_of(Path(entry.lever_arms)) != "mrk":
-        document.fault(place, f"{entry.lever_arms} is no MRK file: only these hold a lever arm for each photograph")
+        document.fault(
+            place, (f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph")
+        )
         return {}
     read = _read(document, place, entry.lever_arms, base)
     if read is None:

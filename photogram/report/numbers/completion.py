@@ -110,8 +110,8 @@ def _stated(found: Accuracy, settings: ReportSettings) -> Json:
             missing.append(f"No statement of {name} accuracy: no check points, the accuracy is not tested.")
         elif target_m is None:
             missing.append(
-                f"No statement of {name} accuracy: it names an accuracy class, and the project gives none; "
-                f"write report.target_rmse_{letter}_m."
+                f"No statement of {name} accuracy: it needs an accuracy class, and the project gives none; "
+                f"set report.target_rmse_{letter}_m."
             )
         else:
             missing.append(
@@ -124,7 +124,7 @@ def _stated(found: Accuracy, settings: ReportSettings) -> Json:
 # ---- what was discarded --------------------------------------------------------------------------------------------
 
 
-CONTRADICTED = "everything else contradicts it"
+CONTRADICTED = "it contradicts all other observations"
 
 
 def discarded(report: Mapping[str, Any]) -> list[Json]:
@@ -141,12 +141,15 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     add(
         "tie-point observations",
         adjustment["discarded_observations"],
-        "rejected in the outlier rounds: they disagree with the other rays of their point, or their rays meet too flat",
+        "rejected as outliers: they disagree with the other rays of their point, or the intersection angle "
+        "is too small",
     )
-    add("tie points", adjustment["discarded_tie_points"], "fewer than two observations were left of them")
+    add("tie points", adjustment["discarded_tie_points"], "fewer than two observations remained")
     for point in report["control_points"]:
         if point.get("adjusted_map_m") is None:
-            add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs that meet")
+            add(
+                f"{point['role']} point {point['name']}", 1, "fewer than two intersecting marks in oriented photographs"
+            )
         axes = [axis for axis, role in zip(AXES, axis_roles(point), strict=True) if role == "left out"]
         add(f"{', '.join(axes)} of control point {point['name']}", len(axes), CONTRADICTED)
         for mark in point.get("marks") or []:
@@ -159,6 +162,6 @@ def discarded(report: Mapping[str, Any]) -> list[Json]:
     ):
         add(what, int(adjustment.get(key) or 0), reason)
     for name, cloud in report["clouds"].items():
-        reason = "taken away by the statistical outlier filter before the comparison"
+        reason = "removed by the statistical outlier filter before the comparison"
         add(f"points of the {CLOUDS.get(name, name)} cloud", int(cloud.get("removed_by_sor") or 0), reason)
     return found

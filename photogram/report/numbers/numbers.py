@@ -29,7 +29,7 @@ Json = dict[str, Any]
 Held = Mapping[str, Mapping[str, str]]
 """Why parameters are held, by the names of the camera and of the parameter."""
 
-NOT_ADJUSTED = "no measurement of it took part in the adjustment"
+NOT_ADJUSTED = "none of its observations was adjusted"
 
 
 def _map(frame: LocalFrame, position_world_m: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ def _points(count: int) -> str:
 def _verdict(report: Mapping[str, Any]) -> tuple[str, str]:
     asprs = report["asprs"]
     if not report["adjustment"]["converged"]:
-        return "bad", "The adjustment did not converge: use nothing of this result."
+        return "bad", "The adjustment did not converge: do not use this result."
     tested = [(letter, where) for letter, where in _DIRECTIONS if asprs[f"n_{letter}"]]
     if not tested:
         return "unknown", _predicted(report)
@@ -82,7 +82,7 @@ def _without_target(report: Mapping[str, Any], tested: list[tuple[str, str]]) ->
     grades = [light["grade"] for light in report["summary"] if light["subject"] in subjects]
     order = ("bad", "attention", "unknown", "few", "good")
     grade = min(grades, key=order.index, default="unknown")
-    return grade, f"RMSE of {said} at {_points(count)}; the project names no target."
+    return grade, f"RMSE of {said} at {_points(count)}; the project gives no target."
 
 
 def _predicted(report: Mapping[str, Any]) -> str:
@@ -130,5 +130,5 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
     asprs = report["asprs"]
     least = min(asprs["n_h"], asprs["n_v"])
     if not remedies and 0 < least < MINIMUM_POINTS:
-        return [f"nothing; for the standard’s full statement survey {MINIMUM_POINTS} check points ({least} now)"]
+        return [f"nothing; for the full statement of the standard survey {MINIMUM_POINTS} check points ({least} now)"]
     return remedies or ["nothing"]

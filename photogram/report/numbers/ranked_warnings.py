@@ -78,8 +78,8 @@ def _several(part: str, values: object, severity: Severity = "attention", remedy
 def _adjustment(report: Mapping[str, Any]) -> list[Json]:
     if report["adjustment"]["converged"]:
         return []
-    sentence = "the adjustment did not converge: use nothing of this result"
-    return [_warning("adjustment", "bad", sentence, "look at the warnings below, and at photogram check")]
+    sentence = "the adjustment did not converge: do not use this result"
+    return [_warning("adjustment", "bad", sentence, "see the warnings below, and photogram check")]
 
 
 def _focal_lengths(report: Mapping[str, Any]) -> list[Json]:
@@ -95,7 +95,7 @@ def _blunders(report: Mapping[str, Any]) -> list[Json]:
     decided = any(camera.get("focal_length") for camera in report["cameras"].values())
     named = [b for b in report.get("blunders") or [] if not (decided and b.get("kind") == "focal length")]
     found = list[Json]()
-    remedy = "it is left out: check it where it was measured"
+    remedy = "it is rejected: check the measurement"
     harmless = [b.get("kind") in ("GNSS position", "attitude") for b in named]
     found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if not h], "bad", remedy)
     found += _several("blunders", [b for b, h in zip(named, harmless, strict=True) if h], "attention", remedy)
@@ -106,7 +106,7 @@ def _blunders(report: Mapping[str, Any]) -> list[Json]:
     if suspects:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
         severity: Severity = "attention" if all(s.get("kind") == "GNSS position" for s in suspects) else "bad"
-        remedy = "check it, and leave it out where it is wrong"
+        remedy = "check it, and remove it if it is wrong"
         found.append(_warning("suspects", severity, f"{suspects[0].get('sentence', '')}{others}", remedy))
     return found
 
@@ -131,7 +131,7 @@ def _check_points(report: Mapping[str, Any]) -> list[Json]:
     if asprs["systematic"]:
         said = "; ".join(asprs["systematic"])
         found.append(_warning(part, "attention", said, "check datum, height system and control points"))
-    return found + _several(part, asprs["survey"], remedy="survey them again, more precisely")
+    return found + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
 
 
 def _prediction(report: Mapping[str, Any]) -> list[Json]:
@@ -140,7 +140,7 @@ def _prediction(report: Mapping[str, Any]) -> list[Json]:
         return []
     larger = number((found.get("chi2") or {}).get("p")) < 0.5
     sentence = found.get("sentence") or "differences of check points contradict their predicted sigmas"
-    remedy = "believe the check points, not the predicted sigmas" if larger else ""
+    remedy = "rely on the check points, not the predicted sigmas" if larger else ""
     return [_warning("prediction", "bad" if larger else "note", sentence, remedy)]
 
 
@@ -153,7 +153,7 @@ def best_remedy(diagnosis: Mapping[str, Any]) -> str:
     title = str(best["title"])
     title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
-        f"{title} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{title} would change the sigma of heights from {best['sigma_height_before_m']:.3f} to "
         f"{best['sigma_height_after_m']:.3f} m"
     )
 
@@ -176,11 +176,11 @@ def _block(block: Mapping[str, Any]) -> list[Json]:
     found, missing = [], block["photographs"] - block["registered"]
     if missing:
         said = f"{missing} of {block['photographs']} photographs are not in the result"
-        found.append(_warning("photographs", "attention", said, "why stands under Discarded"))
+        found.append(_warning("photographs", "attention", said, "for the reasons see Discarded"))
     sizes = block["component_sizes"]
     if len(sizes) > 1:
-        said = f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)"
-        found.append(_warning("photographs", "attention", said, "fly with more overlap between the parts"))
+        said = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
+        found.append(_warning("photographs", "attention", said, "fly with more overlap between them"))
     share = number((block.get("overlap") or {}).get("share_2_or_more"))
     if math.isfinite(share) and share < 0.9:
         said = f"{1 - share:.0%} of the ground is seen by fewer than two photographs"
@@ -206,10 +206,10 @@ def _stated_sigmas(components: Mapping[str, Any]) -> list[Json]:
         large += [text] * (factor < low)
     part, found = "stated sigmas", []
     if small:
-        said = f"sigmas stated too small, so that predicted ones are too small as well: {', '.join(small)}"
-        found.append(_warning(part, "attention", said, "look for a wrong measurement among them, or state more"))
+        said = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
+        found.append(_warning(part, "attention", said, "look for a blunder among them, or state larger sigmas"))
     if large:
-        said = f"sigmas stated too large, which keeps predicted ones on the safe side: {', '.join(large)}"
+        said = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
         found.append(_warning(part, "note", said))
     return found
 
@@ -217,8 +217,8 @@ def _stated_sigmas(components: Mapping[str, Any]) -> list[Json]:
 def _too_few(asprs: Mapping[str, Any]) -> list[Json]:
     n_h, n_v = asprs["n_h"], asprs["n_v"]
     if n_h == n_v == 0:
-        said = "no check points: the accuracy of this survey is predicted, not tested"
-        return [_warning("check points", "attention", said, "survey five check points or more, best thirty")]
+        said = "no check points: the accuracy is predicted, not tested"
+        return [_warning("check points", "attention", said, "survey at least five check points, ideally thirty")]
     few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
-    said = f"{' and '.join(few)}: the standard asks for {MINIMUM_POINTS} check points or more"
+    said = f"{' and '.join(few)}: the standard requires at least {MINIMUM_POINTS} check points"
     return [_warning("check points", "note", said)] if few else []

@@ -61,7 +61,7 @@ class OrthophotoSettings:
 
     def __post_init__(self) -> None:
         if self.cell_m is not None and not (np.isfinite(self.cell_m) and self.cell_m > 0):
-            raise PhotogramError(f"cell_m is {self.cell_m}: give a positive length in metres, or leave it out")
+            raise PhotogramError(f"cell_m is {self.cell_m}: give a positive length in metres, or remove it")
         if not 0 <= self.feather_cells <= SMALLEST_BLOCK:
             raise PhotogramError(f"feather_cells is {self.feather_cells}: give 0 to {SMALLEST_BLOCK} cells")
 
