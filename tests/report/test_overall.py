@@ -170,7 +170,7 @@ def test_the_datum_comes_before_what_follows_from_it_and_says_what_helps(bare: J
     completed = checked(report, 0.01, 30, **TARGETS)
     geometry = [w for w in completed["warnings"] if w["part"] == "geometry"]
     assert geometry[0]["sentence"].startswith("The block as a whole")
-    assert geometry[0]["remedy"] == "RTK instead of these would change the sigma of heights from 10.000 to 0.080 m"
+    assert geometry[0]["remedy"] == "RTK instead of these would reduce the sigma of heights from 10.000 to 0.080 m"
     text = report_page(completed, [])
     assert "RTK instead of these" in text
     assert "One strip more" not in text

@@ -26,7 +26,7 @@ P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_00
 NEXT_MARK_PX = {"100_0002_0067.JPG": 1.1, "100_0002_0068.JPG": 4.8, "100_0002_0100.JPG": 3.0}
 
 DOCUMENTS = {
-    "README.md": ("focal", "p3p"),
+    "docs/figures.md": ("focal", "p3p"),
     "examples/dtu_phantom4/README.md": ("focal", "counts", "sigma0", "p3p"),
     "docs/assignment.md": ("focal", "counts", "sigma0"),
 }

@@ -130,5 +130,5 @@ def _to_do(report: Mapping[str, Any]) -> list[str]:
     asprs = report["asprs"]
     least = min(asprs["n_h"], asprs["n_v"])
     if not remedies and 0 < least < MINIMUM_POINTS:
-        return [f"nothing; for the full statement of the standard survey {MINIMUM_POINTS} check points ({least} now)"]
+        return [f"nothing; survey {MINIMUM_POINTS} check points for the full statement of the standard ({least} now)"]
     return remedies or ["nothing"]

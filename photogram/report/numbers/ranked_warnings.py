@@ -153,7 +153,7 @@ def best_remedy(diagnosis: Mapping[str, Any]) -> str:
     title = str(best["title"])
     title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
-        f"{title} would change the sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{title} would reduce the sigma of heights from {best['sigma_height_before_m']:.3f} to "
         f"{best['sigma_height_after_m']:.3f} m"
     )
 
