@@ -1,4 +1,4 @@
-"""Faults that a user can mend.
+"""Errors that a user can fix.
 
     PhotogramError
     ├── ProjectError        project.yaml says something that cannot be
@@ -21,7 +21,7 @@ from pathlib import Path
 
 
 class PhotogramError(Exception):
-    """Root of all faults that a user can mend."""
+    """Root of all errors that a user can fix."""
 
 
 class ProjectError(PhotogramError, ValueError):

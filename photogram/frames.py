@@ -11,7 +11,7 @@ error is
 Heights of the world are always above the ellipsoid. Those of the map are too, unless the frame has a geoid: then they
 are above it, and each point's geoid height is added on the way to the world and taken off on the way back. Heights
 whose system nobody declares go through unchanged; a geoid height left in them changes the scale by 7e-6 for 44 m. This
-module and `heights` are the only ones that use PROJ.
+module, `crs` and `height_systems` are the only ones that use PROJ.
 """
 
 from __future__ import annotations

@@ -70,20 +70,20 @@ class Geoid:
 
 @dataclass(frozen=True)
 class DeclaredHeights:
-    """What the heights of a survey are counted from; None where nobody says.
-
-    ``output`` is the system of the map: of every position named ``_map_m`` and of every product. ``gnss`` is declared
-    for all GNSS positions, ``gnss_given`` holds for those that the project file names, ``control_points`` for ground
-    points whose file says nothing, ``reference`` for what the results are compared with. ``geoid`` is there wherever
-    two declared systems differ or one is orthometric.
-    """
+    """Height systems of a survey; None where not declared."""
 
     output: HeightSystem | None = None
+    """Of the map: of every ``_map_m`` and every product."""
     gnss: HeightSystem | None = None
+    """Of all GNSS positions."""
     gnss_given: HeightSystem | None = None
+    """Of those in the project file."""
     control_points: HeightSystem | None = None
+    """Of ground points whose file does not declare one."""
     geoid: Geoid | None = None
+    """The geoid, given where two systems differ or one is orthometric."""
     reference: HeightSystem | None = None
+    """Of the reference of the comparison."""
 
     @property
     def map_geoid(self) -> Geoid | None:

@@ -261,7 +261,7 @@ def run_pipeline(
     """Bring a project to its results, doing only what is not done yet; returns report.json as a dictionary.
 
     ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns an empty dictionary
-    unless it is the last). Raises a PhotogramError that says what the user can mend.
+    unless it is the last). Raises a PhotogramError that says what the user can fix.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]

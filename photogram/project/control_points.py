@@ -38,21 +38,24 @@ _SMALLEST_ENLARGEMENT, _LARGEST_ENLARGEMENT = 1.2, 20.0
 
 @dataclass(frozen=True, eq=False)
 class GroundPoint:
-    """A point of a file, complete: ``role`` in plan and in height, ``position_map_m`` (3,), ``sigma_m`` (3,), and its
-    marks in photogram's pixels.
-
-    ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,). ``heights`` is the system that its
-    height was given in, None where nobody says.
-    """
+    """A complete point of a file, with its marks (M) in photogram's pixels."""
 
     name: str
+    """Name."""
     role: Roles
+    """Role in plan and in height."""
     position_map_m: FloatArray
+    """Position (3,)."""
     sigma_m: FloatArray
+    """Standard deviations (3,)."""
     mark_photograph: tuple[str, ...]
+    """Names of the photographs (M,)."""
     mark_pixel: FloatArray
+    """Image coordinates (M, 2)."""
     mark_sigma_px: FloatArray
+    """Standard deviations (M,)."""
     heights: HeightSystem | None
+    """Height system it was given in, None if not declared."""
 
 
 @dataclass(frozen=True, eq=False)

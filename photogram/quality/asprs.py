@@ -60,16 +60,22 @@ class AxisAccuracy:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy of a product in m: ``fit`` to the check points (RMSE_H1, RMSE_V1), uncertainty of their ``survey``
-    (RMSE_H2, RMSE_V2), and both together. ``n_h`` points tell the plan, ``n_v`` the height; NaN where none does."""
+    """Accuracy of a product, m; NaN without points."""
 
     n_h: int
+    """Points checked in plan."""
     n_v: int
+    """Points checked in height."""
     axes: tuple[AxisAccuracy, AxisAccuracy, AxisAccuracy]
+    """Easting, northing, height."""
     fit_h_m: float
+    """Fit to the check points in plan, RMSE_H1."""
     fit_v_m: float
+    """Fit in height, RMSE_V1."""
     survey_h_m: float
+    """Uncertainty of their survey in plan, RMSE_H2."""
     survey_v_m: float
+    """Uncertainty of their survey in height, RMSE_V2."""
 
     @property
     def rmse_h_m(self) -> float:

@@ -21,36 +21,40 @@ from photogram.survey import PointCloud, Raster
 
 @dataclass(frozen=True)
 class CloudStatistics:
-    """Differences in figures: ``points`` in all, ``compared`` of them where the reference has data; the rest in m.
-
-    ``std_m`` about the mean with n − 1 (NaN of a single difference), ``nmad_m`` the normalised median absolute
-    deviation.
-    """
+    """Statistics of differences, m."""
 
     points: int
+    """Number of points."""
     compared: int
+    """Points where the reference has data."""
     mean_m: float
+    """Mean."""
     std_m: float
+    """Standard deviation about the mean with n − 1, NaN of a single difference."""
     median_m: float
+    """Median."""
     nmad_m: float
+    """Normalised median absolute deviation."""
     rmse_m: float
+    """Root mean square."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A cloud against a reference, after the filter.
-
-    ``position_map_m`` (N, 3) the points that were compared; ``surface_difference_m`` (N,) cloud minus reference in
-    height, NaN where the reference has none; ``cloud_distance_m`` (N,) to the nearest point of the reference;
-    ``removed`` the number of points that the SOR filter took away.
-    """
+    """A cloud against a reference, after the filter."""
 
     position_map_m: FloatArray
+    """Compared points (N, 3)."""
     surface_difference_m: FloatArray
+    """Cloud minus reference in height (N,), NaN where the reference has no data."""
     cloud_distance_m: FloatArray
+    """Distance to the nearest point of the reference (N,)."""
     cloud_to_surface: CloudStatistics
+    """Statistics of the height differences."""
     cloud_to_cloud: CloudStatistics
+    """Statistics of the distances."""
     removed: int
+    """Points removed by the SOR filter."""
 
 
 def statistics(differences_m: FloatArray) -> CloudStatistics:

@@ -48,18 +48,22 @@ _PIXELS = ("focal_px", "cx_px", "cy_px", "b1", "b2")
 
 @dataclass(frozen=True)
 class Dome:
-    """A quadratic trend of height errors with the distance from the block's centre, as they are ``radius_m`` from it
-    against those in the centre; ``measured_m`` with ``sigma_m`` from ``points`` points, of which ``control_points`` are
-    control points predicted by all other observations; NaN with too few. ``predicted_sigma_m`` is its sigma a
-    priori."""
+    """A quadratic trend of height errors with the distance from the block's centre; NaN with too few points."""
 
     radius_m: float
+    """Distance for which it is stated."""
     measured_m: float
+    """Height error at this distance relative to the centre."""
     sigma_m: float
+    """Its standard deviation."""
     significant: bool
+    """Whether it is significant."""
     predicted_sigma_m: float
+    """Its a-priori standard deviation."""
     points: int
+    """Number of points."""
     control_points: int
+    """Control points among them, predicted by all other observations."""
 
 
 @dataclass(frozen=True)

@@ -22,17 +22,24 @@ DATUM_TIMES = 2.0
 
 @dataclass(frozen=True)
 class Placing:
-    """How well a block is placed and shaped, 1 sigma in m: of a point of it ``absolute`` and ``relative`` to the block,
-    in plan and in height; the common ``shift`` in plan and in height, and the ``tilt`` over ``radius_m``."""
+    """Datum and shape of a block, 1 sigma in m."""
 
     absolute_plan_m: float
+    """A point in plan."""
     absolute_height_m: float
+    """A point in height."""
     relative_plan_m: float
+    """A point relative to the block, in plan."""
     relative_height_m: float
+    """A point relative to the block, in height."""
     shift_plan_m: float
+    """Common shift in plan."""
     shift_height_m: float
+    """Common shift in height."""
     tilt_m: float
+    """Tilt over ``radius_m``."""
     radius_m: float
+    """Radius of the block."""
 
 
 def _plan_and_height(variance_m2: FloatArray) -> tuple[float, float]:

@@ -47,20 +47,20 @@ class OrientationSettings(StructureSettings):
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Starting poses in the world, and how they were found.
-
-    ``poses[i]`` is None for a photograph that is not registered; ``reason[i]`` then says why. ``resections`` are those
-    of photographs with enough control points. ``component`` (N,): 0 for the block that is adjusted, 1 and more for
-    others that share no tie points with it, −1 for photographs in none. ``parameters``: the interior orientation
-    (11,) of each camera that came out of it, none where it was not touched.
-    """
+    """Initial poses in the world, and how they were found."""
 
     poses: tuple[Pose | None, ...]
+    """Pose of each photograph, None if not registered."""
     resections: tuple[Resection | None, ...]
+    """Resections of photographs with enough control points."""
     component: IntArray
+    """0 for the block that is adjusted, 1 and more for others without common tie points, −1 for none (N,)."""
     method: Method
+    """Method used."""
     reason: tuple[str, ...]
+    """Why a photograph is not registered, empty if it is."""
     parameters: tuple[FloatArray, ...] = field(default=())
+    """Interior orientation (11,) of each camera from the orientation; () if unchanged."""
 
     @property
     def registered(self) -> BoolArray:

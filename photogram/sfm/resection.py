@@ -37,21 +37,22 @@ SCATTER = 0.005  # of the width of the photograph, the most that they may scatte
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """Exterior orientation of one photograph from its control points.
-
-    ``p3p`` is the minimal solution, ``points`` the three marks it uses, ``solutions`` how many poses they allow, and
-    ``check_px`` the misfit of the mark, or of the worst agreeing mark, that chose it; NaN when the GNSS position
-    chose it. ``refined`` is the least-squares pose of all ``inliers`` (M,) and ``residual_px`` (M, 2) its projected
-    minus measured.
-    """
+    """Exterior orientation of one photograph from its control points (marks M)."""
 
     p3p: Pose
+    """Minimal solution (P3P)."""
     points: tuple[int, int, int]
+    """The three marks it uses."""
     solutions: int
+    """Number of poses they allow."""
     check_px: float
+    """Misfit of the mark that selected the solution, NaN when the GNSS position did."""
     refined: Pose
+    """Least-squares pose of all inliers."""
     inliers: NDArray[np.bool_]
+    """Marks that agree (M,)."""
     residual_px: FloatArray
+    """Residuals (M, 2), projected minus measured."""
 
 
 def p3p_poses(camera: Camera, points_world_m: FloatArray, pixel: FloatArray) -> list[Pose]:

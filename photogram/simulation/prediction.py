@@ -33,31 +33,42 @@ FEWEST_RAYS = 2
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a plan will achieve.
-
-    Ground points at places ``place_m`` (Q, 2), east and north of the middle of the site, marked in all ``rays`` (Q,)
-    photographs that show them: ``sigma_m`` (Q, 3) east, north, up, infinite where fewer than two do. ``control_m`` (G,
-    3) are the control points, ``control_mdb_m`` (G, 3) their minimal detectable blunders; ``position_m`` (N, 3) the
-    photographs. ``mean_height_sigma_m`` and ``dome_sigma_m`` are those of the block as a whole.
-    """
+    """The predicted accuracy of a flight plan; places are east and north of the centre of the site."""
 
     plan: FlightPlan
+    """The plan."""
     strips: int
+    """Number of strips."""
     position_m: FloatArray
+    """Projection centres (N, 3)."""
     ground_covered_m2: float
+    """Ground area covered by photographs."""
     tie_points: int
+    """Number of tie points."""
     observations: int
+    """Number of their observations."""
     place_m: FloatArray
+    """Ground points (Q, 2) for which accuracy is predicted."""
     rays: IntArray
+    """Photographs (Q,) that show each; it is marked in all of them."""
     sigma_m: FloatArray
+    """Their standard deviations (Q, 3) east, north, up; infinite with fewer than two photographs."""
     parameter_sigma: Mapping[str, float]
+    """Standard deviations of the calibration, by parameter."""
     prior_sigma: Mapping[str, float]
+    """Prior standard deviations, by parameter."""
     mean_height_sigma_m: float
+    """Standard deviation of the mean height of the block."""
     dome_sigma_m: float
+    """Standard deviation of the dome over ``radius_m``."""
     radius_m: float
+    """Radius of the block."""
     control_m: FloatArray
+    """Control points (G, 3)."""
     control_mdb_m: FloatArray
+    """Their minimal detectable blunders (G, 3)."""
     warnings: tuple[str, ...]
+    """Weaknesses of the plan, in words."""
 
     @property
     def covered(self) -> float:

@@ -29,24 +29,24 @@ _STRIP_BLOCKS = 64
 
 @dataclass(frozen=True)
 class TerrainSettings:
-    """What counts as ground.
-
-    ``enabled``: whether a terrain model is made. ``cell_m``: side of the blocks on which the cloth is dropped, in m;
-    never less than a cell of the surface.
-    ``cloth_m``: distance of the cloth's knots, in m. ``rigidness``: 1 for steep, 2 for rolling, 3 for flat ground.
-    ``reach_m``: a block this near to the cloth, in m, is ground. ``step_m``: a cell this near to the ground of the
-    blocks is ground, but for the feet of walls: cells within ``margin_m`` of what stands three steps high or more.
-    ``maximum_gap_m``: what is further than this from any ground stays open.
-    """
+    """How ground is separated from the surface."""
 
     enabled: bool = False
+    """Whether a terrain model is made."""
     cell_m: float = 0.5
+    """Side of the aggregates on which the cloth is dropped, at least a cell of the surface."""
     cloth_m: float = 1.0
+    """Grid spacing of the cloth."""
     rigidness: int = 2
+    """1 for steep, 2 for rolling, 3 for flat ground."""
     reach_m: float = 0.5
+    """Distance from the cloth within which an aggregate is ground."""
     step_m: float = 0.3
+    """Distance from the ground of the aggregates within which a cell is ground."""
     margin_m: float = 0.5
+    """Cells this near to objects three steps high or more are not ground."""
     maximum_gap_m: float = 30.0
+    """Distance from ground beyond which nothing is interpolated."""
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "cloth_m", "reach_m", "step_m", "margin_m", "maximum_gap_m"):
@@ -71,7 +71,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
 
     Cells on the ground keep the surface's height; the others take the height between the ground around them, linear in
     the triangles of the blocks' means. Cells without data stay so, and what is wider than the maximum gap is left open.
-    The same surface gives the same terrain. Raises PhotogramError where no ground found in the surface.
+    The same surface gives the same terrain. Raises PhotogramError where there is no ground in the surface.
     """
     settings = settings or TerrainSettings()
     block = max(1, round(settings.cell_m / surface.cell_m), int(np.ceil(np.sqrt(surface.values.size / MAXIMUM_BLOCKS))))

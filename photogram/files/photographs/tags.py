@@ -95,48 +95,70 @@ class Dewarp:
 
 @dataclass(frozen=True)
 class PhotographTags:
-    """What a photograph's EXIF and XMP say; None where they say nothing.
-
-    ``kind`` and ``band`` tell other pictures from ordinary ones. ``pixels_per_mm`` is the resolution on the sensor,
-    ``calibrated_focal_mm`` and ``calibrated_radial`` the maker's calibration in the Camera name space. ``time`` is the
-    camera's clock, with a zone only where the tags give one. ``height_is_ellipsoidal``: above the ellipsoid, or else
-    near sea level, often from a barometer. ``gnss_sigma_m`` is east, north, up, ``gnss_horizontal_error_m`` EXIF's
-    positioning error. ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in
-    camera.rotation_from_gimbal, whatever the maker's own convention is. ``damage`` says in words which tags could not
-    be read, empty where all could.
-    """
+    """EXIF and XMP of a photograph; None for absent tags."""
 
     make: str | None = None
+    """Maker of the camera."""
     model: str | None = None
+    """Camera model."""
     serial: str | None = None
+    """Serial number of the camera."""
     lens: str | None = None
+    """Lens model."""
     lens_serial: str | None = None
+    """Serial number of the lens."""
     kind: Kind = "frame"
+    """Frame photograph, or another kind of picture."""
     band: str | None = None
+    """Spectral band of a multispectral picture."""
     width_px: int | None = None
+    """Width."""
     height_px: int | None = None
+    """Height."""
     focal_mm: float | None = None
+    """Focal length."""
     focal_35mm_mm: float | None = None
+    """35 mm equivalent focal length."""
     pixels_per_mm: float | None = None
+    """Resolution on the sensor."""
     calibrated_focal_mm: float | None = None
+    """The maker's calibrated focal length (Camera name space)."""
     calibrated_radial: tuple[float, float, float] | None = None
+    """The maker's radial distortion (Camera name space)."""
     time: datetime | None = None
+    """The camera's clock, with a zone only where the tags give one."""
     longitude_deg: float | None = None
+    """Longitude."""
     latitude_deg: float | None = None
+    """Latitude."""
     height_m: float | None = None
+    """Height of the GNSS position."""
     height_is_ellipsoidal: bool | None = None
+    """True: above the ellipsoid; False: near sea level, often barometric."""
     height_above_take_off_m: float | None = None
+    """Height above take-off."""
     gnss_sigma_m: tuple[float, float, float] | None = None
+    """Standard deviations: east, north, up."""
     gnss_horizontal_error_m: float | None = None
+    """EXIF's horizontal positioning error."""
     rtk_flag: int | None = None
+    """0 none, 16 single, 32–49 float, 50 fixed."""
     gimbal_yaw_deg: float | None = None
+    """Gimbal yaw, converted to the convention of rotation_from_gimbal."""
     gimbal_pitch_deg: float | None = None
+    """Gimbal pitch."""
     gimbal_roll_deg: float | None = None
+    """Gimbal roll."""
     flight_yaw_deg: float | None = None
+    """Yaw of the aircraft."""
     flight_pitch_deg: float | None = None
+    """Pitch of the aircraft."""
     flight_roll_deg: float | None = None
+    """Roll of the aircraft."""
     dewarp: Dewarp | None = None
+    """DJI's DewarpData."""
     damage: tuple[str, ...] = ()
+    """Tags that could not be read, in words."""
 
 
 def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str, list[str]]]:

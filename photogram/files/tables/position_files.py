@@ -38,23 +38,26 @@ _MRK_FORM = (
 
 @dataclass(frozen=True)
 class PositionRow:
-    """One position as its file gives it.
-
-    ``photograph`` is the name that the file gives, ``number`` the sequence number in the photograph's name, None where
-    the file has none. ``gps_time`` is GPS time, without zone. ``position`` is longitude, latitude or easting, northing,
-    and height; ``sigma_m`` along easting, northing and height; ``attitude_deg`` yaw, pitch and roll of the aircraft;
-    ``lever_arm_m`` from the antenna to the camera along east, north and up.
-    """
+    """One position of a position file; None for what the file does not give."""
 
     line: int
+    """Line in the file."""
     position: Triple
+    """Longitude, latitude or easting, northing; height."""
     photograph: str | None = None
+    """Name of the photograph."""
     number: int | None = None
+    """Sequence number in the photograph's name."""
     gps_time: datetime | None = None
+    """GPS time, without zone."""
     sigma_m: Sigma3 | None = None
+    """Standard deviations along easting, northing and height."""
     solution: Solution = "unknown"
+    """Kind of the GNSS solution."""
     attitude_deg: Triple | None = None
+    """Yaw, pitch and roll of the aircraft."""
     lever_arm_m: Triple | None = None
+    """Lever arm from antenna to camera along east, north and up."""
 
 
 @dataclass(frozen=True)
