@@ -26,6 +26,7 @@ WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than thi
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
 WEAK_SCALE = 0.01
 POSITION_WEAK = "The position of the block is known to"
+ROTATION_WEAK = "The rotation of the block about"
 WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
 MOST_NAMED = 5  # photographs, in sentences of their own
 STEEP = 0.9  # upward part of an axis that is called vertical
@@ -186,7 +187,7 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     turn = float(np.sqrt(max(value[-1], 0.0)))
     if turn > WEAK_RAD:
         sentences.append(
-            f"The rotation of the block about {_axis(axes.T @ vector[:, -1])} is known to "
+            f"{ROTATION_WEAK} {_axis(axes.T @ vector[:, -1])} is known to "
             f"{np.rad2deg(turn):.1f}° only (1 sigma): control points or GNSS positions farther from that "
             "axis, better ones, or measured "
             "attitudes would fix it"

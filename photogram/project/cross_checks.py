@@ -1,6 +1,6 @@
 """Faults of a project file that show only when its blocks are read together; photographs are looked for, not opened.
 
-Every check notes its faults in the document and leaves out what an earlier fault has made unknown.
+Every check notes its errors in the document and skips what an earlier error has made unknown.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Located:
 
 @dataclass(frozen=True)
 class AreaOfUse:
-    """Where a CRS is used, as ranges of easting and northing, and the wider ranges in which it is still believed."""
+    """Where a CRS is used, as ranges of easting and northing, and the wider ranges in which it is still accepted."""
 
     low_m: FloatArray
     high_m: FloatArray
@@ -86,7 +86,7 @@ class AreaOfUse:
         return cls(corners.min(axis=0), corners.max(axis=0), f"{name} ({crs.name})")
 
     def contains(self, easting_northing_m: FloatArray) -> NDArray[np.bool_]:
-        """Return which positions (N, 2) are believed; NaN is not."""
+        """Return which positions (N, 2) are accepted; NaN is not."""
         # zones are often used some degrees beyond their official area
         margin = np.minimum(0.5 * (self.high_m - self.low_m), 300_000.0)
         inside = (easting_northing_m >= self.low_m - margin) & (easting_northing_m <= self.high_m + margin)

@@ -1,4 +1,4 @@
-"""What a check of a survey finds: how bad it is, where it is, what it is, and what to do."""
+"""Findings of an input validation: severity, place, finding and remedy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ Severity = Literal["error", "warning", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found; ``remedy`` is empty where there is nothing to do, or ``text`` says it."""
+    """One finding."""
 
     severity: Severity
+    """Error, warning or note."""
     where: str
+    """Key, file and line, photograph or point."""
     text: str
+    """What was found."""
     remedy: str = ""
+    """What to do, empty where there is nothing to do or the text says it."""
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.where, self.text, self.remedy) if part)

@@ -25,13 +25,13 @@ from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation
 
-STRONG = 0.95  # correlation beyond which two quantities cannot be separated in practice
+STRONG = 0.95  # correlation beyond which two quantities are not separable in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.01
-TOLD = 0.7  # posterior over prior sigma, above which the photographs tell hardly anything
+TOLD = 0.7  # posterior over prior sigma, above which the photographs hardly determine a parameter
 HELPS = 0.95  # of a sigma, to which a remedy must bring it to be of use
-HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which what a held calibration hides is worth a word
+HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which the effect of a fixed calibration is reported
 
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
@@ -96,7 +96,7 @@ class Remedy:
 
 @dataclass(frozen=True, eq=False)
 class FocalHeight:
-    """Correlations of a camera's focal length with the block's heights, NaN where it is held: of the projection
+    """Correlations of a camera's focal length with the block's heights, NaN where it is fixed: of the projection
     centres, of the ground, and of the GNSS offset by flight; ``height_sigma_m`` is the part of the ground's mean height
     that goes with the focal length."""
 
@@ -108,7 +108,7 @@ class FocalHeight:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What there is to say of a block as a whole; ``correlation`` (11, 11) by camera, NaN where a parameter is held."""
+    """Diagnosis of a block as a whole; ``correlation`` (11, 11) by camera, NaN where a parameter is fixed."""
 
     correlation: Mapping[str, FloatArray]
     focal_height: Mapping[str, FocalHeight]
@@ -190,7 +190,7 @@ def _focal_height(known: Deformation, camera: int, cameras: int, flights: Sequen
 
 
 def focal_heights(known: Deformation, cameras: Sequence[Camera], flights: Sequence[str]) -> dict[str, FocalHeight]:
-    """Return how far each camera's focal length cannot be separated from heights; none where nothing is known."""
+    """Return the correlation of each camera's focal length with heights; none where unknown."""
     if not known.known:
         return {}
     return {camera.name: _focal_height(known, c, len(cameras), flights) for c, camera in enumerate(cameras)}
@@ -207,9 +207,9 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             (abs(r) for r in (focal.centres, focal.ground, *focal.offset.values()) if np.isfinite(r)), default=0.0
         )
         if strongest > HALF and focal.height_sigma_m > precise:
-            told = "cannot be separated" if strongest > STRONG else "are hardly separable"
+            separable = "cannot be separated" if strongest > STRONG else "are hardly separable"
             sentences.append(
-                f"The focal length of {name} and the height of the block {told} (correlation "
+                f"The focal length of {name} and the height of the block {separable} (correlation "
                 f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights results from "
                 f"it, against {precise:.3f} m of intersection alone"
             )
@@ -238,7 +238,7 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
 
 
 def hidden(known: Deformation) -> list[str]:
-    """Return a sentence where holding parameters hides more uncertainty of heights than intersection has."""
+    """Return a sentence where fixed parameters hide more uncertainty of heights than intersection has."""
     freed, precise = known.freed_height_sigma_m, float(known.intersection_sigma_m[2])
     if not np.isfinite(freed).all() or not len(known.height_sigma_m):
         return []

@@ -30,7 +30,7 @@ Method = Literal["control", "attitude", "growth"]
 Progress = Callable[[int, int, str], None]
 
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
-ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are believed
+ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are accepted
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
 OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
@@ -318,9 +318,9 @@ def _common_turn(turns: FloatArray) -> FloatArray:
 def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
     """Return the photographs with the measured attitudes that may take part in the adjustment.
 
-    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
+    An attitude is accepted that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
     all. A compass that is wrong is wrong for whole strips, so where one attitude in five of a flight does not agree,
-    none of its headings is believed: what remains is the tilt, which the vertical gives, turned to the heading of the
+    none of its headings is accepted: what remains is the tilt, which the vertical gives, turned to the heading of the
     pose. A tilt that does not agree is left out.
     """
     given, turned = [], []

@@ -18,7 +18,7 @@ from photogram.errors import OrientationError
 
 TRIPLES = 500
 STRAIGHT = 0.02  # second over first principal extent of points that lie in one line
-AGREEING_SHARE = 0.5  # of all pairs: a similarity is believed that more agree with
+AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
 UNEXPLAINED = (
     0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
 )

@@ -374,7 +374,7 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
                 "warning",
                 "marks",
                 "the marks of the control points agree with the GNSS positions only with marks measured in images of "
-                "about 2000 × 1500 px, the photographs have 4000 × 3000 px",
+                "about 2000 × 1500 px, the photographs are 4000 × 3000 px",
             ),
             (
                 "warning",

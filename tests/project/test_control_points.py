@@ -105,7 +105,7 @@ def faults(folder: Path) -> list[str]:
     with pytest.raises(ProjectError) as raised:
         read(folder)
     path = folder / "project.yaml"
-    lines = [line for line in str(raised.value).splitlines() if not line.endswith("faults:")]
+    lines = [line for line in str(raised.value).splitlines() if not line.endswith("errors:")]
     assert all(line.startswith(f"{path}:") for line in lines)
     return [line.removeprefix(f"{path}:") for line in lines]
 
@@ -337,7 +337,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "two crs": (
         [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      crs: EPSG:25833\n")],
-        [f"20: {G}.crs: gcp_list.txt says EPSG:25832 in its first line: keep one of the two"],
+        [f"20: {G}.crs: gcp_list.txt names EPSG:25832 in its first line: keep one of the two"],
     ),
     "crs that is none": (
         [("gcp_list.txt", "EPSG:25832", "UTM zone 32")],

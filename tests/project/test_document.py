@@ -114,7 +114,7 @@ def test_settings_faults(document: Callable[[str], Document], text: str, expecte
     assert read_settings(opened, "s", Settings) is None
     with pytest.raises(ProjectError) as raised:
         opened.raise_faults()
-    lines = [line for line in str(raised.value).splitlines() if "faults:" not in line]
+    lines = [line for line in str(raised.value).splitlines() if "errors:" not in line]
     assert len(lines) == len(expected)
     for start in expected:
         assert any(f"project.yaml:1: {start}" in line for line in lines), lines

@@ -108,7 +108,7 @@ def test_every_fault_of_one_file_at_once(survey: Path, photogram: Run, edit: Edi
     outcome = photogram("adjust", survey / "project.yaml")
     # the misspelt focal length is an unknown key, and a missing one
     faults = len(changes) + 2
-    check_fault(outcome, f"project.yaml has {faults} faults:", lines=faults + 1)
+    check_fault(outcome, f"project.yaml has {faults} errors:", lines=faults + 1)
     for fragment in ("focal_lenght_px", "give focal_px", "(170, 301)", "'G03'", "swapped", "9999", "not_there", "0002"):
         assert fragment in outcome.err
     numbers = [int(line.split("project.yaml:")[1].split(":")[0]) for line in outcome.err.splitlines()[1:]]

@@ -1,4 +1,4 @@
-"""The header of a LAS or LAZ file held against the file itself, before a decoder believes it.
+"""The header of a LAS or LAZ file compared with the file itself, before a decoder trusts it.
 
 A header may claim two thousand million points in a file of a kilobyte, and a file that was cut between two points reads
 as a smaller cloud. What cannot be is refused here, by the tables of the ASPRS LAS specification 1.4, section 2.4.

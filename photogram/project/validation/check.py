@@ -28,13 +28,13 @@ _MOST_LINES = 10
 
 
 def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
-    """Return the faults that reading the project file ``path`` has raised, one finding for each line."""
+    """Return the errors raised by reading the project file ``path``, one finding per line."""
     findings = []
     for line in str(fault).splitlines():
         place = re.match(rf"{re.escape(str(path))}:(\d+): (.*)", line)
         if place:
             findings.append(Finding("error", f"{path.name}:{place[1]}", place[2]))
-        elif not line.endswith("faults:"):
+        elif not line.endswith("errors:"):
             findings.append(Finding("error", path.name, line.removeprefix(f"{path}: ")))
     return findings
 
@@ -186,7 +186,7 @@ def check_survey(
     memory: int | None = None,
     workers: int = 1,
 ) -> list[Finding]:
-    """Return everything that can be known before the work starts: faults, then warnings, then notes.
+    """Return all findings before processing: errors, then warnings, then notes.
 
     ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph;
     ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
@@ -205,6 +205,6 @@ def check_survey(
 
 
 def by_severity(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings with the faults first and the notes last."""
+    """Return findings with the errors first and the notes last."""
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: order.index(finding.severity))

@@ -304,7 +304,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
 
 def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return of each mark (M,) the angle between its ray and the way to its point, how far the point is outside the
-    picture, and the limit of what is believed; NaN where it cannot be known. Raises ImageError as unproject does."""
+    picture, and the accepted limit; NaN where it cannot be known. Raises ImageError as unproject does."""
     points = survey.control
     count = len(points.mark_photograph)
     angle, outside, limit = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)

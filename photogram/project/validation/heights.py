@@ -265,7 +265,7 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mappin
 
 
 def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Sequence[bool]) -> list[str]:
-    """Return in words whose heights nobody has declared."""
+    """Return in words whose height system is not declared."""
     missing = []
     systems = [s for s, known in zip(project.gnss_systems(tags), positioned, strict=True) if known]
     if None in systems:
@@ -282,8 +282,8 @@ def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Seque
 def _declaration_findings(
     project: Project, survey: MeasuredSurvey, tags: Sequence[bool | None], shift: HeightShift | None
 ) -> list[Finding]:
-    """Return what nobody has declared; a fault where GNSS and control hold the heights together and nothing shows that
-    they agree."""
+    """Return what is not declared; an error where GNSS and control both fix the heights and nothing shows that they
+    agree."""
     missing = _undeclared(project, tags, survey.positioned.tolist())
     if not missing and project.heights.output is not None:
         return []

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from photogram.adjustment.solvability import ROTATION_WEAK
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.quality.placing import WHOLE_BLOCK
 from photogram.report.numbers.traffic_lights import number
@@ -165,7 +166,7 @@ def _geometry(report: Mapping[str, Any]) -> list[Json]:
     )
     said = [s for s in sentences(diagnosis.get("warnings")) if not (decided and s.startswith(decided))]
     # what the datum leaves open is what most else follows from
-    said.sort(key=lambda s: not s.startswith(WHOLE_BLOCK))
+    said.sort(key=lambda s: not s.startswith((WHOLE_BLOCK, ROTATION_WEAK)))
     found = _several("geometry", said)
     if found:
         found[0]["remedy"] = best_remedy(diagnosis)
