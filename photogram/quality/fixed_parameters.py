@@ -34,8 +34,8 @@ ORDINARY = {
 
 
 def ordinary_sigmas(camera: Camera) -> FloatArray:
-    """Return the sigmas (11,) with which a camera's fixed parameters are released, 0 for the others and for terms that it
-    does without."""
+    """Return the sigmas (11,) with which a camera's fixed parameters are released, 0 for the others and for terms
+    that it does without."""
     unit = {"focal_px": camera.focal_px, "cx_px": float(camera.width_px), "cy_px": float(camera.width_px)}
     ordinary = np.array([ORDINARY.get(name, 0.0) * unit.get(name, 1.0) for name in PARAMETER_NAMES])
     return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)

@@ -1,8 +1,8 @@
 """Direct orientation: a block started from measured positions and attitudes, and verified by its tie points.
 
 Each tie point starts where its rays pass nearest to each other, weakly constrained to the ground below the photographs,
-since rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the residuals
-down, then either makes the tie points agree or shows that the measurements were no good.
+since rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the
+residuals down, then either makes the tie points agree or shows that the measurements were wrong.
 """
 
 from __future__ import annotations
