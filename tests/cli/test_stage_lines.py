@@ -40,7 +40,7 @@ Run = Callable[..., Any]
         (
             "adjustment",
             {"converged": True, "iterations": 20, "sigma0": 1.13781, "blunders": 1, "disbelieved_headings": 18},
-            "converged after 20 iterations, sigma0 1.138, 1 blunder left out, 18 headings not used",
+            "converged after 20 iterations, sigma0 1.138, 1 blunder rejected, 18 headings not used",
         ),
         (
             "adjustment",

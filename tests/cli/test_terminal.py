@@ -49,7 +49,7 @@ def test_block_line(shown: Console) -> None:
     text = shown.export_text()
     for words in ("18 of 18", "2.31 cm", "median 7", "93% of the area", "4.13", "0.321, 0.456 m"):
         assert words in text, words
-    assert "Left out" not in text
+    assert "Not oriented" not in text
     assert "components without" not in text
 
 
@@ -60,13 +60,13 @@ def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
     assert "3, of 15, 2, 1 photographs" in text
     for i in range(3):
         assert f"too few [tie] points in DJI_{i:04d}.JPG" in text
-    assert "more" not in text.split("Left out")[1].split("Result")[0]
+    assert "more" not in text.split("Not oriented")[1].split("Result")[0]
 
 
 def test_many_that_are_left_out_are_counted(shown: Console) -> None:
     report_tables.show_report(report(1000, 37))
     text = shown.export_text()
-    assert "Left out: 37 photographs" in text
+    assert "Not oriented: 37 photographs" in text
     assert text.count("too few [tie] points") == report_tables.MAXIMUM_LEFT_OUT == 10
     assert "and 27 more" in text
 
@@ -99,7 +99,7 @@ def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console)
     effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
     report_tables.show_report({**report(), "suspects": suspects, "blunders": blunders, "blunders_effect": effect})
     text = shown.export_text()
-    assert f"Left out: {blunders[0]['sentence']}" in text
+    assert f"Rejected: {blunders[0]['sentence']}" in text
     assert "Without that, the RMSE of 5 check points" in text
     assert "Suspect: GNSS position X is off" in text
     assert "control point X" not in text

@@ -555,7 +555,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "mark in an unknown photograph": (
         ("        a.jpg: [3745, 1239]", "        a.JPG: [3745, 1239]"),
         "a.JPG",
-        "control_points.list[2].marks.a.JPG: photograph 'a.JPG' is not in the list in the list: did you mean 'a.jpg'?",
+        "control_points.list[2].marks.a.JPG: photograph 'a.JPG' is not in the list: did you mean 'a.jpg'?",
     ),
     "mark outside": (
         ("a.jpg: [3745, 1239]", "a.jpg: [3745, 3649]"),
@@ -736,7 +736,7 @@ def test_missing_photographs_are_all_named_with_folder_and_option(survey: Path) 
         "a.jpg, c.jpg: put them there, or give their folder with --photographs DIR"
     )
     (fault,) = faults(survey, GOOD.replace("folder: images", "folder: pictures"))
-    assert f"the folder {survey / 'pictures'} not found: a.jpg, b.jpg, c.jpg" in fault
+    assert f"folder {survey / 'pictures'} not found: a.jpg, b.jpg, c.jpg" in fault
 
 
 def swap(text: str) -> str:
@@ -768,7 +768,7 @@ def test_only_a_grid_that_cannot_be_meant_is_refused(survey: Path, crs: str) -> 
 
 
 def test_matlab_faults(survey: Path) -> None:
-    assert faults(survey, MATLAB) == [f"8: cameras.phantom4.matlab: file {survey / 'cam.mat'}"]
+    assert faults(survey, MATLAB) == [f"8: cameras.phantom4.matlab: file {survey / 'cam.mat'} not found"]
     (survey / "cam.mat").touch()
     (fault,) = faults(survey, MATLAB.replace("    pixel_origin: matlab\n", ""))
     assert fault.startswith("8: cameras.phantom4.matlab: pixel_origin is missing: matlab if the calibration counts")

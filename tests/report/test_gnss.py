@@ -171,5 +171,5 @@ def test_events_that_contradict_the_clocks_stop_the_work(survey: Path, edit: Edi
     )
     (survey / "events.pos").write_text(header + rows, encoding="utf-8")
     edit(survey / "project.yaml", lambda v: v["photographs"].update(positions=[{"path": "events.pos"}]))
-    with pytest.raises(ProjectError, match=r"events\.pos: 4 of 4 photographs .* at another time"):
+    with pytest.raises(ProjectError, match=r"events\.pos: 4 of 4 photographs .* at other times"):
         run_pipeline(load_project(survey / "project.yaml"), until="photographs")

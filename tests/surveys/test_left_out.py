@@ -39,7 +39,7 @@ def test_a_survey_with_a_wrong_mark_and_a_mistyped_height(
     strict = photogram("adjust", project, "--no-check", "--strict")
     assert strict.code == 1, strict.err
     assert strict.err == "", "it has a result: nothing failed"
-    assert strict.out.count("Left out:") == 2
+    assert strict.out.count("Rejected:") == 2
     again = photogram("adjust", project, "--no-check")
     assert again.code == 0
     report = report_of(adjusted_survey)
