@@ -431,7 +431,7 @@ def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: 
     assert above.code == 1
     assert f"run photogram view {finished_survey / 'results'}" in above.err
     empty = photogram("view", tmp_path)
-    assert "no report.json in it" in empty.err
+    assert "report.json is missing" in empty.err
     shutil.copy(finished_survey / "results/report.json", tmp_path)
     assert "neither dense.laz nor points_adjusted.laz" in photogram("view", tmp_path).err
     (tmp_path / "report.json").write_text("{", encoding="utf-8")
