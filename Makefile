@@ -5,12 +5,13 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint fuzz clean
+.PHONY: help demo test lint docs fuzz clean
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
 	@echo "make lint   ruff, mypy and import-linter alone"
+	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
 
@@ -26,6 +27,10 @@ $(VENV)/installed-test: pyproject.toml $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
 	@touch $@ $(VENV)/installed
 
+$(VENV)/installed-docs: pyproject.toml $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	@touch $@ $(VENV)/installed
+
 demo: $(VENV)/installed
 	$(BIN)/photogram demo demo
 
@@ -37,6 +42,12 @@ lint: $(VENV)/installed-test
 
 test: lint
 	$(BIN)/pytest -n 2 --dist loadfile
+
+# all rooms and the modules of the ground floor, but not the command line
+API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
+docs: $(VENV)/installed-docs
+	$(BIN)/pdoc --no-show-source --output-directory build/api photogram $(API)
+	@echo "Written: build/api/index.html"
 
 fuzz: $(VENV)/installed-test
 	$(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)

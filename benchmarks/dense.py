@@ -61,7 +61,7 @@ class Outcome:
 def adjusted_block(project: Project) -> Block:
     """Return the adjusted block of a project."""
     with open_run(project) as run:
-        return run.adjustment().block
+        return run.adjusted_block()
 
 
 def gsd_m(block: Block) -> float:

@@ -46,7 +46,7 @@ def normalised_errors(folder: Path) -> tuple[FloatArray, FloatArray]:
     """Return the errors over their standard deviations of cells of smooth ground: of all (N,), of the matching (N,)."""
     survey = simulated_survey(folder)
     with open_run(load_project(folder / "project.yaml")) as run:
-        heights, sigma, block = run.surface(), run.surface_sigma(), run.adjustment().block
+        heights, sigma, block = run.surface(), run.surface_sigma(), run.adjusted_block()
         matched = MatchedHeights.of(run)
         own = matched.blocks.read(matched.grid.whole, "sigma_m")[0].astype(np.float64)
     truth = simulated_truth(survey, heights.cell_m)

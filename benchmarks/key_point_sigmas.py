@@ -17,7 +17,7 @@ import numpy as np
 
 from photogram.files.npz_json import read_arrays, read_record
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.stages.stages import REDUCTIONS
+from photogram.pipeline.stages.tie_points import REDUCTIONS
 from photogram.project.project import Project
 from photogram.sfm.tie_points.features import SMALLEST_PX, picture_scale
 from photogram.sfm.tie_points.guided_matching import TRANSFERRED

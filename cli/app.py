@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from photogram import __version__
+from photogram.cli.streams import show_log
 
 USAGE_ERROR: type[Exception] = next(k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException")
 """Wrong usage, which Typer answers; the class is Click's or Typer's own copy of it, by Typer's version."""
@@ -64,6 +65,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def options(
+    ctx: typer.Context,
     verbose: Annotated[
         int,
         typer.Option(
@@ -71,7 +73,7 @@ def options(
             "--verbose",
             count=True,
             show_default=False,
-            help="Show warnings of the libraries; -vv: also the traceback of an error.",
+            help="Show the log: rounds, rejections, warnings of libraries; -vv: also the traceback of an error.",
         ),
     ] = 0,
     version: Annotated[  # noqa: ARG001 - its callback answers
@@ -80,6 +82,4 @@ def options(
 ) -> None:
     """From drone photographs and ground control points to a surface model with predicted accuracy."""
     if verbose:
-        import logging
-
-        logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
+        ctx.call_on_close(show_log())

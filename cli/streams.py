@@ -9,9 +9,11 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
+
+from photogram.wording import printable
 
 
 def prepare_streams() -> logging.Handler:
@@ -51,6 +53,29 @@ def nothing_raw() -> Iterator[list[BaseException]]:
         if not captured_before:
             logging.captureWarnings(False)
         logging.getLogger().removeHandler(silent)
+
+
+class _Printable(logging.Formatter):
+    """Lines of the log in which control characters, of a file's name for example, stand as escapes."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        return printable(super().format(record))
+
+
+def show_log() -> Callable[[], None]:
+    """Show photogram's own log and the warnings of libraries on standard error; returns what ends that."""
+    root, own = logging.getLogger(), logging.getLogger("photogram")
+    handler, level = logging.StreamHandler(), own.level
+    handler.setFormatter(_Printable("%(name)s: %(message)s"))
+    root.addHandler(handler)
+    own.setLevel(logging.DEBUG)
+
+    def end() -> None:
+        own.setLevel(level)
+        root.removeHandler(handler)
+
+    return end
 
 
 def _log_exception(_kind: type[BaseException], raised: BaseException, _trace: TracebackType | None) -> None:

@@ -1,3 +1,217 @@
-"""Bundle-adjustment photogrammetry: photographs and ground control to a surface model that says how good it is."""
+"""Bundle-adjustment photogrammetry: photographs and ground control to a surface model that says how good it is.
+
+    import photogram as pg
+
+    pg.init("photographs/", control="gcp_list.txt")      # writes project.yaml
+    pg.check("project.yaml")                             # what is wrong with it, before the work
+    survey = pg.open("project.yaml").update(until="adjustment", progress=print)
+    survey.adjustment()                                  # estimates, residuals, covariances
+
+Names are resolved when they are first used, so that importing photogram imports nothing that computes. Arrays carry
+unit and frame in their names: ``_px`` pixels (the centre of the top-left pixel is (0, 0)), ``_world_m`` the local
+east-north-up frame of a survey, ``_map_m`` the map grid of the project. What a user can mend is raised as a
+PhotogramError whose message says what to do.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Adjustment",
+    "AdjustmentError",
+    "AdjustmentSettings",
+    "Block",
+    "Camera",
+    "ContourSettings",
+    "ControlPointError",
+    "ControlPoints",
+    "DamagedStageError",
+    "FeatureSettings",
+    "Findings",
+    "FlightPlan",
+    "FrameError",
+    "ImageError",
+    "LocalFrame",
+    "MatchingSettings",
+    "NewProject",
+    "OpenedSurvey",
+    "OrientationError",
+    "OrientationSettings",
+    "PhotogramError",
+    "Photograph",
+    "PointCloud",
+    "Pose",
+    "ProjectError",
+    "Raster",
+    "ReportError",
+    "SurfaceSettings",
+    "SurveyPlan",
+    "TiePoints",
+    "WorkspaceError",
+    "__version__",
+    "adjust",
+    "asprs_accuracy",
+    "check",
+    "check_accuracy",
+    "compare",
+    "contour_lines",
+    "diagnose",
+    "find_features",
+    "init",
+    "intersect",
+    "join_matches",
+    "match_pair",
+    "open",
+    "orient",
+    "predict",
+    "project_points",
+    "read_cloud",
+    "read_photograph",
+    "read_raster",
+    "render_photographs",
+    "resect",
+    "simulate",
+    "snoop",
+    "surface_from_points",
+    "unproject",
+    "view",
+    "write_raster",
+    "write_survey",
+]
+
+_PLACES = {
+    # a survey on disk
+    "NewProject": "photogram.pipeline.new_project:NewProject",
+    "init": "photogram.pipeline.new_project:init",
+    "Findings": "photogram.project.findings:Findings",
+    "check": "photogram.pipeline.input_validation:validate_project_file",
+    "OpenedSurvey": "photogram.pipeline.opened_survey:OpenedSurvey",
+    "open": "photogram.pipeline.opened_survey:open_survey",
+    "view": "photogram.pipeline.view:write_view",
+    # the data of a survey
+    "Block": "photogram.survey:Block",
+    "Camera": "photogram.camera:Camera",
+    "ControlPoints": "photogram.survey:ControlPoints",
+    "LocalFrame": "photogram.frames:LocalFrame",
+    "Photograph": "photogram.survey:Photograph",
+    "PointCloud": "photogram.survey:PointCloud",
+    "Pose": "photogram.camera:Pose",
+    "Raster": "photogram.survey:Raster",
+    "TiePoints": "photogram.survey:TiePoints",
+    # from photographs to starting poses
+    "FeatureSettings": "photogram.sfm.tie_points.features:FeatureSettings",
+    "find_features": "photogram.sfm.tie_points.features:find_features",
+    "MatchingSettings": "photogram.sfm.tie_points.matching:MatchingSettings",
+    "match_pair": "photogram.sfm.tie_points.matching:match_pair",
+    "join_matches": "photogram.sfm.tie_points.tracks:join_matches",
+    "OrientationSettings": "photogram.sfm.orientation:OrientationSettings",
+    "orient": "photogram.sfm.orientation:orient",
+    # geometry of single photographs
+    "project_points": "photogram.camera:project",
+    "unproject": "photogram.camera:unproject",
+    "resect": "photogram.sfm.resection:resect",
+    "intersect": "photogram.triangulation:intersect",
+    # the joint adjustment, and what it is worth
+    "Adjustment": "photogram.results:Adjustment",
+    "AdjustmentSettings": "photogram.adjustment.adjustment:AdjustmentSettings",
+    "adjust": "photogram.adjustment.adjustment:adjust",
+    "snoop": "photogram.quality.gross_errors.snooped_adjustment:adjust_and_judge",
+    "diagnose": "photogram.quality.diagnosis:diagnose",
+    "check_accuracy": "photogram.quality.accuracy:check_accuracy",
+    "asprs_accuracy": "photogram.quality.asprs:accuracy",
+    # surfaces
+    "SurfaceSettings": "photogram.surface.tin_dsm:SurfaceSettings",
+    "surface_from_points": "photogram.surface.tin_dsm:surface_from_points",
+    "ContourSettings": "photogram.surface.contours:ContourSettings",
+    "contour_lines": "photogram.surface.contours:contour_lines",
+    "compare": "photogram.quality.cloud_comparison:compare",
+    # surveys that were never flown
+    "SurveyPlan": "photogram.simulation.survey_plan:SurveyPlan",
+    "simulate": "photogram.simulation.simulated_survey:simulate",
+    "render_photographs": "photogram.simulation.simulated_survey:render_photographs",
+    "write_survey": "photogram.simulation.survey_files:write_survey_folder",
+    "FlightPlan": "photogram.simulation.flight_plan:FlightPlan",
+    "predict": "photogram.simulation.prediction:predict",
+    # files
+    "read_photograph": "photogram.files.photographs.images:read_pixels",
+    "read_cloud": "photogram.files.clouds.points:read_cloud",
+    "read_raster": "photogram.files.maps.rasters:read_raster",
+    "write_raster": "photogram.files.maps.rasters:write_geotiff",
+    # faults that a user can mend
+    "PhotogramError": "photogram.errors:PhotogramError",
+    "AdjustmentError": "photogram.errors:AdjustmentError",
+    "ControlPointError": "photogram.errors:ControlPointError",
+    "DamagedStageError": "photogram.errors:DamagedStageError",
+    "FrameError": "photogram.errors:FrameError",
+    "ImageError": "photogram.errors:ImageError",
+    "OrientationError": "photogram.errors:OrientationError",
+    "ProjectError": "photogram.errors:ProjectError",
+    "ReportError": "photogram.errors:ReportError",
+    "WorkspaceError": "photogram.errors:WorkspaceError",
+}
+"""Where every public name is defined: its module, and the name that it has there."""
+
+if TYPE_CHECKING:  # the same table for type checkers and editors
+    from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+    from photogram.camera import Camera, Pose, unproject
+    from photogram.camera import project as project_points
+    from photogram.errors import (
+        AdjustmentError,
+        ControlPointError,
+        DamagedStageError,
+        FrameError,
+        ImageError,
+        OrientationError,
+        PhotogramError,
+        ProjectError,
+        ReportError,
+        WorkspaceError,
+    )
+    from photogram.files.clouds.points import read_cloud
+    from photogram.files.maps.rasters import read_raster
+    from photogram.files.maps.rasters import write_geotiff as write_raster
+    from photogram.files.photographs.images import read_pixels as read_photograph
+    from photogram.frames import LocalFrame
+    from photogram.pipeline.input_validation import validate_project_file as check
+    from photogram.pipeline.new_project import NewProject, init
+    from photogram.pipeline.opened_survey import OpenedSurvey
+    from photogram.pipeline.opened_survey import open_survey as open
+    from photogram.pipeline.view import write_view as view
+    from photogram.project.findings import Findings
+    from photogram.quality.accuracy import check_accuracy
+    from photogram.quality.asprs import accuracy as asprs_accuracy
+    from photogram.quality.cloud_comparison import compare
+    from photogram.quality.diagnosis import diagnose
+    from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge as snoop
+    from photogram.results import Adjustment
+    from photogram.sfm.orientation import OrientationSettings, orient
+    from photogram.sfm.resection import resect
+    from photogram.sfm.tie_points.features import FeatureSettings, find_features
+    from photogram.sfm.tie_points.matching import MatchingSettings, match_pair
+    from photogram.sfm.tie_points.tracks import join_matches
+    from photogram.simulation.flight_plan import FlightPlan
+    from photogram.simulation.prediction import predict
+    from photogram.simulation.simulated_survey import render_photographs, simulate
+    from photogram.simulation.survey_files import write_survey_folder as write_survey
+    from photogram.simulation.survey_plan import SurveyPlan
+    from photogram.surface.contours import ContourSettings, contour_lines
+    from photogram.surface.tin_dsm import SurfaceSettings, surface_from_points
+    from photogram.survey import Block, ControlPoints, Photograph, PointCloud, Raster, TiePoints
+    from photogram.triangulation import intersect
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'photogram' has no attribute {name!r}")
+    module, definition = _PLACES[name].split(":")
+    found: object = getattr(import_module(module), definition)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -93,6 +93,10 @@ class Camera:
         if not self.focal_px > 0:
             raise ValueError(f"camera {self.name}: the focal length must be positive, not {self.focal_px}")
 
+    def __repr__(self) -> str:
+        size = f"{self.width_px} × {self.height_px} px"
+        return f"<Camera {self.name}: {size}, {self.model}, f {self.focal_px:.2f} px>"
+
     @property
     def parameters(self) -> FloatArray:
         """Return the interior orientation (11,) in the order of PARAMETER_NAMES."""
@@ -169,6 +173,10 @@ class Pose:
         if self.rotation_world_from_camera.shape != (3, 3) or self.position_world_m.shape != (3,):
             raise ValueError("a pose is a rotation (3, 3) and a position (3,)")
 
+    def __repr__(self) -> str:
+        east, north, up = self.position_world_m
+        return f"<Pose at {east:.3f}, {north:.3f}, {up:.3f} m (world)>"
+
     def camera_from_world(self, points_world_m: FloatArray) -> FloatArray:
         """Transform points (N, 3) from the world frame to the camera frame, in metres."""
         return (points_world_m - self.position_world_m) @ self.rotation_world_from_camera
@@ -212,7 +220,8 @@ def _contiguous(array: FloatArray) -> FloatArray:
 
 
 def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArray:
-    """Project points (N, 3) of the world frame to pixels (N, 2).
+    """Project points (N, 3) of the world frame, m, to pixels (N, 2), u to the right and v down, the centre of the
+    top-left pixel at (0, 0).
 
     NaN for points at or behind the projection centre, and for those so far off the axis that the distortion folds back.
     """
@@ -269,7 +278,10 @@ def distort(camera: Camera, pixel: FloatArray) -> FloatArray:
 
 
 def unproject(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Return unit directions (N, 3) in the camera frame of pixels (N, 2). Raises ImageError as image_plane does."""
+    """Return unit directions (N, 3) in the camera frame (x right, y down, z forward) of pixels (N, 2), px.
+
+    Raises ImageError where the distortion cannot be undone, or a fisheye looks 90° or more off its axis.
+    """
     ideal = image_plane(camera, pixel)
     ray = np.column_stack([ideal, np.ones(len(ideal))])
     return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True))

@@ -155,6 +155,10 @@ class LocalFrame:
         frame.world_from_map(points_map_m[:1])
         return frame
 
+    def __repr__(self) -> str:
+        easting, northing, height = self.origin_map_m
+        return f"<LocalFrame {self.kind} in {self.crs}, origin {easting:.2f}, {northing:.2f}, {height:.2f} m>"
+
     @cached_property
     def _crs(self) -> CRS:
         return projected_crs(self.crs)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.survey import Block
+from photogram.wording import html_table, things
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +243,30 @@ class Adjustment:
     """Sentences on what is weak, or was rejected by the adjustment."""
     reason: tuple[str, ...] = ()
     """Why each photograph (N,) was removed, empty if it was not; () if none was."""
+
+    def _facts(self) -> list[tuple[str, str]]:
+        residual = self.residual_px
+        rms_px = float(np.sqrt(np.mean(residual**2))) if residual.size else float("nan")
+        oriented = sum(pose is not None for pose in self.block.poses)
+        variance = np.diagonal(self.tie_point_covariance_m2, axis1=1, axis2=2)
+        east, north, up = np.sqrt(np.median(variance, axis=0)) if len(variance) else np.full(3, np.nan)
+        return [
+            ("sigma0", f"{self.sigma0:.3f}"),
+            ("redundancy", str(self.redundancy)),
+            ("converged", f"{'yes' if self.converged else 'no'}, after {things(self.iterations, 'iteration')}"),
+            ("photographs", f"{oriented} of {len(self.block.photographs)}"),
+            ("tie points", f"{len(self.block.tie_points)}, {things(self.discarded_points, 'point')} rejected"),
+            ("residuals of tie points, RMS", f"{rms_px:.3f} px"),
+            ("sigma of a tie point, median east, north, up", f"{east:.4f}, {north:.4f}, {up:.4f} m"),
+            *(("warning", text) for text in self.warnings),
+        ]
+
+    def __repr__(self) -> str:
+        state = "converged" if self.converged else "not converged"
+        return f"<Adjustment: sigma0 {self.sigma0:.3f}, redundancy {self.redundancy}, {state}, {self.block!r}>"
+
+    def _repr_html_(self) -> str:
+        return html_table("Joint adjustment", (), self._facts())
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, Pose
 from photogram.frames import LocalFrame
+from photogram.wording import html_table, things
 
 Role = Literal["control", "check"]
 Roles = tuple[Role, Role]
@@ -55,6 +56,15 @@ class Photograph:
     lever_arm_camera_m: FloatArray | None = None
     """Lever arm (3,) from antenna to projection centre along the camera's axes, None where it is zero or already
     applied."""
+
+    def __repr__(self) -> str:
+        measured = [
+            word
+            for word, value in (("GNSS", self.gnss_world_m), ("attitude", self.attitude_world_from_camera))
+            if value is not None
+        ]
+        known = f"{' and '.join(measured) or 'nothing'} measured"
+        return f"<Photograph {self.name}: camera {self.camera}, flight {self.flight}, {known}>"
 
     def measured_centre_world_m(self, rotation_world_from_camera: FloatArray) -> FloatArray | None:
         """Return where the GNSS position puts the projection centre (3,), of a camera of this rotation (3, 3); None
@@ -101,6 +111,9 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixel)
 
+    def __repr__(self) -> str:
+        return f"<Features: {things(len(self), 'key point')}>"
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
@@ -118,6 +131,9 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def __repr__(self) -> str:
+        return f"<Matches of photographs {self.first} and {self.second}: {things(len(self), 'match', 'matches')}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +169,9 @@ class TiePoints:
 
     def __len__(self) -> int:
         return len(self.position_world_m)
+
+    def __repr__(self) -> str:
+        return f"<TiePoints: {things(len(self), 'point')}, {things(len(self.point), 'observation')}>"
 
     @property
     def first_observation(self) -> IntArray:
@@ -222,6 +241,11 @@ class ControlPoints:
     def __len__(self) -> int:
         return len(self.name)
 
+    def __repr__(self) -> str:
+        control = self.role.count("control")
+        counts = f"{things(control, 'control point')}, {things(len(self) - control, 'check point')}"
+        return f"<ControlPoints: {counts}, {things(len(self.mark_point), 'mark')}>"
+
     @property
     def used(self) -> BoolArray:
         """Which coordinates (G, 3) take part: those that are control, with a finite sigma."""
@@ -279,6 +303,33 @@ class Block:
             raise ValueError("one pose, or None, per photograph")
         check_shape("gnss_offset_sigma_m", self.gnss_offset_sigma_m, (3,))
 
+    def _facts(self) -> list[tuple[str, str]]:
+        oriented = sum(pose is not None for pose in self.poses)
+        tie, ground = self.tie_points, self.control_points
+        control = ground.role.count("control")
+        return [
+            ("photographs", f"{len(self.photographs)}, {oriented} oriented"),
+            ("cameras", ", ".join(camera.name for camera in self.cameras)),
+            ("tie points", f"{len(tie)}, {things(len(tie.point), 'observation')}"),
+            ("control points", str(control)),
+            ("check points", str(len(ground) - control)),
+            ("marks", str(len(ground.mark_point))),
+            ("frame", f"{self.frame.kind} in {self.frame.crs}"),
+        ]
+
+    def __repr__(self) -> str:
+        oriented = sum(pose is not None for pose in self.poses)
+        parts = (
+            f"{things(len(self.photographs), 'photograph')} ({oriented} oriented)",
+            things(len(self.cameras), "camera"),
+            things(len(self.tie_points), "tie point"),
+            things(len(self.control_points), "ground point"),
+        )
+        return f"<Block: {', '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        return html_table("Block", (), self._facts())
+
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
@@ -302,6 +353,19 @@ class PointCloud:
     def __len__(self) -> int:
         return len(self.position_map_m)
 
+    def __repr__(self) -> str:
+        more = [word for word, value in (("colour", self.colour), ("sigma", self.sigma_m)) if value is not None]
+        return f"<PointCloud: {things(len(self), 'point')}{', with ' if more else ''}{' and '.join(more)}>"
+
+    @classmethod
+    def from_world(
+        cls, frame: LocalFrame, position_world_m: FloatArray, colour: ByteArray, sigma_m: FloatArray | None = None
+    ) -> PointCloud:
+        """Return points (N, 3) of the world as a cloud in the map, without those where the geoid has no height."""
+        position = frame.map_from_world(position_world_m)
+        known = np.isfinite(position).all(axis=1)
+        return cls(position[known], colour[known], None if sigma_m is None else sigma_m[known])
+
 
 @dataclass(frozen=True, eq=False)
 class Raster:
@@ -320,6 +384,11 @@ class Raster:
         check_shape("values", self.values, (None, None))
         if not self.cell_m > 0:
             raise ValueError("the cell size of a raster must be positive")
+
+    def __repr__(self) -> str:
+        rows, columns = self.values.shape
+        known = np.isfinite(self.values).mean() if self.values.size else 0.0
+        return f"<Raster: {rows} × {columns} cells of {self.cell_m:g} m, {known:.0%} with data>"
 
 
 INDEX_EVERY = 5
@@ -348,6 +417,9 @@ class Contours:
 
     def __len__(self) -> int:
         return len(self.height_m)
+
+    def __repr__(self) -> str:
+        return f"<Contours: {things(len(self), 'line')}, every {self.interval_m:g} m>"
 
     @property
     def is_index(self) -> NDArray[np.bool_]:

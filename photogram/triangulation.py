@@ -16,7 +16,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
 from photogram.projection import project_point
-from photogram.survey import TiePoints
+from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
 
@@ -82,6 +82,18 @@ def intersect_tie_points(
         observation = usable[start[members][:, None] + np.arange(used)]
         result[members] = intersect_linear(matrices[tie_points.photograph[observation]], ideal[observation])
     return result
+
+
+def intersect(block: Block, rays: int | None = None) -> FloatArray:
+    """Intersect the tie points of a block linearly from its oriented photographs, without covariances.
+
+    Returns positions (P, 3) in the world frame, m, in the order of ``block.tie_points``, NaN with fewer than two rays;
+    with ``rays`` given, only of points with at least that many, each from its first ``rays`` photographs. Raises
+    ImageError where the distortion of a camera cannot be undone.
+    """
+    camera_of = np.array([photograph.camera for photograph in block.photographs], dtype=np.int64)
+    ideal = ideal_observations(block.cameras, camera_of, block.tie_points)
+    return intersect_tie_points(block.tie_points, ideal, block.poses, rays)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from html import escape
 
 MOST_SHOWN = 60
 
@@ -59,3 +60,14 @@ def some(names: Sequence[str], most: int = 5) -> str:
 def things(count: int, one: str, several: str = "") -> str:
     """Return a count with its noun, ``several`` where adding an s will not do."""
     return f"{count} {one if count == 1 else several or one + 's'}"
+
+
+def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as HTML, for a notebook: whatever the texts hold is shown, none of it is obeyed."""
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{escape(printable(cell))}</{tag}>" for cell in cells) + "</tr>"
+
+    lines = [row(head, "th")] if any(head) else []
+    lines += [row(cells, "td") for cells in rows]
+    return f"<table><caption>{escape(printable(caption))}</caption>" + "".join(lines) + "</table>"

@@ -72,7 +72,8 @@ def init(
     size = _picture_size(picture_size)
     if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
         raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
-    from photogram.cli.work.init import Request, run
+    from photogram.cli.work.init import run
+    from photogram.pipeline.new_project import Request
 
     roles: list[tuple[Path, RoleName]] = [(path, "control") for path in control or ()]
     roles += [(path, "check") for path in check or ()]

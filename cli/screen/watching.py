@@ -12,7 +12,7 @@ from rich.table import Table
 from photogram.cli.interruption import raise_if_interrupted
 from photogram.cli.screen.stage_lines import sentence
 from photogram.cli.screen.time_left import TimeLeft
-from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.stage import Stage
 from photogram.project.project import Project
 
 COARSE_CELLS = 0.3

@@ -13,7 +13,7 @@ from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.clouds.points import read_cloud
 from photogram.files.npz_json import write_json
-from photogram.pipeline.stages.stages import read_reference
+from photogram.pipeline.stages.comparison import read_reference
 from photogram.quality.cloud_comparison import Comparison, triangulate
 from photogram.quality.cloud_comparison import compare as compare_cloud
 from photogram.report.figures.style import comparison_picture

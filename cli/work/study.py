@@ -2,44 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from photogram.arrays import FloatArray
-from photogram.camera import undistort
 from photogram.cli.screen.terminal import bars, console
 from photogram.cli.screen.watching import Terminal, stage_weights
-from photogram.errors import ProjectError
-from photogram.files.atomic import make_folder, make_folder_within
-from photogram.files.npz_json import write_json
-from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.project.project import Project
-from photogram.report.figures.ransac_study import inliers_by_iteration, inliers_by_sample_size
+from photogram.pipeline.pair_study import study_pair, write_study
+from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.ransac_study import RansacStudy, Residual, needed_iterations
-from photogram.sfm.ransac_study import study as study_ransac
-from photogram.sfm.tie_points.matching import candidate_matches
-
-
-def _candidates(project: Project, names: list[str], ratio: float) -> tuple[str, str, FloatArray, FloatArray]:
-    """Return the names of a pair and the undistorted pixels (M, 2) of its candidate matches, not verified."""
-    with open_run(project) as run:
-        known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in run.matches()}
-        if tuple(names[::-1]) in known:
-            names = names[::-1]
-        if names and tuple(names) not in known:
-            pairs = ", ".join(" ".join(p) for p in known)
-            raise ProjectError(f"the pair {' '.join(names)} is not matched; the pairs are: {pairs}")
-        first, second = names if names else next(iter(known))
-        pair = known[first, second]
-        features = [run.features(i) for i in pair]
-    index = candidate_matches(features[0], features[1], replace(project.matching, ratio=ratio))
-    cameras = [project.cameras[project.photographs[i].camera] for i in pair]
-    pixel = [undistort(c, f.pixel[index[:, k]]) for k, (c, f) in enumerate(zip(cameras, features, strict=True))]
-    return first, second, pixel[0], pixel[1]
 
 
 def _show(result: RansacStudy) -> None:
@@ -74,33 +46,9 @@ def run(
     survey = load_project(project, photographs)
     with bars() as progress:
         run_pipeline(survey, watcher=Terminal(progress, stage_weights(survey, "matches")), until="matches")
-    first, second, first_px, second_px = _candidates(survey, list(pair) if pair else [], ratio)
-    result = study_ransac(first_px, second_px, counts, sizes, limits_px, seed, residual)
-    pictures = f"{escape(first)} and {escape(second)}"
-    console.print(f"{pictures}: {result.points} candidate matches at ratio {ratio:g}, {residual} distance")
-    _show(result)
-    folder = survey.results / "study"
-    make_folder(survey.results)
-    make_folder_within(folder)
-    for number, threshold in enumerate(result.thresholds_px):
-        unit = "" if residual == "algebraic" else "px"
-        inliers_by_iteration(folder / f"ransac_iterations_{threshold:g}{unit}.png", result, number)
-    inliers_by_sample_size(folder / "ransac_sample_size.png", result)
-    write_json(
-        folder / "ransac.json",
-        {
-            "pair": [first, second],
-            "candidates": result.points,
-            "ratio": ratio,
-            "residual": residual,
-            "iterations": result.iterations,
-            "sample_sizes": result.sample_sizes,
-            "thresholds_px": result.thresholds_px,
-            "best_inliers": result.best_inliers,
-            "inlier_fraction": result.inlier_fraction,
-            "needed_iterations": np.array(
-                [[needed_iterations(float(w), n) for w in result.inlier_fraction] for n in sizes]
-            ),
-        },
-    )
+    study = study_pair(survey, pair or (), ratio, counts, sizes, limits_px, seed, residual)
+    pictures = f"{escape(study.first)} and {escape(study.second)}"
+    console.print(f"{pictures}: {study.result.points} candidate matches at ratio {ratio:g}, {residual} distance")
+    _show(study.result)
+    folder = write_study(survey.results, study)
     console.print(f"Written: {escape(str(folder))}", soft_wrap=True)

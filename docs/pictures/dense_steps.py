@@ -133,7 +133,7 @@ def main() -> None:
     """Draw the picture."""
     west, south, east, north, *place = (float(text) for text in sys.argv[2:8])
     with open_run(load_project(Path(sys.argv[1]))) as run:
-        block = run.adjustment().block
+        block = run.adjusted_block()
         views = Views.of(block)
         scene = Scene(block.frame, views, Pictures([run.project.photographs[i].path for i in views.photograph]))
         levels, found, base = matched_levels(run, scene, (west, south, east, north))

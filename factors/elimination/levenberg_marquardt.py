@@ -10,6 +10,7 @@ last step is tried without.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -23,6 +24,7 @@ HOLDING = 1e-7  # what the photographs hardly tell, such as focal length against
 NEAR = 0.1  # of the cost: what the last step saved where the minimum is near
 ROUNDING = 1e-12  # of the cost
 Watch = Callable[[int, float], None]
+_LOG = logging.getLogger(__name__)
 
 
 def nobody(_iteration: int, _cost: float) -> None:
@@ -132,6 +134,7 @@ def minimise(
         damping.accept(saved / trial.predicted if trial.predicted > 0 else 0.0)
         state, current = trial.state, trial.cost
         watch(iteration, current)
+        _LOG.debug("iteration %d: cost %.6g, damping %.1g", iteration, current, damping.value)
         if min(trial.predicted, remaining(saved, before)) <= settled:
             if released or not damping.release():
                 return Minimum(state, current, iteration, True)

@@ -6,6 +6,7 @@ and are tested between rounds, with re-admission; control points, marks and GNSS
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -46,6 +47,7 @@ from photogram.results import Adjustment
 from photogram.survey import Block
 
 Progress = Callable[[str], None]
+_LOG = logging.getLogger(__name__)
 
 LEFT_OUT = 0.25  # of the oriented photographs, that may be left out for the rest to be adjusted
 MOST_LOST_MARKS = 3
@@ -180,6 +182,10 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         whitened = residuals(problem.tie, state.parameters, state.rotation, state.position, state.tie_point)
         scale = noise_scale(whitened, problem.tie.point, len(tie))
         limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
+        _LOG.debug(
+            "round %d: %d of %d observations took part, cost %.6g after %d iterations; residuals scatter by %.3g sigma",
+            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale,
+        )  # fmt: skip
         chosen, points = agreeing_observations(whole, state, limit, angle)
     check_in_front(problem, minimum.state)
     return Solved(problem, minimum, without_narrow(tie, minimum.state, used, angle), number, iterations)
@@ -216,7 +222,7 @@ def adjust(
     *,
     start: Sequence[FloatArray] = (),
 ) -> Adjustment:
-    """Adjust a block jointly, reject mismatched observations, and compute covariances.
+    """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;

@@ -19,7 +19,7 @@ from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.headers import PhotographHeader, read_headers
 from photogram.files.stage_folders import earlier_folders
 from photogram.pipeline.pipeline import STAGES, load_project
-from photogram.project.findings import Finding
+from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
 from photogram.wording import some
@@ -56,7 +56,7 @@ def _copies(
     return find_copies(paths, [header.tags for header in headers], cameras, executor)
 
 
-def validate_project(project: Project) -> list[Finding]:
+def validate_project(project: Project) -> Findings:
     """Return everything that can be known to be wrong with a project that has been read: errors, then warnings, then
     notes.
 
@@ -69,22 +69,26 @@ def validate_project(project: Project) -> list[Finding]:
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     survey = check_survey(project, headers, copies, free_disk_bytes, _memory_bytes(), os.cpu_count() or 1)
-    return by_severity([*folder_findings(project), *survey])
+    return Findings(by_severity([*folder_findings(project), *survey]))
 
 
-def validate_project_file(path: Path, photographs: Path | None = None) -> list[Finding]:
-    """Return what ``validate_project`` returns of the project file at ``path``; where the file itself has errors, those
-    and what is wrong with its photographs.
+def validate_project_file(project: Path | str, photographs: Path | str | None = None) -> Findings:
+    """Return everything that can be known to be wrong with a project file before the work starts, the worst first;
+    where the file itself has errors, those and what is wrong with its photographs.
 
-    ``photographs`` is their folder in place of the file's own. Raises ProjectError where the file is not YAML.
+    ``project`` is the path of the file, ``photographs`` the folder of the photographs in place of the file's own. Takes
+    seconds: reads the headers of the photographs, and asks the machine for its memory and free disk. Raises
+    ProjectError where the file is missing or is not YAML.
     """
+    path = Path(project)
+    folder = None if photographs is None else Path(photographs)
     try:
-        project = load_project(path, photographs)
+        survey = load_project(path, folder)
     except ProjectError as fault:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             # Photographs that are missing are among these faults already.
-            there = [p for p in photograph_paths(path, photographs) if isfile(p)]
+            there = [p for p in photograph_paths(path, folder) if isfile(p)]
             headers = read_headers(there, executor)
             copies = _copies(there, headers, [None] * len(there), executor)
-        return by_severity([*project_faults(path, fault), *header_findings(headers, copies)])
-    return validate_project(project)
+        return Findings(by_severity([*project_faults(path, fault), *header_findings(headers, copies)]))
+    return validate_project(survey)

@@ -14,6 +14,7 @@ Matching depends on which pairs were chosen, not on why: other positions that le
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -21,50 +22,47 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from photogram import __version__
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
+from photogram.pipeline.stages.adjustment import adjust_block
+from photogram.pipeline.stages.comparison import compare_clouds
 from photogram.pipeline.stages.dense import match_surface
+from photogram.pipeline.stages.orientation import intersect_clouds, orient_photographs, transfer_tie_points
 from photogram.pipeline.stages.orthophoto import make_orthophoto
+from photogram.pipeline.stages.photographs import read_photographs
 from photogram.pipeline.stages.results import publish
-from photogram.pipeline.stages.stages import (
-    Stage,
-    adjust_block,
-    choose_pairs,
-    compare_clouds,
-    detect_features,
-    intersect_clouds,
-    join_tie_points,
-    match_photographs,
-    orient_photographs,
-    read_photographs,
-    transfer_tie_points,
-)
 from photogram.pipeline.stages.surface import model_surface, trace_relief
+from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
+from photogram.pipeline.store.dependence import (
+    control_fingerprint,
+    orientation_as_made,
+    orientation_settings,
+    photographs_as_made,
+    photographs_settings,
+)
 from photogram.pipeline.store.memory import peak_memory
-from photogram.pipeline.store.run import Run, control_of, height_marks, measured_photographs
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
+
+_LOG = logging.getLogger(__name__)
 
 STAGES = (
     Stage(
         "photographs",
         "Photographs",
         (),
-        lambda run: [
-            run.photograph_fingerprints,
-            run.project.cameras,
-            measured_photographs(run.project),
-            run.project.crs,
-            height_marks(run.project),
-        ],
+        photographs_settings,
         read_photographs,
+        photographs_as_made,
     ),
     Stage(
         "features",
@@ -77,13 +75,7 @@ STAGES = (
         "pairs",
         "Pairs",
         ("photographs", "features"),
-        lambda run: [
-            run.project.pairs,
-            run.project.cameras,
-            run.project.world_kind,
-            # they place the origin of the world
-            [p.control_map_m for p in run.project.control_points if p.role == "control"],
-        ],
+        lambda run: [run.project.pairs, run.project.cameras],
         choose_pairs,
     ),
     Stage(
@@ -104,8 +96,9 @@ STAGES = (
         "orientation",
         "Orientation",
         ("photographs", "tie_points"),
-        lambda run: [run.project.orientation, run.project.world_kind, control_of(run.project)],
+        orientation_settings,
         orient_photographs,
+        orientation_as_made,
     ),
     Stage(
         "transfer",
@@ -124,6 +117,7 @@ STAGES = (
             run.project.gnss_offset_sigma_m,
             run.project.calibration,
             run.project.focal_readings_px,
+            control_fingerprint(run.project),
         ],
         adjust_block,
     ),
@@ -170,39 +164,6 @@ STAGES = (
 )
 
 
-class Watcher(Protocol):
-    """Told by the pipeline what it does; the command line shows it."""
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
-
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
-        """End a stage; ``seconds`` is None when its result was already there."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful, in a sentence."""
-
-
-@dataclass(frozen=True)
-class Silent:
-    """A watcher that says nothing."""
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
-
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
-        """End a stage."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful."""
-
-
 def load_project(path: Path, photographs: Path | None = None) -> Project:
     """Read and check a project file; ``photographs`` says where the pictures are, in place of the file's own folder.
 
@@ -219,9 +180,19 @@ def stage_named(name: str) -> Stage:
     raise WorkspaceError(f"there is no stage {name!r}; the stages are {', '.join(s.name for s in STAGES)}")
 
 
-def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str]) -> str:
-    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete."""
-    return fingerprint(__version__, stage.name, stage.settings(run), [marks[name] for name in stage.needs])
+def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str], *, anew: bool = False) -> str:
+    """Return the fingerprint that a stage should have, by those of the stages before it, which are complete.
+
+    A result that holds although it was made under other settings keeps its own, unless it is made ``anew``.
+    """
+
+    def under(settings: object) -> str:
+        return fingerprint(__version__, stage.name, settings, [marks[name] for name in stage.needs])
+
+    made = None if stage.as_made is None or anew else stage.as_made(run)
+    if made is not None and run.workspace.mark(stage.name) == under(made):
+        return under(made)
+    return under(stage.settings(run))
 
 
 def fingerprints(run: Run) -> dict[str, str]:
@@ -237,6 +208,22 @@ def _present(run: Run, stage: Stage, mark: str) -> bool:
         return False
     products = run.workspace.summary(stage.name).get("products", [])
     return all((run.project.results / name).is_file() for name in products)
+
+
+def is_up_to_date(run: Run, name: str) -> bool:
+    """Return whether a stage and all before it are there as the project and its photographs now ask for them.
+
+    Reads the photographs whole, once in a run, for their checksums. Raises WorkspaceError where there is no such stage,
+    DamagedStageError where a file of one is missing or was changed.
+    """
+    last, marks = stage_named(name), dict[str, str]()
+    for stage in STAGES:
+        marks[stage.name] = _fingerprint(run, stage, marks)
+        if not _present(run, stage, marks[stage.name]):
+            return False
+        if stage is last:
+            break
+    return True
 
 
 @contextmanager
@@ -315,7 +302,12 @@ class _Progress:
 
     def _do(self, number: int, stage: Stage) -> None:
         done = stage.name in self.marks
-        mark = _fingerprint(self.run, stage, self.marks)
+        mark = _fingerprint(self.run, stage, self.marks, anew=number >= self.first and not done)
+        if done and mark != self.marks[stage.name]:
+            # what is made again is not what it was, since it was made under other settings: what follows is not done
+            for later in STAGES[number + 1 :]:
+                self.marks.pop(later.name, None)
+        _LOG.debug("stage %s: %.12s, there is %.12s", stage.name, mark, self.run.workspace.mark(stage.name))
         self.watcher.begin(stage)
         if number < self.first and _present(self.run, stage, mark):
             self.watcher.end(stage, None, self.run.workspace.summary(stage.name))

@@ -7,6 +7,7 @@ is never believed to be better than the kind of solution allows (gnss_solutions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,14 +61,33 @@ def claims_too_much(solution: Solution, believed_m: Sigma3, stated_m: Sigma3) ->
     return solution in ("float", "single") and worse
 
 
-def tagged_position_map_m(project: Project, tags: PhotographTags) -> FloatArray | None:
-    """Return the position (3,) in a photograph's tags in the map, None where there is none. Raises FrameError where it
-    lies outside the CRS."""
-    if tags.longitude_deg is None or tags.latitude_deg is None or tags.height_m is None:
-        return None
-    geodetic = np.array([[tags.longitude_deg, tags.latitude_deg, tags.height_m]])
-    system = project.heights.of_tags(tags.height_is_ellipsoidal)
-    return np.asarray(map_heights(project.crs, project.heights, system, map_from_geodetic(project.crs, geodetic))[0])
+def positions_map_m(
+    project: Project, photographs: Sequence[ProjectPhotograph], tags: Sequence[PhotographTags | None]
+) -> FloatArray:
+    """Return the measured position (F, 3) of each photograph in the map: the project's before that of a file of
+    positions before its tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
+    nothing = (np.nan,) * 3
+    geodetic = np.array(
+        [
+            nothing if t is None or source_of(p, t) != FROM_TAGS else (t.longitude_deg, t.latitude_deg, t.height_m)
+            for p, t in zip(photographs, tags, strict=True)
+        ],
+        dtype=np.float64,
+    ).reshape(-1, 3)
+    position = np.full(geodetic.shape, np.nan)
+    tagged = np.isfinite(geodetic).all(axis=1)
+    systems = [None if t is None else project.heights.of_tags(t.height_is_ellipsoidal) for t in tags]
+    for system in dict.fromkeys(systems):
+        own = tagged & np.array([s == system for s in systems], dtype=bool)
+        if own.any():
+            plan = map_from_geodetic(project.crs, geodetic[own])
+            position[own] = map_heights(project.crs, project.heights, system, plan)
+    for i, photograph in enumerate(photographs):
+        if photograph.gnss_map_m is not None:
+            position[i] = photograph.gnss_map_m
+        elif photograph.file_position is not None:
+            position[i] = photograph.file_position.position_map_m
+    return position
 
 
 def source_of(photograph: ProjectPhotograph, tags: PhotographTags | None) -> str | None:
@@ -131,7 +151,11 @@ def needs_attitude(photograph: ProjectPhotograph, tags: PhotographTags | None) -
         _is_antennas(photograph)
         and photograph.lever_arm_m is not None
         and photograph.lever_arm_axes == "body"
-        and (photograph.file_position is None or photograph.file_position.lever_arm_m is None)
+        and (
+            photograph.gnss_map_m is not None
+            or photograph.file_position is None
+            or photograph.file_position.lever_arm_m is None
+        )
         and _body_attitude(photograph, tags) is None
     )
 
@@ -144,7 +168,8 @@ def _is_antennas(photograph: ProjectPhotograph) -> bool:
 
 
 def _arms(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the lever arm (3,) along true east, north and up, or along the camera's axes; None for what is not."""
+    """Return the lever arm (3,) along true east, north and up, or along the camera's axes; None for what is not, or
+    cannot be turned (``needs_attitude``)."""
     if not _is_antennas(photograph):
         return None, None
     listed = photograph.file_position
@@ -158,14 +183,27 @@ def _arms(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[F
         return None, np.array([right, -forward, down])
     attitude = _body_attitude(photograph, tags)
     if attitude is None:
-        raise ProjectError(
-            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither "
-            "its tags nor a position file give the aircraft's yaw, pitch and roll: where the camera is fixed "
-            "to look down "
-            "give gnss.lever_arm_axes: camera"
-        )
+        return None, None
     # the angles of an aircraft turn its body as those of a gimbal turn the camera, which has right, down and forward
     return rotation_from_gimbal(*attitude) @ np.array([right, down, forward]), None
+
+
+def known_position(
+    photograph: ProjectPhotograph, tags: PhotographTags | None, map_m: FloatArray
+) -> MeasuredPosition | None:
+    """Return what is known of a photograph's position ``map_m`` (3,), None where that is not a number.
+
+    Where nothing states its standard deviation that is NaN, and a lever arm that cannot be turned is left out.
+    """
+    source = source_of(photograph, tags)
+    if source is None or not np.isfinite(map_m).all():
+        return None
+    believed, stated = sigmas_of(photograph, tags)
+    nothing = (np.nan,) * 3
+    solution, of_antenna = solution_of(photograph, tags), _is_antennas(photograph)
+    return MeasuredPosition(
+        map_m, source, solution, believed or nothing, stated or nothing, of_antenna, *_arms(photograph, tags)
+    )
 
 
 def measured_position(project: Project, photograph: ProjectPhotograph, tags: PhotographTags) -> MeasuredPosition | None:
@@ -174,25 +212,23 @@ def measured_position(project: Project, photograph: ProjectPhotograph, tags: Pho
     Raises FrameError where the tags' lies outside the CRS, ProjectError where it has no standard deviation, or a lever
     arm cannot be turned.
     """
-    source = source_of(photograph, tags)
-    if source is None:
+    found = known_position(photograph, tags, positions_map_m(project, [photograph], [tags])[0])
+    if found is None:
         return None
-    place = photograph.gnss_map_m
-    if place is None and photograph.file_position is not None:
-        place = photograph.file_position.position_map_m
-    elif place is None:
-        place = tagged_position_map_m(project, tags)
-    believed, stated = sigmas_of(photograph, tags)
-    if place is None or believed is None or stated is None:
-        where = "the tags" if source == FROM_TAGS else source
+    if np.isnan(found.sigma_m).any():
+        where = "the tags" if found.source == FROM_TAGS else found.source
         raise ProjectError(
             f"photograph {photograph.name}: its GNSS position has no sigma, neither in {where} nor in the project: "
             "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
         )
-    enu, camera = _arms(photograph, tags)
-    return MeasuredPosition(
-        place, source, solution_of(photograph, tags), believed, stated, _is_antennas(photograph), enu, camera
-    )
+    if needs_attitude(photograph, tags):
+        raise ProjectError(
+            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither "
+            "its tags nor a position file give the aircraft's yaw, pitch and roll: where the camera is fixed "
+            "to look down "
+            "give gnss.lever_arm_axes: camera"
+        )
+    return found
 
 
 def position_note(measured: MeasuredPosition | None) -> dict[str, object]:

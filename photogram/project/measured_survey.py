@@ -1,5 +1,5 @@
-"""What project and tags say of the photographs before anything is adjusted: where they are, where they look, and how
-high they fly."""
+"""The measured block as `photogram check` looks at it: where the photographs are, where they look, and how high they
+fly."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import rotation_from_gimbal
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame, map_from_geodetic, map_heights
+from photogram.frames import LocalFrame
 from photogram.project.cross_checks import AreaOfUse
-from photogram.project.measured_positions import FROM_TAGS, sigmas_of, source_of
+from photogram.project.measured_block import measured_block, photograph_note, survey_frame
+from photogram.project.measured_positions import known_position, positions_map_m
 from photogram.project.positions.frozen import frozen_positions
-from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.project import Project
 from photogram.survey import ControlPoints
 
 
@@ -57,76 +57,47 @@ def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> F
 
 
 def stated_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
-    """Return the GNSS position (F, 3) of each photograph in the map, the project's before those of files before its
-    tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
-    nothing = (np.nan,) * 3
-    geodetic = np.array(
-        [
-            nothing if t is None or source_of(p, t) != FROM_TAGS else (t.longitude_deg, t.latitude_deg, t.height_m)
-            for p, t in zip(project.photographs, tags, strict=True)
-        ],
-        dtype=np.float64,
-    ).reshape(-1, 3)
-    position = np.full(geodetic.shape, np.nan)
-    tagged = np.isfinite(geodetic).all(axis=1)
-    systems = [None if t is None else project.heights.of_tags(t.height_is_ellipsoidal) for t in tags]
-    for system in dict.fromkeys(systems):
-        own = tagged & np.array([s == system for s in systems], dtype=bool)
-        if own.any():
-            plan = map_from_geodetic(project.crs, geodetic[own])
-            position[own] = map_heights(project.crs, project.heights, system, plan)
-    for i, photograph in enumerate(project.photographs):
-        if photograph.gnss_map_m is not None:
-            position[i] = photograph.gnss_map_m
-        elif photograph.file_position is not None:
-            position[i] = photograph.file_position.position_map_m
-    return position
-
-
-def _sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sequence[float]:
-    return sigmas_of(photograph, tags)[0] or (np.nan,) * 3
-
-
-def _height(photograph: ProjectPhotograph, tags: PhotographTags | None) -> float:
-    height = photograph.height_above_ground_m or (None if tags is None else tags.height_above_take_off_m)
-    return height if height is not None and height > 0 else np.nan
-
-
-def _angles(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tuple[float, float, float] | None:
-    if photograph.attitude_deg is not None or tags is None:
-        return photograph.attitude_deg
-    yaw, pitch, roll = tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.gimbal_roll_deg
-    return None if yaw is None or pitch is None or roll is None else (yaw, pitch, roll)
+    """Return the GNSS position (F, 3) of each photograph in the map, as ``positions_map_m``."""
+    return positions_map_m(project, project.photographs, tags)
 
 
 def measured_survey(
     project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray
 ) -> MeasuredSurvey | None:
-    """Return what is known of the survey's geometry, None where nothing says where it is. Raises FrameError as
-    LocalFrame does."""
-    known = np.asarray(np.isfinite(gnss_map_m).all(axis=1))
+    """Return what is known of the survey's geometry, None where nothing says where it is: the measured block as arrays.
+    Raises FrameError as LocalFrame does."""
+    notes = [
+        photograph_note(photograph, tag, known_position(photograph, tag, position))
+        for photograph, tag, position in zip(project.photographs, tags, gnss_map_m, strict=True)
+    ]
     control_map_m = control_positions(project)
-    places = np.vstack([gnss_map_m[known], control_map_m])
-    if not len(places):
+    frame = survey_frame(project, notes)
+    if frame is None and len(control_map_m):  # check points alone adjust nothing, but there is something to say of them
+        frame = LocalFrame.near(project.crs, control_map_m, project.world_kind, project.heights.map_geoid)
+    if frame is None:
         return None
-    frame = LocalFrame.near(project.crs, places, project.world_kind, project.heights.map_geoid)
-    world = np.full(gnss_map_m.shape, np.nan)
-    world[known] = frame.world_from_map(gnss_map_m[known])
-    pairs = list(zip(project.photographs, tags, strict=True))
-    rotation = np.full((len(pairs), 3, 3), np.nan)
-    for i, angles in enumerate(_angles(*pair) for pair in pairs):
-        if angles is not None:
-            place = world[i] if known[i] else np.zeros(3)
-            rotation[i] = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*angles)
-    height = np.array([_height(*pair) for pair in pairs])
+    block = measured_block(project, notes, frame)
+    photographs = block.photographs
+    nowhere, unturned = np.full(3, np.nan), np.full((3, 3), np.nan)
+    heights = [p.height_above_ground_m for p in photographs]
+    height_m = np.array([h if h is not None and h > 0 else np.nan for h in heights])
     if len(control_map_m):
         over_control = gnss_map_m[:, 2] - np.median(control_map_m[:, 2])
-        height = np.where(np.isnan(height) & (over_control > 0), over_control, height)
-    cameras = [project.cameras[p.camera] for p in project.photographs]
+        height_m = np.where(np.isnan(height_m) & (over_control > 0), over_control, height_m)
+    cameras = [block.cameras[p.camera] for p in photographs]
     spread = np.array([np.hypot(c.width_px, c.height_px) / c.focal_px for c in cameras])
-    sigma = np.array([_sigma(*pair) for pair in pairs], dtype=np.float64).reshape(-1, 3)
+    world = [nowhere if p.gnss_world_m is None else p.gnss_world_m for p in photographs]
+    sigma = [nowhere if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]
+    attitude = [unturned if (R := p.attitude_world_from_camera) is None else R for p in photographs]
     return MeasuredSurvey(
-        frame, gnss_map_m, world, sigma, rotation, height, height * spread, project.control_points_in(frame)
+        frame,
+        gnss_map_m,
+        np.array(world).reshape(-1, 3),
+        np.array(sigma).reshape(-1, 3),
+        np.array(attitude).reshape(-1, 3, 3),
+        height_m,
+        height_m * spread,
+        block.control_points,
     )
 
 

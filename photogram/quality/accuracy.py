@@ -32,7 +32,8 @@ class CheckAccuracy:
 
 
 def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
-    """Summarise differences adjusted − surveyed (n, 3) of check points in the map frame, m; NaN is left out."""
+    """Summarise differences adjusted − surveyed (n, 3) of check points along easting, northing and height of the map,
+    in m; NaN is left out, and without any the figures are NaN."""
     known = np.isfinite(difference_map_m)
     count = known.sum(axis=0)
     total = np.where(count > 0, count, np.nan)

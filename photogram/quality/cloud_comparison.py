@@ -56,6 +56,11 @@ class Comparison:
     removed: int
     """Points removed by the SOR filter."""
 
+    def __repr__(self) -> str:
+        found = self.cloud_to_surface
+        figures = f"mean {found.mean_m:+.4f} m, NMAD {found.nmad_m:.4f} m in height"
+        return f"<Comparison of {len(self.position_map_m)} points, {self.removed} filtered out: {figures}>"
+
 
 def statistics(differences_m: FloatArray) -> CloudStatistics:
     """Return the statistics of differences (N,) in m, NaN left out.

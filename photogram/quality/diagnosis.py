@@ -24,6 +24,7 @@ from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_
 from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation
+from photogram.wording import things
 
 STRONG = 0.95  # correlation beyond which two quantities are not separable in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
@@ -118,6 +119,11 @@ class Diagnosis:
     warnings: tuple[str, ...]
     remedies: tuple[Remedy, ...]
     undetermined: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        counts = f"{things(len(self.warnings), 'warning')}, {things(len(self.remedies), 'remedy', 'remedies')}"
+        dome = f"{self.dome.measured_m:+.4f} ± {self.dome.sigma_m:.4f} m"
+        return f"<Diagnosis: {counts}, dome {dome}>"
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
@@ -368,7 +374,12 @@ def remedies_of(known: Deformation) -> list[Remedy]:
 
 
 def diagnose(result: Adjustment) -> Diagnosis:
-    """Return what a block is weak in, and what would help."""
+    """Return what an adjusted block is weak in, and what would help: the calibration against heights, doming, what its
+    measurements leave open.
+
+    Remedies, and what is undetermined, follow from ``result.deformation``: the stage `adjustment` fills it; for another
+    block ``quality.improvements.block_deformation`` does, without it nothing is said of them. Changes no estimate.
+    """
     known, block = result.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
     weak = weaknesses(known, block.cameras, result.flights)

@@ -7,6 +7,7 @@ into the world by a robust similarity to control points or GNSS positions.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -28,6 +29,7 @@ from photogram.triangulation import consensus_intersections, ideal_observations
 
 Method = Literal["control", "attitude", "growth"]
 Progress = Callable[[int, int, str], None]
+_LOG = logging.getLogger(__name__)
 
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
 ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are accepted
@@ -62,10 +64,20 @@ class Orientation:
     parameters: tuple[FloatArray, ...] = field(default=())
     """Interior orientation (11,) of each camera from the orientation; () if unchanged."""
 
+    def __repr__(self) -> str:
+        return f"<Orientation by {self.method}: {int(self.registered.sum())} of {len(self.poses)} photographs>"
+
     @property
     def registered(self) -> BoolArray:
         """Return which photographs (N,) have a pose."""
         return np.array([pose is not None for pose in self.poses], dtype=bool)
+
+    @property
+    def rests_on_control(self) -> bool:
+        """Return whether a pose is a resection from control points; else all come from tie points, and control points
+        have placed the whole in the world, if anything."""
+        pairs = zip(self.poses, self.resections, strict=True)
+        return any(resection is not None and pose is resection.refined for pose, resection in pairs)
 
     def calibrated(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
         """Return the cameras as they came out of the orientation."""
@@ -130,11 +142,8 @@ def _confirmed(
     far away, and its control points alone do not show it."""
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     loose = replace(settings, threshold_px=LOOSE * settings.threshold_px)
-    structure = Structure.empty(block.tie_points, block.cameras, camera_of, loose)
-    for i, resection in enumerate(resections):
-        if resection is not None:
-            structure.register(i, resection.refined)
-    structure.intersect()
+    poses = [None if resection is None else resection.refined for resection in resections]
+    structure = Structure.oriented(block.tie_points, block.cameras, camera_of, loose, poses)
     tie, count = block.tie_points, len(resections)
     seen = structure.registered[tie.photograph]
     seen &= (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point]
@@ -142,6 +151,11 @@ def _confirmed(
     good = np.bincount(tie.photograph[structure.good], minlength=count)
     holds = (visible < settings.minimum_points) | (good >= CONFIRMED_SHARE * visible)
     return tuple(r if h else None for r, h in zip(resections, holds, strict=True))
+
+
+def confirmed_resections(block: Block, settings: StructureSettings) -> tuple[Resection | None, ...]:
+    """Return the resections of a block's photographs from its control points that its tie points do not contradict."""
+    return _confirmed(block, resections_of(block)[0], settings)
 
 
 def intersected_control(structure: Structure, points: ControlPoints) -> FloatArray:
@@ -275,10 +289,12 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )
     structure = components[0]
+    _LOG.debug("oriented by %s: components of %s photographs", method, [int(c.registered.sum()) for c in components])
     try:
         fit = georeference(structure, block)
     except OrientationError as fault:
         raise OrientationError("\n".join([str(fault), *faults])) from fault
+    _LOG.debug("placed in the world at scale %.6g", fit.scale)
     component = np.full(count, -1, dtype=np.int64)
     for number, other in enumerate(components):
         component[other.registered] = number
@@ -290,6 +306,24 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         tuple(poses_found), resections, component, method, _reasons(block, component, settings),
         tuple(structure.parameters),
     )  # fmt: skip
+
+
+def placed_again(block: Block, orientation: Orientation, settings: OrientationSettings) -> Block:
+    """Return a block with poses and tie points as ``orientation`` has them, brought to the control points as they are
+    now: those that placed the orientation were others.
+
+    ``block`` has the tie points. Raises OrientationError where nothing places the block in the world.
+    """
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    cameras = orientation.calibrated(block.cameras)
+    structure = Structure.oriented(block.tie_points, cameras, camera_of, settings, orientation.poses)
+    fit = georeference(structure, block)
+    points = fit.points(block.tie_points.position_world_m)
+    return replace(
+        block,
+        poses=tuple(None if pose is None else fit.pose(pose) for pose in orientation.poses),
+        tie_points=replace(block.tie_points, position_world_m=points),
+    )
 
 
 def _turn_about_vertical(rotation: FloatArray) -> FloatArray:

@@ -93,6 +93,23 @@ class Structure:
             ideal_observations(cameras, camera_of, tie_points),
         )
 
+    @staticmethod
+    def oriented(
+        tie_points: TiePoints,
+        cameras: Sequence[Camera],
+        camera_of: IntArray,
+        settings: StructureSettings,
+        poses: Sequence[Pose | None],
+    ) -> Structure:
+        """Return the structure of photographs with poses, None for those without, and of the tie points that they
+        intersect."""
+        structure = Structure.empty(tie_points, cameras, camera_of, settings)
+        for index, pose in enumerate(poses):
+            if pose is not None:
+                structure.register(index, pose)
+        structure.intersect()
+        return structure
+
     @property
     def known(self) -> BoolArray:
         """Return which tie points (P,) have a position."""

@@ -54,6 +54,9 @@ class Resection:
     residual_px: FloatArray
     """Residuals (M, 2), projected minus measured."""
 
+    def __repr__(self) -> str:
+        return f"<Resection from {int(self.inliers.sum())} of {len(self.inliers)} marks: {self.refined!r}>"
+
 
 def p3p_poses(camera: Camera, points_world_m: FloatArray, pixel: FloatArray) -> list[Pose]:
     """Return all poses (at most four) that see three world points (3, 3) at three pixels (3, 2)."""
@@ -168,7 +171,8 @@ def resect(
     tolerance_px: float = 10.0,
     seed: int = 0,
 ) -> Resection:
-    """Resect one photograph from at least three control points (N, 3) and their marks (N, 2) with sigmas (N,) in px.
+    """Resect one photograph from at least three control points (N, 3) in the world frame, m, and their marks (N, 2)
+    with sigmas (N,) in px.
 
     ``sigma_m`` (N, 3) are the standard deviations of the points, none where it is not given. Four points: P3P on the
     first three, chosen by the fourth, or on another three where those contradict it. More: the pose with the most marks

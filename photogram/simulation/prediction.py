@@ -70,6 +70,13 @@ class Prediction:
     warnings: tuple[str, ...]
     """Weaknesses of the plan, in words."""
 
+    def __repr__(self) -> str:
+        if not self.covered:
+            return f"<Prediction: {len(self.position_m)} photographs, no ground in two of them>"
+        plan_m, height_m = (self.typical_m(v)[0] for v in (self.plan_sigma_m, self.sigma_m[:, 2]))
+        sigmas = f"sigma of a ground point {plan_m:.4f} m in plan, {height_m:.4f} m in height (median)"
+        return f"<Prediction: {len(self.position_m)} photographs, {sigmas}>"
+
     @property
     def covered(self) -> float:
         """Return the part of the site, 0 to 1, that two photographs show at least."""

@@ -58,6 +58,9 @@ class SimulatedSurvey:
     control_points: ControlPoints
     truth: Truth
 
+    def __repr__(self) -> str:
+        return f"<SimulatedSurvey, seed {self.seed}: {len(self.photographs)} photographs, {self.control_points!r}>"
+
 
 def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
     """Fly and measure a plan over a made site; the photographs themselves come from ``render_photographs``.

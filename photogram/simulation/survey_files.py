@@ -137,7 +137,7 @@ def write_control_tables(
 
 
 def write_survey_folder(
-    folder: Path,
+    folder: Path | str,
     survey: SimulatedSurvey,
     pictures: Iterable[tuple[str, NDArray[np.uint8]]],
     *,
@@ -147,11 +147,13 @@ def write_survey_folder(
     """Write what a surveyor brings home: ``photographs/`` and the ground points twice over, as ``control.txt`` and
     ``check.txt`` (OpenDroneMap's lists) and as ``points.csv`` and ``marks.csv`` (tables); and ``truth.json``.
 
-    ``pictures`` are those of render_photographs, or as many of them as are wanted. ``names`` are other file names, of
+    ``pictures`` are those of render_photographs, names and pixels (height, width, 3), or as many of them as are wanted.
+    ``names`` are other file names, of
     shuffled_names for example. Photographs in ``foreign`` show that picture instead, under their own tags: nothing but
-    the picture tells that it is of another site. They carry no marks.
+    the picture tells that it is of another site. They carry no marks. Raises WorkspaceError where a file cannot be
+    written.
     """
-    names, foreign = names or {}, foreign or {}
+    folder, names, foreign = Path(folder), names or {}, foreign or {}
     photographs = {p.name: p for p in survey.photographs}
     make_folder(folder / "photographs")
     for name, pixels in pictures:

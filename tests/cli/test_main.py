@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import signal
 import subprocess
@@ -194,10 +195,21 @@ def test_v_twice_is_vv_and_shows_the_traceback(check_raises: Run) -> None:
 
 
 def test_warnings_of_libraries_stay_off_the_terminal_unless_asked_for(check_raises: Run) -> None:
+    def wondering(what: str) -> Callable[[], object]:
+        return lambda: warnings.warn(f"a library wonders {what}", stacklevel=1)
+
+    assert check_raises(wondering("in vain")).err == ""
+    assert "a library wonders aloud" in check_raises(wondering("aloud"), "-v").err
+    assert check_raises(wondering("again")).err == ""
+
+
+def test_v_shows_the_log_with_control_characters_as_escapes(check_raises: Run) -> None:
     def work() -> None:
-        warnings.warn("a library wonders", stacklevel=1)
+        logging.getLogger("photogram.some.module").debug("of %s: round %d", "a\x1b[2J.JPG", 2)
+        logging.getLogger("library").debug("nobody asked")
 
     assert check_raises(work).err == ""
+    assert check_raises(work, "-v").err == "photogram.some.module: of a\\x1b[2J.JPG: round 2\n"
 
 
 # ---- interruption and standard output ------------------------------------------------------------------------------

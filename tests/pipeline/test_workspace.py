@@ -106,10 +106,7 @@ def test_what_is_listed_counts_with_its_place() -> None:
 
 
 def test_a_fingerprint_is_the_same_in_every_run() -> None:
-    program = (
-        "from photogram.pipeline.store.workspace import fingerprint; "
-        "print(fingerprint({'b': 1.5, 'a': ('x', None)}, 'é'))"
-    )
+    program = "from photogram.files.npz_json import fingerprint; print(fingerprint({'b': 1.5, 'a': ('x', None)}, 'é'))"
     environment = {"PYTHONHASHSEED": "7", "PATH": ""}
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
     assert run.stdout.strip() == fingerprint({"a": ["x", None], "b": 1.5}, "é")

@@ -16,8 +16,8 @@ from photogram.errors import ProjectError
 from photogram.files.photographs.images import PhotographTags, read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
-from photogram.pipeline.store.run import measured_block
 from photogram.project.findings import Finding
+from photogram.project.measured_block import measured_block
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.project import Project, read_project
 from photogram.project.validation.positions import gnss_findings, time_findings

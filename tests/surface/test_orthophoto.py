@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from photogram.pipeline.pipeline.stages import orthophoto_stage
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
@@ -22,6 +21,7 @@ from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.stages import orthophoto as orthophoto_stage
 from photogram.pipeline.stages.orthophoto import left_out_reason
 from photogram.simulation.rendering import intersect, render, visible
 from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster

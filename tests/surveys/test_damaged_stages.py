@@ -16,7 +16,7 @@ import pytest
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
 from photogram.files.npz_json import write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
-from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.stage_files import checksum, journalled
 from photogram.pipeline.store.workspace import Workspace
 

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from photogram.pipeline.pipeline.stages import dense_stages, surface_stages
 
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages import dense as dense_stages
+from photogram.pipeline.stages import surface as surface_stages
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.surface import model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
@@ -35,8 +36,8 @@ SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.ti
 KILLED = f"""
 import os, signal, sys
 from pathlib import Path
-from photogram.pipeline.pipeline.stages import dense_stages
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.stages import dense as dense_stages
 
 dense_stages.BLOCK_CELLS = {BLOCK_CELLS}
 project, place, number = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])

@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
-from photogram.pipeline.stages.stages import Stage
+from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
+from photogram.survey import Block
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -259,10 +261,66 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
         v["control_points"]["list"][0]["position_m"][0] += 0.01
 
     assert v_role(original) == "control"
-    assert depending(move_a_point) == ["pairs", *marked]
+    assert depending(move_a_point) == marked  # whose photographs are oriented from control points
     declared = {"output": "ellipsoidal", "gnss": "ellipsoidal", "control_points": "ellipsoidal"}
     assert depending(lambda v: v.pop("heights")) == depending(lambda v: v.update(heights=declared | {"geoid": "EGM96"}))
     assert depending(lambda v: v.pop("heights")) == ["photographs", "pairs", *marked]
+
+
+def raise_a_point(values: dict[str, Any]) -> None:
+    """Correct the height of a control point by 1 m."""
+    values["control_points"]["list"][0]["position_m"][2] += 1.0
+
+
+def make_a_check_point(values: dict[str, Any]) -> None:
+    """Turn a control point into a check point."""
+    values["control_points"]["list"][1]["role"] = "check"
+
+
+def move_a_mark(values: dict[str, Any]) -> None:
+    """Move one mark of a control point by 2 px."""
+    marks = values["control_points"]["list"][2]["marks"]
+    marks[next(iter(marks))][0] += 2.0
+
+
+def test_a_corrected_control_point_repeats_the_adjustment_alone(adjusted_survey: Path, edit: Edit) -> None:
+    """Where the photographs were oriented from their tie points; the result is that of a run from the beginning."""
+    project = adjusted_survey / "project.yaml"
+    edit(project, lambda v: v.update(orientation={"method": "attitude"}))
+    assert stages_run(adjusted_survey, until="adjustment") == ["orientation", "transfer", "intersection", "adjustment"]
+    for correct in (raise_a_point, make_a_check_point, move_a_mark):
+        edit(project, correct)
+        assert stages_run(adjusted_survey, until="adjustment") == ["adjustment"], correct.__doc__
+        assert stages_run(adjusted_survey, until="adjustment") == []
+    with open_run(load_project(project)) as run:
+        corrected, resections = run.adjustment(), run.resections()
+    assert stages_run(adjusted_survey, start="photographs", until="adjustment") == NAMES[: NAMES.index("dense")]
+    assert stages_run(adjusted_survey, until="adjustment") == []
+    with open_run(load_project(project)) as run:
+        anew, orientation = run.adjustment(), run.orientation()
+    assert orientation.method == "attitude"
+    # tie points were transferred before the correction, so that the last hundredths of a pixel are others
+    sigma_m = np.sqrt(np.linalg.eigvalsh(anew.position_covariance_m2)[:, 0])
+    moved_m = np.linalg.norm(positions_map_m(corrected.block) - positions_map_m(anew.block), axis=1)
+    np.testing.assert_array_less(moved_m, 0.25 * sigma_m)
+    assert corrected.block.control_points.role == anew.block.control_points.role
+    # resections are those from the control points as they are now
+    assert any(orientation.resections)
+    for found, expected in zip(resections, orientation.resections, strict=True):
+        assert (found is None) == (expected is None)
+        if found is not None and expected is not None:
+            places = [r.refined.position_world_m[None] for r in (found, expected)]
+            here, there = (
+                b.frame.map_from_world(x) for b, x in zip((corrected.block, anew.block), places, strict=True)
+            )
+            np.testing.assert_allclose(here, there, rtol=0.0, atol=1e-6)
+
+
+def positions_map_m(block: Block) -> np.ndarray[Any, Any]:
+    """Return the positions of the photographs (N, 3), all of which have a pose, in the map."""
+    world_m = [pose.position_world_m for pose in block.poses if pose is not None]
+    assert len(world_m) == len(block.poses)
+    return block.frame.map_from_world(np.array(world_m))
 
 
 def v_role(project: str) -> str:

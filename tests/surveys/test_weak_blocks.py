@@ -18,7 +18,7 @@ from photogram.camera import Pose, project
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.pipeline.store.run import adjustment_arrays
+from photogram.pipeline.store.stored_results import adjustment_arrays
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block

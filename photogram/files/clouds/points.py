@@ -153,8 +153,8 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
         points.write(stream, do_compress=True)
 
 
-def read_cloud(path: Path) -> PointCloud:
-    """Return the cloud of a .txt, .csv, .xyz, .las or .laz file, in the CRS it was written in.
+def read_cloud(path: Path | str) -> PointCloud:
+    """Return the cloud of a .txt, .csv, .xyz, .las or .laz file, in the CRS it was written in: positions (N, 3) in m.
 
     Text: one point a line, separated by comma, semicolon, tab or blanks; # starts a comment, // does before the first
     point. A header that names the columns x y z (or easting northing height) and red green blue is followed; without
@@ -162,6 +162,7 @@ def read_cloud(path: Path) -> PointCloud:
 
     Raises ProjectError, with the line in text, where the file is missing, damaged, empty or of another kind.
     """
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in TEXT_SUFFIXES + LAS_SUFFIXES:
         raise ProjectError(

@@ -34,7 +34,7 @@ DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupE
 """What rasterio raises where a file is damaged."""
 
 
-def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
+def write_geotiff(path: Path | str, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
@@ -42,7 +42,7 @@ def write_geotiff(path: Path, raster: Raster, crs: str, overviews: bool = True, 
     ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
-    write_cog(path, grid, crs, [(grid.whole, raster.values)], overviews, description)
+    write_cog(Path(path), grid, crs, [(grid.whole, raster.values)], overviews, description)
 
 
 def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
@@ -61,12 +61,14 @@ def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
     return float(transform.a)
 
 
-def read_raster(path: Path) -> tuple[Raster, str]:
-    """Return the raster, NaN where it has no data, and its CRS as EPSG:… or, where it has no such number, as WKT.
+def read_raster(path: Path | str) -> tuple[Raster, str]:
+    """Return the raster of a GeoTIFF of one band, NaN where it has no data, and its CRS as EPSG:… or, where it has no
+    such number, as WKT.
 
     Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
     or not square, or its CRS is missing or no map grid in metres.
     """
+    path = Path(path)
     if not isfile(path):
         raise ProjectError(f"raster {path}: file not found: check its path")
     try:

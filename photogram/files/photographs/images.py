@@ -153,12 +153,13 @@ def _decode(path: Path, picture: Image.Image) -> None:
         raise _damaged(path, fault) from fault
 
 
-def read_pixels(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
-    """Return the photograph as red, green, blue (height, width, 3).
+def read_pixels(path: Path | str, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
+    """Return the photograph as red, green, blue (height, width, 3) uint8, pixels as the sensor delivered them.
 
     Raises ImageError where the file is missing or damaged, its width and height are not ``size_px``, or the SHA-256 of
     the content that is decoded is not ``sha256``, in hex.
     """
+    path = Path(path)
     picture = _open(path, size_px, sha256)
     _decode(path, picture)
     return np.array(picture.convert("RGB"))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
@@ -75,7 +75,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
     settings: DenseSettings = run.project.dense
     if not settings.enabled:
         return {}
-    block = run.adjustment().block
+    block = run.adjusted_block()
     frame, views = block.frame, Views.of(block)
     points = run.cloud("adjusted").position_map_m
     known = known_ground(points, frame.world_from_map(points), views, settings.photographs)

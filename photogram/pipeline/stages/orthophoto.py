@@ -17,8 +17,8 @@ from photogram.crs import plan_of
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
 from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.views import Views
 
@@ -82,7 +82,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
         return {}
-    block = run.adjustment().block
+    block = run.adjusted_block()
     reason = left_out_reason(block.poses)
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})

@@ -27,8 +27,7 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.orthophoto import LEFT_OUT
-from photogram.pipeline.stages.stages import RELATIVE_SIGMA_FILE
-from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
+from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.report.figures.page_figures import PageFigure
@@ -95,7 +94,7 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     written."""
     if not matched(run):
         return []
-    layers, created = surface_layers(run), flight_date(run.notes(), run.adjustment().block.poses)
+    layers, created = surface_layers(run), flight_date(run.notes(), run.adjusted_block().poses)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
     chunks = _chunks(run, layers, picture)
@@ -141,9 +140,7 @@ def dense_surface(run: Run) -> DenseSurface | None:
     layers = surface_layers(run)
     source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
     names = tuple(
-        p.name
-        for p, pose in zip(run.project.photographs, run.adjustment().block.poses, strict=True)
-        if pose is not None
+        p.name for p, pose in zip(run.project.photographs, run.adjusted_block().poses, strict=True) if pose is not None
     )
     return DenseSurface(
         run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,

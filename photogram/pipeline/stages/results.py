@@ -8,7 +8,7 @@ only when all of them are there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import nlargest
 from pathlib import Path
 
@@ -24,9 +24,9 @@ from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.report_files import disbelieved, discard_prints, run_facts, write_report
-from photogram.pipeline.stages.stages import Progress
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_picture
 from photogram.report.figures.style import (
@@ -175,7 +175,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     clouds = {name: run.cloud(name) for name in CLOUDS}
     value = report_numbers(
         outcome.result,
-        run.orientation(),
+        replace(run.orientation(), resections=run.resections()),
         clouds,
         run.comparisons(),
         outcome.overlap,

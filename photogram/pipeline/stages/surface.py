@@ -13,17 +13,11 @@ from numpy.typing import NDArray
 from photogram.crs import plan_of
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
+from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.stages.stages import (
-    HEIGHT,
-    RELATIVE_SIGMA,
-    RELATIVE_SIGMA_FILE,
-    SIGMA,
-    Progress,
-    interpolate_surface,
-)
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
@@ -39,8 +33,13 @@ from photogram.surface.dsm import (
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
-from photogram.surface.tin_dsm import NEAREST_PLACES
+from photogram.surface.tin_dsm import NEAREST_PLACES, surface_with_sigma
 from photogram.survey import Raster
+
+HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
+RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
+RELATIVE_SIGMA_FILE = "dsm_sigma_relative.tif"
+"""Descriptions of the bands of `dsm.tif`, `dsm_sigma.tif` and RELATIVE_SIGMA_FILE."""
 
 TILE_CELLS = 1024
 FILL_CELLS, MOST_FILL_CELLS = 25, 100
@@ -205,3 +204,18 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
         summary |= {"contours": len(lines), "interval_m": lines.interval_m, "of": "terrain" if surface else "surface"}
     return summary
+
+
+def interpolate_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
+    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface, run.shape())
+    raster = surface.heights
+    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs, description=HEIGHT)
+    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs), description=SIGMA)
+    if surface.relative is not None:
+        path, plan = folder / RELATIVE_SIGMA_FILE, plan_of(run.project.crs)
+        write_geotiff(path, surface.relative, plan, description=RELATIVE_SIGMA)
+    write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
+    rows, columns = raster.values.shape
+    progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
+    return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}

@@ -97,20 +97,27 @@ class Workspace:
             raise DamagedStageError(name, path, f"cannot be read ({fault.strerror})") from fault
         return known
 
+    def mark(self, name: str) -> str | None:
+        """Return the fingerprint that a complete stage carries, None where there is none of it.
+
+        Raises DamagedStageError where its note is damaged, WorkspaceError where there is something at its place that
+        photogram did not make.
+        """
+        folder = self.stage(name)
+        if not is_made_here(folder) or not any(folder.iterdir()):
+            return None
+        return str(self._note(name).value.get("fingerprint"))
+
     def is_complete(self, name: str, mark: str) -> bool:
         """Return whether the stage is complete with the fingerprint ``mark``.
 
         Raises DamagedStageError where a file of it is missing or was written to since and holds something else,
         WorkspaceError where there is something at its place that photogram did not make.
         """
-        folder = self.stage(name)
-        if not is_made_here(folder) or not any(folder.iterdir()):
+        if self.mark(name) != mark:
             return False
-        note = self._note(name)
-        if note.value.get("fingerprint") != mark:
-            return False
-        for written, known in note.files.items():
-            self._compare(name, folder / written, known, looks_unchanged)
+        for written, known in self._note(name).files.items():
+            self._compare(name, self.stage(name) / written, known, looks_unchanged)
         return True
 
     def _compare(

@@ -364,7 +364,7 @@ def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) ->
     if frozen:
         words.append(
             f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, "
-            "which is not used: the receiver had stopped updating"
+            "which is not used: the receiver had stopped updating updating updating"
         )
     return tuple(words)
 

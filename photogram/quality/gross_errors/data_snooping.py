@@ -11,6 +11,7 @@ the final test is reinstated.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from photogram.survey import Block, ControlPoints, Photograph, Role
 
 Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset"]
 Adjuster = Callable[[Block], Adjustment]
+_LOG = logging.getLogger(__name__)
 
 MOST_BLUNDERS = 12
 REINSTATED = 0.001
@@ -388,9 +390,13 @@ def search(block: Block, result: Adjustment, adjust: Adjuster, suspects: Sequenc
             current = adjust(without(block, rejected))
         except PhotogramError:
             immune.append(rejected.pop())  # too few observations are left to test it
+            _LOG.debug("kept, since nothing is determined without it: %s", immune[-1].words)
+        else:
+            _LOG.debug("rejected: %s, T = %.1f", rejected[-1].words, rejected[-1].statistic)
     if suspects or len(rejected) > 1:
         reinstated = _reinstated(rejected, block, current, adjust)
         if reinstated:
+            _LOG.debug("reinstated: %s", ", ".join(a.words for a in reinstated))
             remaining = [a for a in rejected if a not in reinstated]
             with suppress(PhotogramError):  # where the block cannot be adjusted with them, they stay rejected
                 return min(

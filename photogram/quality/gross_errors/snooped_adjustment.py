@@ -38,7 +38,7 @@ from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.results import Adjustment, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
-from photogram.wording import some
+from photogram.wording import some, things
 
 BENT = 12.0
 """Sigmas of the largest contradiction from which a blunder may contaminate other tests."""
@@ -77,6 +77,9 @@ class Verdict:
     """Accuracy at the check points of ``result``."""
     focal_lengths: dict[str, FocalDecision]
     """Decisions on focal lengths, by camera name."""
+
+    def __repr__(self) -> str:
+        return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
 
 
 def _outvoted(block: Block, result: Adjustment) -> bool:
@@ -208,11 +211,11 @@ def adjust_and_judge(
     progress: Progress = lambda _: None,
     readings_px: Sequence[Sequence[float]] = (),
 ) -> Verdict:
-    """Adjust a block by data snooping: reject blunders, and name them.
+    """Adjust a block by data snooping (Baarda 1968): reject blunders, and name them.
 
     ``start`` holds the interior orientations (11,) of the cameras to start from, where they are not the given ones;
-    ``readings_px`` other readings of the source of each focal length. Raises AdjustmentError as adjust does where too
-    little is left, with what contradicts the rest by name.
+    ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
+    too little is left, with what contradicts the rest by name.
     """
 
     def adjuster(given: Block) -> Adjustment:

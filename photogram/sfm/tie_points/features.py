@@ -166,7 +166,8 @@ def coarseness(pixels: int, settings: FeatureSettings, reduction: int) -> float:
 
 
 def find_features(name: str, pixels: ByteArray, settings: FeatureSettings, reduction: int = 1) -> Features:
-    """Find key points in the photograph ``name`` with RGB ``pixels`` (H, W, 3), sorted by row, then column.
+    """Find key points in the photograph ``name`` with red, green, blue ``pixels`` (H, W, 3) uint8, sorted by row, then
+    column; places in px, the centre of the top-left pixel at (0, 0).
 
     ``reduction`` 2 or 4 looks for them in the picture at half or quarter size; places and sizes are always in pixels of
     the whole photograph. Raises ImageError when it shows too little texture to be matched.

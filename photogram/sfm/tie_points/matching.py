@@ -139,7 +139,8 @@ def match_pair(
     settings: MatchingSettings,
     coarseness: float = 1.0,
 ) -> tuple[Matches, NDArray[np.bool_]]:
-    """Match one pair of photographs: returns the candidates and which of them are verified, as ``verified_matches``."""
+    """Match one pair of photographs, by their numbers, cameras and key points: returns the candidate matches (M, 2) and
+    which of them (M,) obey one fundamental matrix within ``threshold_px`` of the settings, as ``verified_matches``."""
     candidates = candidate_matches(*features, settings)
     verified = verified_matches(cameras, features, candidates, settings, coarseness)
     return Matches(pair[0], pair[1], candidates), verified

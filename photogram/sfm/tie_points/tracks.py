@@ -34,7 +34,8 @@ class Joined:
 def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma_px: Sequence[FloatArray]) -> Joined:
     """Join verified matches to tie points: connected components of the graph of matched key points (union–find).
 
-    ``sigma_px`` holds the standard deviations (N,) of the key points of each photograph.
+    ``features`` are those of every photograph in the order of the block, ``matches`` hold verified index pairs (M, 2),
+    ``sigma_px`` the standard deviations (N,) in px of the key points of each photograph.
     A component with two key points in one photograph contradicts itself and is dropped. Observations are sorted by
     point, then photograph; points by their first key point. Positions are NaN: nothing is known of them yet.
     """

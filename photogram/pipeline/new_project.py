@@ -1,0 +1,313 @@
+"""A project file from a folder of photographs: their tags, files of ground points, and the MRK files beside them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from photogram.errors import ImageError, ProjectError
+from photogram.files.atomic import replacing
+from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.images import inspect_photograph
+from photogram.files.tables.control_files import read_points
+from photogram.files.tables.position_files import read_mrk
+from photogram.height_systems import HeightSystem
+from photogram.pipeline.pipeline import load_project
+from photogram.project.draft.draft import (
+    ControlFile,
+    DraftPositions,
+    LeftOut,
+    ProjectDraft,
+    TaggedPhotograph,
+    Wishes,
+    draft_project,
+)
+from photogram.project.draft.text import project_text
+from photogram.project.findings import Findings
+from photogram.project.positions.matching import match_rows
+from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
+from photogram.survey import Role
+from photogram.wording import html_table, things
+
+_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
+
+Progress = Callable[[int, int, str], None]
+"""Told how many photographs have been read, of how many, and the name of the last."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a project file is asked for: the folder of the photographs, files of ground points with their roles, marks,
+    and what the tags do not say; None where nothing is said."""
+
+    photographs: Path
+    ground_points: tuple[tuple[Path, Role], ...]
+    marks: Path | None
+    crs: str | None
+    project: Path
+    picture_size_px: tuple[int, int] | None
+    control_sigma_m: float | None
+    heights: HeightSystem | None
+    geoid: str | None
+    focal_px: float | None
+    recursive: bool
+    force: bool
+
+    def out_of_range(self) -> list[tuple[str, float, Within]]:
+        """Return the figures that cannot be: the name of each, its value, and what it has to lie within."""
+        width, height = self.picture_size_px or (None, None)
+        given: list[tuple[str, float | None, Within]] = [
+            ("picture_size_px", width, PIXELS),
+            ("picture_size_px", height, PIXELS),
+            ("control_sigma_m", self.control_sigma_m, SIGMA_M),
+            ("focal_px", self.focal_px, FOCAL_PX),
+        ]
+        return [
+            (name, value, allowed) for name, value, allowed in given if value is not None and not allowed.holds(value)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class NewProject:
+    """A project file that was written: its ``path``, the ``draft`` that it was written from, and the ``warnings`` that
+    reading it gives."""
+
+    path: Path
+    draft: ProjectDraft
+    warnings: Findings
+
+    def _facts(self) -> list[tuple[str, str]]:
+        draft = self.draft
+        points = sum(len(file.position) for file in draft.control)
+        return [
+            ("photographs", f"{len(draft.photographs)}, {len(draft.left_out)} left out"),
+            ("cameras", ", ".join(f"{c.name} (f {c.focal_px:.0f} ± {c.sigmas[0]:.0f} px)" for c in draft.cameras)),
+            ("map grid", f"{draft.crs} ({draft.crs_name})"),
+            ("ground points", str(points)),
+            *(("warning", text) for text in (*draft.warnings, *map(str, self.warnings))),
+        ]
+
+    def __repr__(self) -> str:
+        draft = self.draft
+        return (
+            f"<NewProject {self.path}: {things(len(draft.photographs), 'photograph')}, "
+            f"{things(len(draft.cameras), 'camera')}, {draft.crs}>"
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(str(self.path), (), self._facts())
+
+
+# ---- what lies in the folder -----------------------------------------------------------------------------------------
+
+
+def _is_hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
+
+
+def _names(folder: Path, recursive: bool) -> list[str]:
+    """Return the names of the photographs in the folder, relative to it."""
+    if not isdir(folder):
+        raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
+    try:
+        found = folder.rglob("*") if recursive else folder.iterdir()
+        paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
+    except OSError as fault:
+        raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
+    names = sorted(p.as_posix() for p in paths if not _is_hidden(p))
+    if not names:
+        within = "" if recursive else "; --recursive searches subfolders"
+        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) found: give the folder of the photographs{within}")
+    return names
+
+
+def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
+    if not name.isprintable():
+        return LeftOut(repr(name), "its name has unprintable characters: rename it")
+    path = folder / name
+    try:
+        return TaggedPhotograph(name, inspect_photograph(path))
+    except ImageError as fault:
+        return LeftOut(name, str(fault).removeprefix(f"photograph {path}: "))
+
+
+def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    found: list[TaggedPhotograph | LeftOut] = []
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        for result in executor.map(lambda name: _inspected(folder, name), names):
+            found.append(result)
+            progress(len(found), len(names), result.name)
+    return (
+        [p for p in found if isinstance(p, TaggedPhotograph)],
+        [p for p in found if isinstance(p, LeftOut)],
+    )
+
+
+def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    """Return the photographs once each, and those that are copies of another."""
+    paths, tags = [folder / p.name for p in photographs], [p.tags for p in photographs]
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        groups = find_copies(paths, tags, [None] * len(paths), executor)
+    original = {i: group[0] for group in groups for i in group[1:]}
+    return (
+        [p for i, p in enumerate(photographs) if i not in original],
+        [
+            LeftOut(photographs[i].name, f"the same photograph as {photographs[first].name}")
+            for i, first in original.items()
+        ],
+    )
+
+
+def _relative(path: Path, project: Path) -> str:
+    return Path(os.path.relpath(path.absolute(), project.absolute().parent)).as_posix()
+
+
+def _control_file(
+    path: Path, role: Role, marks: Path | None, project: Path, size: tuple[int, int] | None, sigma_m: float | None
+) -> ControlFile:
+    file = read_points(path)
+    return ControlFile(
+        _relative(path, project),
+        role,
+        np.array([p.position for p in file.points]).reshape(-1, 3),
+        file.crs,
+        file.geographic,
+        file.holds_marks,
+        all(None not in p.sigma_m for p in file.points),
+        None if file.holds_marks or marks is None else _relative(marks, project),
+        size,
+        None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
+    )
+
+
+def _geoid(geoid: str | None, project: Path) -> str | None:
+    return geoid if geoid is None or not isfile(geoid) else _relative(Path(geoid), project)
+
+
+def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
+    """Return the MRK files beside the photographs with their rows; those that cannot be used with the reason."""
+    found = folder.rglob("*") if recursive else folder.iterdir()
+    paths = sorted(
+        p for p in found if p.suffix.lower() == ".mrk" and p.is_file() and not _is_hidden(p.relative_to(folder))
+    )
+    files = []
+    for path in paths:
+        here = path.relative_to(folder).parent.as_posix()
+        beside = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
+        written = _relative(path, project)
+        try:
+            matching = match_rows(read_mrk(path), beside or names)
+            files.append(DraftPositions(written, matching.rows, matching.fault))
+        except ProjectError as fault:
+            lines = str(fault).splitlines()
+            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
+            files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
+    return tuple(files)
+
+
+# ---- the file --------------------------------------------------------------------------------------------------------
+
+
+def write_project(wanted: Request, progress: Progress = lambda *_: None) -> ProjectDraft:
+    """Read the tags of the photographs and write the project file; returns what is in it.
+
+    Raises ProjectError where a figure cannot be, the project file exists already, or the map grid or a focal length is
+    not known; ImageError where there are no photographs; FrameError where there is no such map grid; WorkspaceError
+    where the file cannot be written.
+    """
+    project, photographs = wanted.project, wanted.photographs
+    wrong = [f"{name}: {value:g} must be {allowed}" for name, value, allowed in wanted.out_of_range()]
+    if wrong:
+        raise ProjectError("\n".join(wrong))
+    if exists(project) and not wanted.force:
+        raise ProjectError(
+            f"{project}: the project file exists already: give another with --project FILE, or --force to overwrite it"
+        )
+    names = _names(photographs, wanted.recursive)
+    files = tuple(
+        _control_file(path, role, wanted.marks, project, wanted.picture_size_px, wanted.control_sigma_m)
+        for path, role in wanted.ground_points
+    )
+    tagged, unreadable = _inspect(photographs, names, progress)
+    tagged, copies = _without_copies(photographs, tagged)
+    positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
+    wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions)
+    draft = draft_project(tagged, [*unreadable, *copies], wishes)
+    with replacing(project) as partial:
+        partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
+    return draft
+
+
+def read_back(project: Path) -> Findings:
+    """Return what is doubtful in a project file that was just written. Raises ProjectError with what has to be mended
+    by hand."""
+    try:
+        written = load_project(project)
+    except ProjectError as fault:
+        raise ProjectError(f"{project} written; fix these errors first:\n{fault}") from fault
+    return Findings(written.warnings)
+
+
+def _paths(given: Path | str | Sequence[Path | str]) -> list[Path]:
+    return [Path(path) for path in ([given] if isinstance(given, str | Path) else given)]
+
+
+def init(
+    photographs: Path | str,
+    *,
+    control: Path | str | Sequence[Path | str] = (),
+    check: Path | str | Sequence[Path | str] = (),
+    marks: Path | str | None = None,
+    crs: str | None = None,
+    project: Path | str = "project.yaml",
+    picture_size_px: tuple[int, int] | None = None,
+    control_sigma_m: float | None = None,
+    heights: HeightSystem | None = None,
+    geoid: str | None = None,
+    focal_px: float | None = None,
+    recursive: bool = False,
+    force: bool = False,
+    progress: Progress = lambda *_: None,
+) -> NewProject:
+    """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags.
+
+    ``control`` and ``check`` are files of control and check points (gcp_list.txt or a table), ``marks`` their image
+    marks where those files hold none, measured in pictures of ``picture_size_px`` (width, height) where that is not the
+    photographs' own. ``crs`` is the map grid, such as EPSG:25832; ``control_sigma_m`` the standard deviation of ground
+    points that state none; ``heights`` says what the heights of the ground points are above, ``geoid`` which geoid.
+    ``focal_px`` is the focal length where the tags give none. ``recursive`` searches the folders within, ``force``
+    overwrites the project file, ``progress`` is told of each photograph that is read.
+
+    Raises ProjectError where a figure cannot be, the project file exists already, the map grid or a focal length is not
+    known, or what was written has to be completed by hand; ImageError where there are no photographs; FrameError where
+    there is no such map grid; WorkspaceError where the file cannot be written.
+    """
+    if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
+        raise ProjectError("heights: orthometric heights need a geoid: EGM96, EPSG:5799 or the path of a grid")
+    roles: list[tuple[Path, Role]] = [(path, "control") for path in _paths(control)]
+    roles += [(path, "check") for path in _paths(check)]
+    path = Path(project)
+    draft = write_project(
+        Request(
+            photographs=Path(photographs),
+            ground_points=tuple(roles),
+            marks=None if marks is None else Path(marks),
+            crs=crs,
+            project=path,
+            picture_size_px=picture_size_px,
+            control_sigma_m=control_sigma_m,
+            heights=heights,
+            geoid=geoid,
+            focal_px=focal_px,
+            recursive=recursive,
+            force=force,
+        ),
+        progress,
+    )
+    return NewProject(path, draft, read_back(path))

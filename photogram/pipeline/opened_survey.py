@@ -1,0 +1,190 @@
+"""A survey opened for a notebook: brought up to date, and what its stages have written read back as the survey's own
+types."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.errors import ProjectError, WorkspaceError
+from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
+from photogram.pipeline.stage_names import STAGE_NAMES, StageName
+from photogram.pipeline.stages.report_files import NUMBERS
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Stage
+from photogram.project.project import Project
+from photogram.quality.cloud_comparison import Comparison
+from photogram.report.reading import read_report
+from photogram.results import Adjustment
+from photogram.sfm.orientation import Orientation
+from photogram.survey import Block, Features, PointCloud, Raster, TiePoints
+from photogram.wording import html_table, things
+
+ResultT = TypeVar("ResultT")
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """A watcher that says a line for every stage that is done, and for every warning."""
+
+    say: Callable[[str], None]
+
+    def begin(self, stage: Stage) -> None:
+        """Start a stage."""
+
+    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
+        """Report progress within a stage."""
+
+    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:  # noqa: ARG002
+        """End a stage."""
+        self.say(f"{stage.title}: {'up to date' if seconds is None else f'{seconds:.1f} s'}")
+
+    def warn(self, text: str) -> None:
+        """Say what is doubtful."""
+        self.say(f"Warning: {text}")
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedSurvey:
+    """A survey on disk: its ``project``, as the file said it when the survey was opened, and what its stages have made
+    of it.
+
+    ``update`` runs the stages; the other methods read what they have written, in the world frame of the block (m, east,
+    north, up) or in the map grid of the project (m, easting, northing, height) as the names of the fields say. All of
+    them raise WorkspaceError while another photogram works on the survey, and where a stage has not been run with the
+    present project file and photographs: nothing out of date is returned.
+    """
+
+    project: Project
+    _current: set[StageName] = field(default_factory=set, init=False, repr=False)
+
+    def update(
+        self,
+        *,
+        start: StageName | None = None,
+        until: StageName | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> OpenedSurvey:
+        """Do what is not done yet, as `photogram adjust` does; returns the survey itself.
+
+        ``until`` is the last stage to be done, ``start`` a stage that is repeated with all after it (the names are in
+        STAGE_NAMES of photogram.pipeline.stage_names). ``progress``, ``print`` for example, is told a line for every
+        stage that is done and for every warning. Raises a PhotogramError that says what can be mended.
+        """
+        watcher = None if progress is None else _Lines(progress)
+        run_pipeline(self.project, watcher=watcher, start=start, until=until)
+        last = len(STAGE_NAMES) if until is None else STAGE_NAMES.index(until) + 1
+        self._current.clear()
+        self._current.update(STAGE_NAMES[:last])  # type: ignore[arg-type]
+        return self
+
+    def block(self) -> Block:
+        """Return the block as it was measured: no poses, no tie points. Needs the stage `photographs`."""
+        return self._read("photographs", Run.block)
+
+    def features(self, photograph: str) -> Features:
+        """Return the key points of the photograph of a name. Needs the stage `features`. Raises ProjectError where
+        there is no such photograph."""
+        number = self._number(photograph)
+        return self._read("features", lambda run: run.features(number))
+
+    def pixels(self, photograph: str) -> NDArray[np.uint8]:
+        """Return the photograph of a name as red, green, blue (height_px, width_px, 3). Raises ProjectError where there
+        is no such photograph, ImageError where its file cannot be read."""
+        number = self._number(photograph)
+        with open_run(self.project) as run:
+            return run.pixels(number)
+
+    def tie_points(self) -> TiePoints:
+        """Return the tie points of the whole block, without positions. Needs the stage `transfer`."""
+        return self._read("transfer", Run.transferred_tie_points)
+
+    def orientation(self) -> Orientation:
+        """Return the starting poses and the resections. Needs the stage `orientation`."""
+        return self._read("orientation", Run.orientation)
+
+    def adjustment(self) -> Adjustment:
+        """Return the joint adjustment: estimates, residuals, covariances. Needs the stage `adjustment`."""
+        return self._read("adjustment", Run.adjustment)
+
+    def cloud(self, name: str) -> PointCloud:
+        """Return a cloud of tie points: ``adjusted`` (needs the stage `adjustment`), or intersected linearly from the
+        starting poses, ``linear_2view`` or ``linear_3view`` (need the stage `intersection`). Raises ProjectError for
+        another name."""
+        stages: dict[str, StageName] = {
+            "adjusted": "adjustment",
+            "linear_2view": "intersection",
+            "linear_3view": "intersection",
+        }
+        if name not in stages:
+            raise ProjectError(f"there is no cloud {name!r}; the clouds are {', '.join(stages)}")
+        return self._read(stages[name], lambda run: run.cloud(name))
+
+    def surface(self) -> Raster:
+        """Return the DSM, heights in m, NaN in its holes. Needs the stage `surface`."""
+        return self._read("surface", Run.surface)
+
+    def surface_sigma(self) -> Raster:
+        """Return the predicted standard deviations of the DSM in m, cell by cell. Needs the stage `surface`."""
+        return self._read("surface", Run.surface_sigma)
+
+    def comparisons(self) -> dict[str, Comparison]:
+        """Return the comparison of every cloud with the project's reference, none without one. Needs the stage
+        `comparison`."""
+        return self._read("comparison", Run.comparisons)
+
+    def report(self) -> dict[str, Any]:
+        """Return every figure of the report, as report.json holds it (docs/report.md explains each). Needs the stage
+        `results`."""
+        return self._read("results", lambda run: read_report(run.project.results / NUMBERS))
+
+    def _number(self, photograph: str) -> int:
+        names = [p.name for p in self.project.photographs]
+        if photograph not in names:
+            raise ProjectError(
+                f"there is no photograph {photograph!r} in {self.project.path}; the first is {names[0]!r}"
+            )
+        return names.index(photograph)
+
+    def _read(self, stage: StageName, read: Callable[[Run], ResultT]) -> ResultT:
+        with open_run(self.project) as run:
+            if stage not in self._current:
+                if not is_up_to_date(run, stage):
+                    raise WorkspaceError(
+                        f"{self.project.path}: the stage {stage} has not been run with this project file and these "
+                        f'photographs: call update(until="{stage}")'
+                    )
+                self._current.add(stage)
+            return read(run)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        project = self.project
+        control = sum(point.role == "control" for point in project.control_points)
+        checks = len(project.control_points) - control
+        return [
+            ("photographs", str(len(project.photographs))),
+            ("cameras", ", ".join(camera.name for camera in project.cameras)),
+            ("map grid", project.crs),
+            ("ground points", f"{things(control, 'control point')}, {things(checks, 'check point')}"),
+            ("results", str(project.results)),
+        ]
+
+    def __repr__(self) -> str:
+        return f"<OpenedSurvey {self.project.path}: {things(len(self.project.photographs), 'photograph')}>"
+
+    def _repr_html_(self) -> str:
+        return html_table(str(self.project.path), (), self._facts())
+
+
+def open_survey(project: Path | str, photographs: Path | str | None = None) -> OpenedSurvey:
+    """Open a survey by its project file; nothing is run.
+
+    ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every fault of
+    the file at once.
+    """
+    return OpenedSurvey(load_project(Path(project), None if photographs is None else Path(photographs)))

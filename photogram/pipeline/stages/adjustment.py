@@ -1,0 +1,91 @@
+"""The stage `adjustment`: the joint adjustment, what it leaves out, and how the block is deformed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from photogram.adjustment.oriented_subset import part_of_block
+from photogram.adjustment.self_calibration import held_parameters, with_priors
+from photogram.files.npz_json import write_json, write_record
+from photogram.frames import LocalFrame
+from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.store.run import RESECTIONS, Run
+from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stored_results import resection_to, write_adjustment
+from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
+from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.improvements import block_deformation
+from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
+from photogram.sfm.resection import Resection
+from photogram.survey import PointCloud
+
+
+def _sigma_map_m(
+    frame: LocalFrame, covariance_m2: np.ndarray[Any, np.dtype[np.float64]]
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    R = frame.rotation_world_from_map(np.zeros(3))
+    return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
+
+
+def _resections(run: Run) -> tuple[Resection | None, ...]:
+    """Return the resections from the control points as they are now; of copies of a photograph none."""
+    block = replace(run.block(), tie_points=run.tie_points())
+    original = np.array([note.get("copy_of") is None for note in run.notes()], dtype=bool)
+    part, kept = part_of_block(block, original)
+    found = dict(zip(kept.tolist(), confirmed_resections(part, run.project.orientation), strict=True))
+    return tuple(found.get(i) for i in range(len(block.photographs)))
+
+
+def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Adjust the block jointly."""
+    orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
+    block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
+    resections = orientation.resections
+    if not as_placed:
+        block, resections = placed_again(block, orientation, run.project.orientation), _resections(run)
+    measured = block
+    if orientation.method != "control":
+        block = replace(block, photographs=believed_attitudes(block, block.poses))
+    kinds = zip(block.cameras, run.project.calibration, strict=True)
+    block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
+    settings, start = run.project.adjustment, orientation.parameters
+    readings_px = run.project.focal_readings_px
+    verdict = adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text), readings_px)
+    blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
+    progress(0, 0, "deformation of the block")
+    known_before = [camera.parameters for camera in block.cameras]
+    deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
+    result = replace(verdict.result, deformation=deformation)
+    frame, tie_points = block.frame, result.block.tie_points
+    sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
+    cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)
+    write_record(folder / "adjusted.npz", cloud)
+    write_adjustment(folder, result)
+    write_json(folder / RESECTIONS, [None if r is None else resection_to(r) for r in resections])
+    write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
+    write_json(
+        folder / "verdict.json",
+        {
+            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
+            "blunders": blunders,
+            "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
+            "check_points": verdict.check_before,
+            "check_points_without": verdict.check_after,
+        },
+    )
+    return {
+        "sigma0": result.sigma0,
+        "converged": result.converged,
+        "blunders": len(blunders),
+        "iterations": result.iterations,
+        "disbelieved_headings": sum(not p.heading_known for p in block.photographs),
+        "disbelieved_attitudes": sum(
+            m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
+            for m, p in zip(measured.photographs, block.photographs, strict=True)
+        ),
+    }

@@ -1,0 +1,58 @@
+"""The stage `comparison`: the clouds against a reference surface, where the project names one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from photogram.files.clouds.points import read_cloud
+from photogram.files.maps.rasters import read_raster
+from photogram.files.npz_json import write_json
+from photogram.frames import map_heights
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stored_results import write_comparison
+from photogram.project.project import Project
+from photogram.quality.cloud_comparison import compare, triangulate
+from photogram.survey import PointCloud, Raster
+
+
+def read_reference(path: Path) -> Raster | PointCloud:
+    """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ. Raises ProjectError when it cannot be
+    read."""
+    return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path)
+
+
+def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raster | PointCloud:
+    """Return the reference with the heights of the map, each point or cell by itself."""
+    crs, heights = project.crs, project.heights
+    if heights.sign_to_map(heights.reference) == 0.0:
+        return reference
+    if isinstance(reference, PointCloud):
+        return replace(reference, position_map_m=map_heights(crs, heights, heights.reference, reference.position_map_m))
+    values = reference.values.copy()
+    row, column = np.nonzero(np.isfinite(values))
+    east = reference.west_map_m + (column + 0.5) * reference.cell_m
+    north = reference.north_map_m - (row + 0.5) * reference.cell_m
+    cells = np.column_stack([east, north, values[row, column]])
+    values[row, column] = map_heights(crs, heights, heights.reference, cells)[:, 2]
+    return replace(reference, values=values)
+
+
+def compare_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Compare the clouds with the reference, when the project names one."""
+    statistics: dict[str, object] = {}
+    if run.project.reference is not None:
+        given = _with_map_heights(run.project, read_reference(run.project.reference))
+        reference = triangulate(given) if isinstance(given, PointCloud) else given
+        for name in ("linear_2view", "linear_3view", "adjusted"):
+            cloud = run.cloud(name)
+            if len(cloud) >= 3:
+                comparison = compare(cloud, reference)
+                statistics[name] = write_comparison(folder / f"{name}.npz", comparison)
+            progress(len(statistics), 3, name)
+    write_json(folder / "statistics.json", statistics)
+    return {"clouds": len(statistics)}

@@ -1,0 +1,111 @@
+"""The stages `orientation`, `transfer` and `intersection`: starting poses, more rays of tie points, linear clouds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from photogram.adjustment.oriented_subset import part_of_block
+from photogram.files.npz_json import write_json, write_record
+from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.store.run import PLACED_BY, Run
+from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
+from photogram.sfm.orientation import Orientation, orient
+from photogram.sfm.reconstruction import Structure
+from photogram.sfm.tie_points.guided_matching import Found, cut_patches, transfer_to, with_found
+from photogram.survey import PointCloud, TiePoints
+from photogram.triangulation import ideal_observations, intersect_tie_points
+
+
+def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
+    """Return the orientation of the photographs ``kept`` as one of all; the others are ``copies`` of those named."""
+    place = {i: k for k, i in enumerate(kept)}
+    rows = [place.get(i) for i in range(len(copies))]
+    return replace(
+        found,
+        poses=tuple(None if k is None else found.poses[k] for k in rows),
+        resections=tuple(None if k is None else found.resections[k] for k in rows),
+        component=np.array([-1 if k is None else found.component[k] for k in rows], dtype=np.int64),
+        reason=tuple(
+            f"the same photograph as {copy}" if k is None else found.reason[k]
+            for k, copy in zip(rows, copies, strict=True)
+        ),
+    )
+
+
+def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Find a starting pose for every photograph that can be joined to the block."""
+    block = replace(run.block(), tie_points=run.tie_points())
+    copies = [note.get("copy_of") for note in run.notes()]
+    part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
+    orientation = _with_copies(orient(part, run.project.orientation, progress), kept.tolist(), copies)
+    write_json(folder / "poses.json", orientation_to(orientation, run.names))
+    write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
+    registered = int(orientation.registered.sum())
+    progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
+    return {
+        "method": orientation.method,
+        "registered": registered,
+        "resected": sum(r is not None for r in orientation.resections),
+    }
+
+
+def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
+    """Return the tie points with positions, and those of their observations that agree with the oriented block."""
+    block, tie_points = run.block(), run.tie_points()
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    cameras = orientation.calibrated(block.cameras)
+    structure = Structure.oriented(tie_points, cameras, camera_of, run.project.orientation, orientation.poses)
+    return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
+
+
+def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Measure tie points in the further photographs that show them.
+
+    Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
+    """
+    project, orientation, joined = run.project, run.orientation(), run.tie_points()
+    if orientation.method == "control" or project.transfer.correlation == 1.0:
+        write_record(folder / "tie_points.npz", joined)
+        return {"tie_points": len(joined), "transferred": 0}
+    tie_points = _oriented_tie_points(run, orientation)
+    calibrated = orientation.calibrated(project.cameras)
+    cameras = [calibrated[p.camera] for p in project.photographs]
+    position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
+    progress(0, len(cameras), "windows")
+    patches = cut_patches(tie_points, position, run.grey)
+
+    def search(index: int) -> Found:
+        return transfer_to(index, tie_points, patches, cameras, orientation.poses, run.grey(index), project.transfer)
+
+    found = []
+    for index, places in enumerate(run.executor.map(search, range(len(cameras)))):
+        found.append(places)
+        progress(index + 1, len(cameras), run.names[index])
+    whole = with_found(tie_points, found, project.adjustment.tie_point_sigma_px)
+    write_record(folder / "tie_points.npz", whole)
+    return {
+        "tie_points": len(whole),
+        "disagreeing": len(joined.photograph) - len(tie_points.photograph),
+        "transferred": len(whole.photograph) - len(tie_points.photograph),
+    }
+
+
+def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
+    block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
+    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    ideal = ideal_observations(orientation.calibrated(block.cameras), camera_of, tie_points)
+    counts = {}
+    for rays in (2, 3):
+        world = intersect_tie_points(tie_points, ideal, orientation.poses, rays)
+        known = np.isfinite(world).all(axis=1)
+        cloud = PointCloud.from_world(block.frame, world[known], tie_points.colour[known])
+        write_record(folder / f"linear_{rays}view.npz", cloud)
+        counts[f"linear_{rays}view"] = len(cloud)
+        progress(rays - 1, 2, f"{len(cloud)} points from {rays} views")
+    return counts

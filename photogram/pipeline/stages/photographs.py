@@ -1,0 +1,91 @@
+"""The stage `photographs`: decodes every photograph once and assembles what was measured before the tie points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import ImageError, PhotogramError, ProjectError
+from photogram.files.npz_json import write_arrays, write_json
+from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.images import check_photograph, read_tags
+from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.store.dependence import placing_fingerprint
+from photogram.pipeline.store.run import FRAME, MEASURED, Run
+from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stored_results import measured_arrays
+from photogram.project.measured_block import measured_photographs, photograph_note
+from photogram.project.measured_positions import measured_position, position_note
+from photogram.project.positions.frozen import frozen_positions
+from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.validation.positions import time_findings
+
+
+def _described(
+    project: Project, photograph: ProjectPhotograph, sha256: str
+) -> tuple[dict[str, object], PhotographTags]:
+    """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose, and
+    its tags."""
+    camera = project.cameras[photograph.camera]
+    check_photograph(photograph.path, (camera.width_px, camera.height_px), sha256)
+    tags = read_tags(photograph.path)
+    return photograph_note(photograph, tags, measured_position(project, photograph, tags)), tags
+
+
+def _leave_out_copies(run: Run, notes: Sequence[dict[str, object]], tags: Sequence[PhotographTags]) -> int:
+    """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
+    there are."""
+    photographs = run.project.photographs
+    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], run.executor)
+    for original, *copies in groups:
+        for i in copies:
+            notes[i].update(position_note(None), attitude_deg=None, copy_of=photographs[original].name)
+    return sum(len(group) - 1 for group in groups)
+
+
+def _leave_out_frozen(notes: Sequence[dict[str, object]], times: Sequence[datetime | None]) -> int:
+    """Note which positions a receiver gave that had stopped; they are not used. Returns how many there are."""
+    nowhere = (np.nan,) * 3
+    stated = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
+    frozen = frozen_positions(stated, times)
+    for note, stopped in zip(notes, frozen, strict=True):
+        if stopped:
+            note.update(position_note(None), gnss_frozen=True)
+    return int(frozen.sum())
+
+
+def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
+    damaged one is named at once.
+
+    A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
+    """
+    photographs = run.project.photographs
+    known = zip(photographs, run.photograph_fingerprints, strict=True)
+    futures = [run.executor.submit(_described, run.project, photograph, sha256) for photograph, sha256 in known]
+    notes, tags, faults = list[dict[str, object]](), list[PhotographTags](), list[str]()
+    for done, future in enumerate(futures, 1):
+        try:
+            note, own = future.result()
+            notes.append(note)
+            tags.append(own)
+        except PhotogramError as fault:
+            faults.append(str(fault))
+        progress(done, len(futures), photographs[done - 1].name)
+    if faults:
+        raise ImageError("\n".join(faults))
+    times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
+    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "error"]
+    if contradictions:
+        raise ProjectError("\n".join(map(str, contradictions)))
+    copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
+    measured = measured_photographs(run.project, notes)
+    write_json(folder / "tags.json", notes)
+    write_arrays(folder / MEASURED, measured_arrays(measured))
+    placing = placing_fingerprint(run.project)
+    write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
+    summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
+    return {name: count for name, count in summary.items() if count or name == "photographs"}

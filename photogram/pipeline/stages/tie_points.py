@@ -1,0 +1,127 @@
+"""The stages `features`, `pairs`, `matches` and `tie_points`: from photographs to points that several of them show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from threading import BoundedSemaphore
+
+from threadpoolctl import threadpool_limits
+
+from photogram.arrays import FloatArray
+from photogram.errors import ImageError
+from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage import Progress
+from photogram.project.project import Project
+from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
+from photogram.sfm.tie_points.matching import match_pair
+from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
+from photogram.sfm.tie_points.retrieval import most_similar
+from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px
+from photogram.survey import Features, Matches
+
+REDUCTIONS = {"high": 1, "medium": 2, "low": 4}
+
+
+def _coarseness(project: Project, photograph: int) -> float:
+    """Return how much coarser than with ``quality: high`` the picture is in which key points of a photograph are
+    found."""
+    camera = project.cameras[project.photographs[photograph].camera]
+    return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+
+
+def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Find key points, one file per photograph; photographs that an interrupted run has finished are kept.
+
+    As many photographs at once as there are workers and as the memory holds.
+    """
+    project = run.project
+    reduction = REDUCTIONS[project.quality]
+    largest = max(camera.width_px * camera.height_px for camera in project.cameras)
+    room = BoundedSemaphore(photographs_at_once(largest // reduction**2))
+
+    def detect(index: int) -> int:
+        path = folder / f"{index:05d}.npz"
+        if not path.is_file():
+            with room:
+                found = find_features(run.names[index], run.pixels(index), project.features, reduction)
+            write_record(path, found)
+        return len(read_record(path, Features))
+
+    counts = []
+    for index, count in enumerate(run.executor.map(detect, range(len(run.names)))):
+        counts.append(count)
+        progress(index + 1, len(run.names), run.names[index])
+    return {"key_points": counts}
+
+
+def select_photograph_pairs(run: Run) -> SelectedPairs:
+    """Select the pairs of photographs to match; where positions are missing, by what the photographs show."""
+    block, settings = run.block(), run.project.pairs
+    used = [i for i, note in enumerate(run.notes()) if note.get("copy_of") is None]
+    photographs = [block.photographs[i] for i in used]
+    similar = None
+    if any(photograph.gnss_world_m is None for photograph in photographs):
+        similar = most_similar(lambda i: run.features(used[i]), len(used), 3 * settings.retrieved)
+    selected = select_pairs(photographs, block.cameras, settings, similar=similar)
+    return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
+
+
+def choose_pairs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Select the pairs of photographs to match."""
+    selected = select_photograph_pairs(run)
+    write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
+    progress(1, 1, f"{len(selected)} pairs")
+    return {
+        "pairs": len(selected),
+        "selected_by": {reason: selected.reasons.count(reason) for reason in sorted(set(selected.reasons))},
+    }
+
+
+def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
+    project, pairs = run.project, run.selected_pairs()
+
+    def match(pair: tuple[int, int]) -> bool:
+        i, j = pair
+        path = folder / f"{i:05d}-{j:05d}.npz"
+        if not path.is_file():
+            cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
+            coarser = max(_coarseness(project, i), _coarseness(project, j))
+            matches, good = match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
+            write_arrays(path, {"index": matches.index, "verified": good})
+        return bool(read_arrays(path)["verified"].any())
+
+    verified = 0
+    with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
+        for done, ((i, j), found) in enumerate(zip(pairs, run.executor.map(match, pairs), strict=True)):
+            verified += found
+            progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
+    write_json(folder / "pairs.json", pairs)
+    return {"pairs": len(pairs), "verified_pairs": verified}
+
+
+def _key_point_sigmas_px(project: Project, photograph: int, features: Features) -> FloatArray:
+    """Return the standard deviations (N,) of the key points of a photograph."""
+    camera = project.cameras[project.photographs[photograph].camera]
+    scale = picture_scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+    best_px = project.adjustment.tie_point_sigma_px * _coarseness(project, photograph)
+    return key_point_sigmas_px(features.size_px, SMALLEST_PX * scale, best_px)
+
+
+def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+    """Join verified matches to tie points over all photographs."""
+    features = [run.features(i) for i in range(len(run.names))]
+    matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]
+    sigmas_px = [_key_point_sigmas_px(run.project, i, f) for i, f in enumerate(features)]
+    joined = join_matches(features, matches, sigmas_px)
+    if not len(joined.tie_points):
+        raise ImageError(
+            f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
+            "in common: give photographs of one site that overlap by 60 % or more"
+        )
+    write_record(folder / "tie_points.npz", joined.tie_points)
+    progress(1, 1, f"{len(joined.tie_points)} tie points")
+    return {"tie_points": len(joined.tie_points), "conflicts": joined.conflicts}

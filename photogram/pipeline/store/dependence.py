@@ -1,0 +1,77 @@
+"""What stages depend on beside each other, as values for fingerprints.
+
+Control points reach two stages only loosely. They help to choose the origin of the frame, which serves as long as it
+lies amid the survey; and they place in the world a block that was oriented from its tie points, which the adjustment
+does again. What was made with other control points then holds, under the settings that it was made under
+(``photographs_as_made``, ``orientation_as_made``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
+from photogram.frames import LocalFrame
+from photogram.pipeline.store.run import FRAME, PLACED_BY, Run
+from photogram.project.measured_block import is_amid
+from photogram.project.project import Project
+
+
+def control_fingerprint(project: Project) -> str:
+    """Return the fingerprint of the project's ground points with their roles and marks."""
+    return fingerprint(project.control_points_in(LocalFrame(project.crs, (0.0, 0.0, 0.0), "grid")))
+
+
+def height_marks(project: Project) -> list[object]:
+    """Return the height systems as declared: the grid of a geoid counts by what is in it."""
+    heights, geoid = project.heights, project.heights.geoid
+    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
+    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]
+
+
+def placing_fingerprint(project: Project) -> str:
+    """Return the fingerprint of the control coordinates that help to choose the origin of the frame."""
+    return fingerprint([p.control_map_m for p in project.control_points if p.role == "control"])
+
+
+def _photographs(run: Run, placing: str) -> object:
+    project = run.project
+    return [
+        run.photograph_fingerprints,
+        project.cameras,
+        # but for where they lie: a moved folder changes nothing
+        [replace(p, path=Path(p.name)) for p in project.photographs],
+        project.crs,
+        project.world_kind,
+        height_marks(project),
+        placing,
+    ]
+
+
+def photographs_settings(run: Run) -> object:
+    """Return what the stage `photographs` depends on."""
+    return _photographs(run, placing_fingerprint(run.project))
+
+
+def photographs_as_made(run: Run) -> object | None:
+    """Return what the stage `photographs` was made under where its frame still serves, None where it does not, or is
+    not there."""
+    if run.workspace.mark("photographs") is None or not run.workspace.has("photographs", FRAME):
+        return None
+    frame = read_json(run.workspace.file("photographs", FRAME))
+    return _photographs(run, frame["placed_by"]) if is_amid(frame["origin_map_m"], run.project, run.notes()) else None
+
+
+def orientation_settings(run: Run) -> object:
+    """Return what the stage `orientation` depends on."""
+    return [run.project.orientation, control_fingerprint(run.project)]
+
+
+def orientation_as_made(run: Run) -> object | None:
+    """Return what the stage `orientation` was made under where every pose came from tie points, whatever the control
+    points now are; None where one came from control points, or the stage is not there."""
+    if run.workspace.mark("orientation") is None or not run.workspace.has("orientation", PLACED_BY):
+        return None
+    placed = run.placed_by()
+    return None if placed.poses else [run.project.orientation, placed.control]

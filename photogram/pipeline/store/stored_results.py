@@ -1,0 +1,250 @@
+"""Results as they lie on disk: orientation, adjustment and comparison, to JSON and npz and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.camera import Pose
+from photogram.files.npz_json import read_arrays, read_record, record_arrays, write_arrays, write_record
+from photogram.frames import LocalFrame
+from photogram.project.measured_block import MeasuredPhotographs
+from photogram.project.project import Project
+from photogram.quality.cloud_comparison import CloudStatistics, Comparison
+from photogram.quality.gross_errors.data_snooping import Hypothesis, without
+from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
+from photogram.sfm.orientation import Orientation
+from photogram.sfm.resection import Resection
+from photogram.survey import Block, Photograph, TiePoints
+
+
+@dataclass(frozen=True)
+class PlacedBy:
+    """What an orientation owes to control points: ``control`` is the fingerprint of those that it was made with,
+    ``poses`` whether any pose is a resection from them. Where none is, the block came from its tie points, and control
+    points have only placed it in the world."""
+
+    control: str
+    poses: bool
+
+
+_UNKNOWN, _NOWHERE, _UNTURNED = np.array(np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
+
+
+def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
+    """Return measured photographs as arrays, NaN or empty where nothing is known."""
+    photographs = measured.photographs
+
+    def column(name: str, nothing: NDArray[np.float64]) -> NDArray[Any]:
+        values = [getattr(photograph, name) for photograph in photographs]
+        known = np.array([nothing if value is None else value for value in values], dtype=np.float64)
+        return known.reshape(len(photographs), *nothing.shape)
+
+    return {
+        "original": measured.original,
+        "time": np.array(["" if p.time is None else p.time.isoformat() for p in photographs], dtype=np.str_),
+        "gnss_world_m": column("gnss_world_m", _NOWHERE),
+        "gnss_sigma_m": column("gnss_sigma_m", _NOWHERE),
+        "attitude_world_from_camera": column("attitude_world_from_camera", _UNTURNED),
+        "attitude_sigma_rad": column("attitude_sigma_rad", _UNKNOWN),
+        "height_above_ground_m": column("height_above_ground_m", _UNKNOWN),
+        "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
+    }
+
+
+def measured_from(
+    project: Project, frame: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> MeasuredPhotographs:
+    """Return the photographs that ``measured_arrays`` wrote, in the frame of the project that has the origin of
+    ``frame``."""
+    east, north, height = frame["origin_map_m"]
+    world = LocalFrame(project.crs, (east, north, height), project.world_kind, project.heights.map_geoid)
+
+    def known(name: str, i: int) -> Any:  # noqa: ANN401 - an array or a number, by the name
+        value = arrays[name][i]
+        return None if np.isnan(value).any() else value
+
+    photographs = tuple(
+        Photograph(
+            source.name,
+            source.camera,
+            source.path,
+            source.flight,
+            datetime.fromisoformat(str(arrays["time"][i])) if arrays["time"][i] else None,
+            known("gnss_world_m", i),
+            known("gnss_sigma_m", i),
+            known("attitude_world_from_camera", i),
+            None if (sigma := known("attitude_sigma_rad", i)) is None else float(sigma),
+            None if (above := known("height_above_ground_m", i)) is None else float(above),
+            lever_arm_camera_m=known("lever_arm_camera_m", i),
+        )
+        for i, source in enumerate(project.photographs)
+    )
+    return MeasuredPhotographs(world, photographs, arrays["original"])
+
+
+def pose_to(pose: Pose) -> dict[str, object]:
+    """Return a pose as JSON."""
+    return {
+        "position_world_m": pose.position_world_m.tolist(),
+        "rotation_world_from_camera": pose.rotation_world_from_camera.tolist(),
+    }
+
+
+def pose_from(value: Mapping[str, Any]) -> Pose:
+    """Return the pose that ``pose_to`` wrote."""
+    return Pose(np.array(value["rotation_world_from_camera"]), np.array(value["position_world_m"]))
+
+
+def resection_to(resection: Resection) -> dict[str, object]:
+    """Return a resection as JSON."""
+    return {
+        "p3p": pose_to(resection.p3p),
+        "points": list(resection.points),
+        "solutions": resection.solutions,
+        "check_px": resection.check_px,
+        "refined": pose_to(resection.refined),
+        "inliers": resection.inliers.tolist(),
+        "residual_px": resection.residual_px.tolist(),
+    }
+
+
+def resection_from(value: Mapping[str, Any]) -> Resection:
+    """Return the resection that ``resection_to`` wrote."""
+    a, b, c = value["points"]
+    return Resection(
+        pose_from(value["p3p"]),
+        (a, b, c),
+        value["solutions"],
+        float("nan") if value["check_px"] is None else value["check_px"],
+        pose_from(value["refined"]),
+        np.array(value["inliers"], dtype=bool),
+        np.array(value["residual_px"]).reshape(-1, 2),
+    )
+
+
+def orientation_to(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
+    """Return starting poses and resections as JSON."""
+    rows = zip(names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True)
+    return {
+        "method": orientation.method,
+        "photographs": [
+            {
+                "name": name,
+                "pose": None if pose is None else pose_to(pose),
+                "resection": None if resection is None else resection_to(resection),
+                "component": int(component),
+                "reason": reason,
+            }
+            for name, pose, resection, component, reason in rows
+        ],
+        "parameters": [q.tolist() for q in orientation.parameters],
+    }
+
+
+def orientation_from(value: Mapping[str, Any]) -> Orientation:
+    """Return the starting poses and resections that ``orientation_to`` wrote."""
+    rows = value["photographs"]
+    return Orientation(
+        tuple(None if v["pose"] is None else pose_from(v["pose"]) for v in rows),
+        tuple(None if v["resection"] is None else resection_from(v["resection"]) for v in rows),
+        np.array([v["component"] for v in rows], dtype=np.int64),
+        value["method"],
+        tuple(v["reason"] for v in rows),
+        tuple(np.array(q) for q in value["parameters"]),
+    )
+
+
+ADJUSTED, COVARIANCES = "adjustment.npz", "covariances.npz"
+_WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
+_OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m")
+
+
+def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an adjustment but for those of its parts that have files of their own."""
+    parts = dict.fromkeys(("block", *_WORDS, "reliability", "components", "deformation"))
+    arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
+    nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
+    poses = [pose or nowhere for pose in result.block.poses]
+    for name in _WORDS:
+        arrays[name] = np.array(getattr(result, name), dtype=np.str_)
+    arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
+    arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
+    arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
+    return arrays
+
+
+def write_adjustment(folder: Path, result: Adjustment) -> None:
+    """Write an adjustment: covariances, which few read, in a file of their own."""
+    arrays = adjustment_arrays(result)
+    covariances = {name: array for name, array in arrays.items() if "covariance" in name}
+    write_arrays(folder / ADJUSTED, {name: array for name, array in arrays.items() if name not in covariances})
+    write_arrays(folder / COVARIANCES, covariances)
+    write_record(folder / "tie_points.npz", result.block.tie_points)
+    write_record(folder / "reliability.npz", result.reliability)
+    write_record(folder / "components.npz", result.components)
+    write_record(folder / "deformation.npz", result.deformation)
+
+
+def adjusted_block_from(
+    block: Block, arrays: Mapping[str, NDArray[Any]], tie_points: TiePoints, rejected: Sequence[Hypothesis] = ()
+) -> Block:
+    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``rejected`` took no part."""
+    parameters, rotation, position = (arrays[name] for name in _OF_BLOCK)
+    adjusted = replace(
+        block,
+        cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
+        poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
+        tie_points=tie_points,
+    )
+    return without(adjusted, [a for a in rejected if a.kind != "focal length"])
+
+
+def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
+    """Return the adjustment of which the block is ``adjusted``, ``file`` giving the paths of its arrays by name."""
+    arrays = {**read_arrays(file(ADJUSTED)), **read_arrays(file(COVARIANCES))}
+    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in _OF_BLOCK}
+    for name in _WORDS:
+        values[name] = tuple(str(word) for word in values[name])
+    return Adjustment(
+        block=adjusted,
+        reliability=read_record(file("reliability.npz"), Reliability),
+        components=read_record(file("components.npz"), VarianceComponents),
+        deformation=read_record(file("deformation.npz"), Deformation),
+        **values,
+    )
+
+
+def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:
+    """Write the differences of a comparison as npz and return its statistics as JSON."""
+    write_arrays(
+        path,
+        {
+            "position_map_m": comparison.position_map_m,
+            "surface_difference_m": comparison.surface_difference_m,
+            "cloud_distance_m": comparison.cloud_distance_m,
+        },
+    )
+    return {
+        "removed": comparison.removed,
+        "cloud_to_surface": comparison.cloud_to_surface,
+        "cloud_to_cloud": comparison.cloud_to_cloud,
+    }
+
+
+def comparison_from(arrays: Mapping[str, NDArray[Any]], statistics: Mapping[str, Any]) -> Comparison:
+    """Return the comparison that ``write_comparison`` wrote."""
+    return Comparison(
+        arrays["position_map_m"],
+        arrays["surface_difference_m"],
+        arrays["cloud_distance_m"],
+        CloudStatistics(**statistics["cloud_to_surface"]),
+        CloudStatistics(**statistics["cloud_to_cloud"]),
+        statistics["removed"],
+    )

@@ -1,0 +1,141 @@
+"""The 3-D page of a folder of results: its report, its cloud, and small pictures of its photographs, in one file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from os.path import isdir
+from pathlib import Path
+from types import MappingProxyType
+
+from photogram.errors import PhotogramError, ReportError
+from photogram.files.atomic import replacing
+from photogram.files.clouds.described_points import read_described
+from photogram.files.photographs.previews import previews
+from photogram.files.reading import read_whole
+from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.stages.report_files import NUMBERS, VIEW
+from photogram.pipeline.store.results_record import recorded
+from photogram.report.reading import MOST_BYTES
+from photogram.report.view_record import ViewRecord, view_record
+from photogram.report.viewer import view_page
+
+PROJECT = "project.yaml"
+CLOUDS = ("dense.laz", "points_adjusted.laz")
+POINTS = 1_500_000
+"""As many points are shown at most unless others are asked for."""
+
+Progress = Callable[[int, int, str], None]
+"""Told how many steps are done, of how many, and which one is at work."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Small pictures of photographs, JPEG by name, and in sentences why there are none of others."""
+
+    jpeg: Mapping[str, bytes]
+    notes: tuple[str, ...] = ()
+
+
+def read_results(folder: Path) -> ViewRecord:
+    """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
+    is damaged or something else."""
+    if not isdir(folder):
+        raise ReportError(f"{folder}: folder not found: give the results folder of a survey")
+    path = folder / NUMBERS
+    if not path.is_file():
+        below = folder / "results"
+        hint = f"run photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
+        raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: {hint}")
+    try:
+        return view_record(read_whole(path, MOST_BYTES))
+    except ReportError as fault:
+        raise ReportError(f"{path}: {fault}: run photogram adjust again") from fault
+
+
+def cloud_of(folder: Path) -> Path:
+    """Return the densest cloud of a folder of results. Raises ReportError where there is none."""
+    found = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
+    if found is None:
+        raise ReportError(f"{folder}: no point cloud found, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
+    return found
+
+
+def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mapping[str, Path], tuple[str, ...]]:
+    """Return where photographs lie, in the folder that was named, else where the project above the results has them;
+    and why that project cannot be used."""
+    if folder is not None:
+        if not folder.is_dir():
+            raise ReportError(f"{folder}: folder not found: name the folder of the photographs")
+        return {name: folder / name for name in names if (folder / name).is_file()}, ()
+    project = results.absolute().parent / PROJECT
+    if not project.is_file():
+        return {}, ()
+    try:
+        survey = load_project(project)
+    except PhotogramError as fault:
+        return {}, (f"No pictures of photographs, {project} cannot be used: {fault}",)
+    if survey.results.resolve() != results.resolve():
+        return {}, ()
+    there = {photograph.name: photograph.path for photograph in survey.photographs}
+    return {name: there[name] for name in names if name in there and there[name].is_file()}, ()
+
+
+def read_pictures(
+    results: Path, record: ViewRecord, folder: Path | None, progress: Progress = lambda *_: None
+) -> Pictures:
+    """Return small pictures of the registered photographs, and of how many there are none. Raises ReportError where
+    ``folder`` does not exist."""
+    names = list(record.registered)
+    paths, notes = _paths(results, names, folder)
+    if not paths:
+        return Pictures(MappingProxyType({}), (*notes, "No pictures of photographs: --photographs names their folder"))
+    made, absent = previews(paths, lambda done, total: progress(done, total, ""))
+    if len(made) < len(names):
+        why = next(iter(absent.values()), "their files are not there")
+        notes = (*notes, f"Pictures of {len(made)} of {len(names)} photographs; of the others none: {why}")
+    return Pictures(made, notes)
+
+
+def write_page(
+    results: Path,
+    record: ViewRecord,
+    cloud: Path,
+    pictures: Pictures,
+    points: int,
+    progress: Progress = lambda *_: None,
+) -> Path:
+    """Write view.html beside the results, with at most ``points`` points of a cloud; returns its path. Raises
+    ProjectError where the cloud cannot be read, WorkspaceError where the page cannot be written."""
+    target = results / VIEW
+    progress(0, 3, f"reading {cloud.name}")
+    described = read_described(cloud)
+    progress(1, 3, f"thinning and packing {cloud.name}")
+    page = view_page(described, record, cloud.name, points, pictures.jpeg)
+    progress(2, 3, f"writing {VIEW}")
+    with recorded(results), replacing(target) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    progress(3, 3, "")
+    return target
+
+
+def write_view(
+    results: Path | str,
+    *,
+    points: int = POINTS,
+    cloud: Path | str | None = None,
+    photographs: Path | str | None = None,
+) -> Path:
+    """Write view.html, a survey's results in 3-D as one page that works offline, beside them; returns its path.
+
+    ``results`` is the folder that holds report.json. At most ``points`` points are shown, evenly thinned, of ``cloud``
+    (LAS or LAZ in the survey's map grid) or else of the densest cloud of the results. ``photographs`` is the folder of
+    the photographs, for small pictures of them, where the project above the results does not say. Raises ReportError
+    where the folder is none of results or holds no cloud, ProjectError where the cloud cannot be read, WorkspaceError
+    where the page cannot be written.
+    """
+    folder = Path(results)
+    record = read_results(folder)
+    path = cloud_of(folder) if cloud is None else Path(cloud)
+    pictures = read_pictures(folder, record, None if photographs is None else Path(photographs))
+    return write_page(folder, record, path, pictures, points)

@@ -1,0 +1,147 @@
+"""The front door: every public name resolves, says what it takes and returns, and is listed; importing it is quick."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import photogram as pg
+
+SOURCE = Path(pg.__file__)
+NAMES = [name for name in pg.__all__ if name != "__version__"]
+ARRAYS = re.compile(r"FloatArray|IntArray|ByteArray|BoolArray|NDArray")
+SHAPE = re.compile(r"\([A-Za-z]\w*( \+ 1)?(, ?[\w ]+)*,?\)|\(\d+(, \d+)*,?\)")
+UNIT = re.compile(r"\bm\b|\bpx\b|pixels?\b|\brad\b|_m\b|_px\b|_rad\b|metres")
+
+
+def names_for_type_checkers() -> dict[str, str]:
+    """Return the imports under TYPE_CHECKING as the table has them."""
+    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    found: dict[str, str] = {}
+    for node in tree.body:
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for line in node.body:
+                assert isinstance(line, ast.ImportFrom)
+                found |= {alias.asname or alias.name: f"{line.module}:{alias.name}" for alias in line.names}
+    return found
+
+
+def test_all_is_sorted_and_equal_to_the_table_and_to_what_type_checkers_see() -> None:
+    assert pg.__all__ == sorted(pg.__all__)
+    assert set(NAMES) == set(pg._PLACES)
+    assert names_for_type_checkers() == pg._PLACES
+
+
+def test_only_the_front_door_imports_for_type_checkers_alone() -> None:
+    root = SOURCE.parents[1]
+    sources = [p for tree in ("photogram", "factors", "cli") for p in (root / tree).rglob("*.py")]
+    assert [p for p in sources if "TYPE_CHECKING" in p.read_text(encoding="utf-8")] == [SOURCE]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_resolves_and_is_documented(name: str) -> None:
+    found = getattr(pg, name)
+    module, definition = pg._PLACES[name].split(":")
+    assert found is getattr(importlib.import_module(module), definition)
+    assert name in dir(pg)
+    text = inspect.getdoc(found)
+    assert text is not None
+    assert not text.startswith(f"{definition}("), "dataclasses' own docstring says nothing"
+    assert text.split("\n\n")[0].rstrip().endswith("."), "the purpose, in a sentence"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_takes_or_holds_arrays_says_shapes_and_units(name: str) -> None:
+    found = getattr(pg, name)
+    if inspect.isclass(found):
+        held = [str(note) for note in vars(found).get("__annotations__", {}).values()]
+    else:
+        held = [str(parameter.annotation) for parameter in inspect.signature(found).parameters.values()]
+        held.append(str(inspect.signature(found).return_annotation))
+    if not any(ARRAYS.search(note) for note in held):
+        return
+    text = inspect.getdoc(found) or ""
+    assert SHAPE.search(text), f"{name} says no shape"
+    assert UNIT.search(text), f"{name} says no unit"
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if inspect.isfunction(getattr(pg, n))])
+def test_a_function_says_what_it_raises(name: str) -> None:
+    found = getattr(pg, name)
+    text, source = inspect.getdoc(found) or "", inspect.getsource(found)
+    if re.search(r"^\s+raise \w", source, re.M):
+        assert re.search(r"[Rr]aises", text), f"{name} raises, and does not say so"
+
+
+def test_every_fault_that_a_user_can_mend_is_at_the_door() -> None:
+    errors = importlib.import_module("photogram.errors")
+    kinds = {n for n, k in vars(errors).items() if inspect.isclass(k) and issubclass(k, pg.PhotogramError)}
+    assert kinds <= set(NAMES)
+
+
+def test_no_name_hides_a_module() -> None:
+    modules = {p.stem for p in SOURCE.parent.iterdir() if p.name != "__init__.py"}
+    assert modules & set(NAMES) == set()
+
+
+def test_an_unknown_name_is_an_ordinary_mistake() -> None:
+    with pytest.raises(AttributeError, match="module 'photogram' has no attribute 'adjusst'"):
+        pg.adjusst  # noqa: B018
+
+
+def test_importing_imports_nothing_that_computes() -> None:
+    program = (
+        "import sys, time; start = time.process_time(); import photogram; "
+        "print(time.process_time() - start, *sorted({name.partition('.')[0] for name in sys.modules}))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    seconds, *modules = done.stdout.split()
+    assert not {"numpy", "numba", "cv2", "gtsam", "rasterio", "scipy"} & set(modules)
+    assert float(seconds) < 0.2
+
+
+def test_the_main_types_show_themselves_in_a_line() -> None:
+    import numpy as np
+
+    camera = pg.Camera("wide", 400, 300, 600.0, np.array([199.5, 149.5]))
+    pose = pg.Pose(np.diag([1.0, -1.0, -1.0]), np.array([1.0, 2.0, 40.0]))
+    frame = pg.LocalFrame("EPSG:25832", (600000.0, 5800000.0, 100.0))
+    photograph = pg.Photograph("a.jpg", 0, gnss_world_m=np.zeros(3), gnss_sigma_m=np.ones(3))
+    none = np.zeros(0, np.int64)
+    ties = pg.TiePoints(
+        np.array([0]),
+        np.array([0]),
+        np.array([0]),
+        np.zeros((1, 2)),
+        np.ones(1),
+        np.zeros((1, 3)),
+        np.zeros((1, 3), np.uint8),
+    )
+    ground = pg.ControlPoints(
+        ("P1", "P2"), ("control", "check"), np.zeros((2, 3)), np.ones((2, 3)), none, none, np.zeros((0, 2)), np.zeros(0)
+    )
+    block = pg.Block(frame, (camera,), (photograph,), (pose,), ties, ground)
+    shown = {
+        camera: "<Camera wide: 400 × 300 px, brown, f 600.00 px>",
+        pose: "<Pose at 1.000, 2.000, 40.000 m (world)>",
+        frame: "<LocalFrame tangent in EPSG:25832, origin 600000.00, 5800000.00, 100.00 m>",
+        photograph: "<Photograph a.jpg: camera 0, flight 1, GNSS measured>",
+        ties: "<TiePoints: 1 point, 1 observation>",
+        ground: "<ControlPoints: 1 control point, 1 check point, 0 marks>",
+        block: "<Block: 1 photograph (1 oriented), 1 camera, 1 tie point, 2 ground points>",
+        pg.PointCloud(np.zeros((3, 3)), sigma_m=np.ones((3, 3))): "<PointCloud: 3 points, with sigma>",
+        pg.Raster(
+            np.array([[1.0, np.nan]], np.float32), 0.0, 0.0, 0.5
+        ): "<Raster: 1 × 2 cells of 0.5 m, 50% with data>",
+    }
+    for value, line in shown.items():
+        assert repr(value) == line
+    named = pg.Camera("<script>", 400, 300, 600.0, np.zeros(2))
+    assert "&lt;script&gt;" in pg.Block(frame, (named,), (), (), ties, ground)._repr_html_()

@@ -1,0 +1,84 @@
+"""A project file from a folder of photographs, by the function and by the command: the same file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from photogram.errors import ImageError, ProjectError
+from photogram.pipeline.new_project import init
+from photogram.pipeline.pipeline import load_project
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def control(survey: Path) -> Path:
+    """A table of the ground points, and their marks beside it."""
+    listed = yaml.safe_load((survey / "project.yaml").read_text(encoding="utf-8"))["control_points"]["list"]
+    rows = ["name,easting,northing,height"]
+    marks = ["name,photograph,u,v"]
+    for point in listed:
+        rows.append(",".join([point["name"], *map(str, point["position_m"])]))
+        marks += [f"{point['name']},{photograph},{u},{v}" for photograph, (u, v) in point["marks"].items()]
+    (survey / "marks.csv").write_text("\n".join(marks), encoding="utf-8")
+    path = survey / "points.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    return path
+
+
+def test_the_function_writes_what_the_command_writes(survey: Path, control: Path, photogram: Run) -> None:
+    marks = control.with_name("marks.csv")
+    options = [
+        "--control",
+        control,
+        "--marks",
+        marks,
+        "--focal-px",
+        600,
+        "--crs",
+        "EPSG:25832",
+        "--control-sigma",
+        0.02,
+    ]
+    outcome = photogram(
+        "init", survey / "photographs", *options, "--heights", "ellipsoidal", "--project", survey / "a.yaml"
+    )
+    assert outcome.code == 0, outcome.err
+    seen: list[str] = []
+    found = init(
+        survey / "photographs",
+        control=str(control),
+        marks=marks,
+        focal_px=600.0,
+        crs="EPSG:25832",
+        control_sigma_m=0.02,
+        heights="ellipsoidal",
+        project=survey / "b.yaml",
+        progress=lambda done, total, name: seen.append(f"{done} of {total}: {name}"),
+    )
+    assert (survey / "b.yaml").read_text(encoding="utf-8") == (survey / "a.yaml").read_text(encoding="utf-8")
+    assert found.path == survey / "b.yaml"
+    assert len(load_project(found.path).control_points) == len(found.draft.control[0].position) == 12
+    assert sorted(line.split(":")[0] for line in seen) == ["1 of 4", "2 of 4", "3 of 4", "4 of 4"]
+    assert repr(found) == f"<NewProject {found.path}: 4 photographs, 1 camera, EPSG:25832>"
+    assert "<td>EPSG:25832 (" in found._repr_html_()
+    for finding in found.warnings:
+        assert str(finding).split(":")[0] in outcome.out
+
+
+def test_what_cannot_be_is_refused_before_a_photograph_is_read(survey: Path) -> None:
+    folder, project = survey / "photographs", survey / "new.yaml"
+    with pytest.raises(ProjectError, match=r"focal_px: -5 must be"):
+        init(folder, focal_px=-5.0, project=project)
+    with pytest.raises(ProjectError, match="orthometric heights need a geoid"):
+        init(folder, heights="orthometric", project=project)
+    with pytest.raises(ProjectError, match="the project file exists already"):
+        init(folder, project=survey / "project.yaml")
+    with pytest.raises(ImageError, match="folder not found"):
+        init(survey / "pictures", project=project)
+    assert not project.exists()

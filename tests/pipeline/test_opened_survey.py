@@ -1,0 +1,80 @@
+"""A survey opened as in a notebook: run, read back, and never out of date."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photogram.errors import ProjectError, WorkspaceError
+from photogram.pipeline.opened_survey import open_survey
+from photogram.pipeline.pipeline import load_project, open_run
+
+Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
+
+
+def test_results_are_those_that_the_run_holds(adjusted_survey: Path) -> None:
+    project = adjusted_survey / "project.yaml"
+    opened = open_survey(str(project))
+    with open_run(load_project(project)) as run:
+        adjustment, cloud, surface = run.adjustment(), run.cloud("adjusted"), run.surface()
+        orientation, tie, features = run.orientation(), run.transferred_tie_points(), run.features(1)
+        pixels, compared = run.pixels(1), run.comparisons()
+    assert opened.adjustment().sigma0 == adjustment.sigma0
+    assert np.array_equal(opened.cloud("adjusted").position_map_m, cloud.position_map_m)
+    assert np.array_equal(opened.surface().values, surface.values, equal_nan=True)
+    assert opened.surface_sigma().values.shape == surface.values.shape
+    assert opened.orientation().method == orientation.method
+    assert len(opened.tie_points()) == len(tie)
+    name = opened.block().photographs[1].name
+    assert np.array_equal(opened.features(name).pixel, features.pixel)
+    assert np.array_equal(opened.pixels(name), pixels)
+    assert opened.comparisons().keys() == compared.keys()
+    with pytest.raises(WorkspaceError, match="the stage results has not been run"):
+        opened.report()  # the folder was copied, and these results are elsewhere
+    report = opened.update().report()
+    assert report == json.loads((adjusted_survey / "results/report.json").read_text(encoding="utf-8"))
+    assert repr(opened) == f"<OpenedSurvey {project}: 4 photographs>"
+    assert "<td>EPSG:25832</td>" in opened._repr_html_()
+
+
+def test_an_update_says_a_line_for_each_stage_and_repeats_nothing(adjusted_survey: Path) -> None:
+    said: list[str] = []
+    opened = open_survey(adjusted_survey / "project.yaml")
+    assert opened.update(until="features", progress=said.append) is opened
+    assert said == ["Photographs: up to date", "Features: up to date"]
+
+
+def test_what_has_not_been_run_is_not_made_up(survey: Path) -> None:
+    opened = open_survey(survey / "project.yaml")
+    with pytest.raises(WorkspaceError, match=r'call update\(until="adjustment"\)'):
+        opened.adjustment()
+    opened.update(until="photographs")
+    assert len(opened.block().photographs) == 4
+    with pytest.raises(WorkspaceError, match="the stage features has not been run"):
+        opened.features(opened.block().photographs[0].name)
+
+
+def test_what_is_out_of_date_is_not_returned(adjusted_survey: Path, edit: Edit) -> None:
+    project = adjusted_survey / "project.yaml"
+
+    def raise_point(values: dict[str, Any]) -> None:
+        values["control_points"]["list"][0]["position_m"][2] += 1.0
+
+    edit(project, raise_point)
+    opened = open_survey(project)
+    assert len(opened.features(opened.block().photographs[0].name)) > 100
+    with pytest.raises(WorkspaceError, match="the stage adjustment has not been run with this project file"):
+        opened.adjustment()
+
+
+def test_names_that_do_not_exist_are_refused(adjusted_survey: Path) -> None:
+    opened = open_survey(adjusted_survey / "project.yaml")
+    with pytest.raises(ProjectError, match="there is no cloud 'best'; the clouds are adjusted, linear_2view"):
+        opened.cloud("best")
+    with pytest.raises(ProjectError, match=r"there is no photograph 'no.jpg'"):
+        opened.features("no.jpg")
