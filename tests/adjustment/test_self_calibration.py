@@ -208,7 +208,7 @@ def test_each_camera_is_judged_by_its_own_photographs() -> None:
     assert result.converged
     assert set(held) == {"nadir", "oblique"}
     for reason in held["oblique"].values():
-        assert "straight down" not in reason
+        assert "nadir imagery" not in reason
     assert result.block.cameras[0].focal_px != result.block.cameras[1].focal_px
 
 
@@ -231,4 +231,4 @@ def test_a_photograph_left_out_does_not_make_a_nadir_block_oblique() -> None:
         replace(block, poses=poses, photographs=(tagged, *block.photographs[1:])), SETTINGS, ("auto",)
     )
     assert result.block.poses[0] is None
-    assert "straight down" in held["simulated"]["focal_px"]
+    assert "nadir imagery" in held["simulated"]["focal_px"]

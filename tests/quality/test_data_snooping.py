@@ -80,7 +80,7 @@ def test_a_height_is_named_and_the_check_points_gain_without_it() -> None:
     verdict = judged(with_surveyed(survey(), place))
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.points) == ("height", ("G03",))
-    assert "predicts another height, -0.5" in blunder.sentence
+    assert "predict a different height, -0.5" in blunder.sentence
     assert verdict.check_after.rmse_v_m < 0.5 * verdict.check_before.rmse_v_m
     effect = effect_sentence(vars(verdict.check_before), vars(verdict.check_after))
     assert effect is not None

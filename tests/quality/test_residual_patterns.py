@@ -109,7 +109,7 @@ def test_a_camera_that_the_model_fits_is_not() -> None:
     assert not found.significant
     assert not [w for w in diagnose(right).warnings if "share a pattern" in w]
     assert "px: not significant." in residual_caption("simulated", found)
-    assert "in common" not in residual_caption("simulated", None)
+    assert "systematic part" not in residual_caption("simulated", None)
 
 
 # ---- what a pattern does to heights --------------------------------------------------------------------------------

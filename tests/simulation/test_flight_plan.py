@@ -197,7 +197,7 @@ def test_every_fault_of_the_file_at_once(tmp_path: Path) -> None:
     with pytest.raises(ProjectError) as fault:
         plan_settings(path)
     text = str(fault.value)
-    assert "4 faults" not in text
+    assert "4 errors" not in text
     for said in (
         f"{path}:1: site.width_m", f"{path}:2: flight.forward_overlop: unknown key", "did you mean",
         f"{path}:2: flight.side_overlap", f"{path}:3: gnss.kind", f"{path}:4: control.positions_m",
