@@ -225,7 +225,7 @@ def main() -> None:
     """Run both programs and print the table."""
     arguments = _arguments()
     if not arguments.folder.is_dir():
-        raise SystemExit(f"{arguments.folder}: there is no such folder: give a folder of photographs")
+        raise SystemExit(f"{arguments.folder}: folder not found: give a folder of photographs")
     with tempfile.TemporaryDirectory() as temporary:
         root = arguments.keep or Path(temporary)
         best: dict[str, Outcome] = {}

@@ -60,7 +60,7 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
     observations, discarded = adjustment["observations"], adjustment["discarded_observations"]
     three = sum(n for rays, n in adjustment["tie_points_by_rays"].items() if int(rays) >= 3)
     return {
-        "photographs registered": f"{block['registered']} of {block['photographs']}, by {block['method']}",
+        "photographs oriented": f"{block['registered']} of {block['photographs']}, by {block['method']}",
         "tie points, in 3 or more photographs": f"{block['tie_points']}, {three}",
         "mean track length": f"{block['mean_track_length']:.2f}",
         "reprojection RMS": f"{adjustment['reprojection_rms_px']:.3f} px",

@@ -1,4 +1,4 @@
-"""Rendered surveys whose tags give a wrong focal length: what the check points say, and who is accused.
+"""Rendered surveys whose tags give a wrong focal length: what the check points say, and what is rejected.
 
     python benchmarks/wrong_focal_tags.py [SEEDS]               default: 5, some 12 minutes each on two cores
     python benchmarks/wrong_focal_tags.py 3 --readout 0.033 --off 0 10        a rolling shutter, at 5 m/s
@@ -123,7 +123,7 @@ def run(folder: Path, values: dict[str, Any], off_percent: int, control: bool) -
 
 def show(title: str, outcomes: list[Outcome], focal_px: float) -> None:
     """Print one row for each error of the tags, over all seeds."""
-    print(f"\n{title}\n   off  surveys   plan, height: worst GSD   z plan, height   f off: worst   control accused")
+    print(f"\n{title}\n   off  surveys   plan, height: worst GSD   z plan, height   f off: worst   control rejected")
     for off in dict.fromkeys(o.off_percent for o in outcomes):
         mine = [o for o in outcomes if o.off_percent == off]
         z = np.sqrt(np.mean(np.square([o.z for o in mine]), axis=0))
@@ -131,7 +131,7 @@ def show(title: str, outcomes: list[Outcome], focal_px: float) -> None:
         accused = sum(o.accused_control for o in mine)
         print(
             f"{off:+5d}%{len(mine):8d}{max(o.plan_gsd for o in mine):15.2f}{max(o.height_gsd for o in mine):8.2f}"
-            f"{z[0]:13.2f}{z[1]:7.2f}{focal:14.2%}{accused:16d}"
+            f"{z[0]:13.2f}{z[1]:7.2f}{focal:14.2%}{accused:17d}"
         )
 
 

@@ -1,4 +1,4 @@
-"""Surveys with one to three wrong inputs: what is named, who is accused beside it, and what the check points lose.
+"""Surveys with one to three wrong inputs: what is named, what is rejected beside it, and what the check points lose.
 
     python benchmarks/wrong_inputs.py [SURVEYS]                 default: 200, five minutes on two cores
     python benchmarks/wrong_inputs.py 100 --suspects     one wrong input of each kind, and pairs (RTK), three minutes
@@ -8,7 +8,7 @@ mismatches, no start given: each survey is oriented from its tie points, adjuste
 one kind of fault: marks on another place of the picture or on another target, marks exchanged between photographs, a
 coordinate of a control point off by 1 to 1000 m, two points exchanged, a GNSS position off, one of another place, an
 attitude turned, a focal length 12 to 20 % off, or two of these. Named: every wrong input is. Innocent: another is
-accused too. Check points are compared with their surveyed positions, as a surveyor would.
+rejected too. Check points are compared with their surveyed positions, as a surveyor would.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, Photograph
 
 What = tuple[str, str, str | None]
-"""Kind, name and photograph of an input, as an accusation has them."""
+"""Kind, name and photograph of an input, as a hypothesis has them."""
 
 FAULTS = (
     "one mark", "two marks", "three marks", "copied mark", "exchanged marks", "point 1 m", "point 10 m", "point 100 m",
@@ -233,16 +233,16 @@ def trial(job: tuple[int, str, str]) -> Trial | None:
     spoiling = spoil(block, plan, fault, np.random.default_rng([seed, 12, len(fault)]))
     if not spoiling.wrong:
         return None
-    false_alarms = tuple(a.words for a in clean.accused)
+    false_alarms = tuple(a.words for a in clean.rejected)
     rms = clean.check_after.rmse_h_m, clean.check_after.rmse_v_m
     try:
         verdict, lost = judged(spoiling.block)
     except PhotogramError as error:
         nothing = float("nan"), float("nan")
         return Trial(fault, receiver, False, (), false_alarms, rms, nothing, 0, f"seed {seed}: {error}", ())
-    accused = {a.what for a in verdict.accused}
+    accused = {a.what for a in verdict.rejected}
     named = spoiling.wrong <= accused | lost
-    innocents = tuple(a.words for a in verdict.accused if a.what not in spoiling.wrong)
+    innocents = tuple(a.words for a in verdict.rejected if a.what not in spoiling.wrong)
     after, said = verdict.check_after, tuple(b.sentence for b in verdict.blunders)
     found = after.rmse_h_m, after.rmse_v_m
     return Trial(fault, receiver, named, innocents, false_alarms, rms, found, after.n, "", (f"seed {seed}", *said))
@@ -276,7 +276,7 @@ def main() -> None:
         if given.show and (not t.named or t.innocents or t.error or t.false_alarms):
             print(t, flush=True)
     alarms = np.mean([bool(t.false_alarms) for t in done])
-    print(f"simulated; {len(done)} surveys; accused without a fault: {alarms:.1%}")
+    print(f"simulated; {len(done)} surveys; rejected without a blunder: {alarms:.1%}")
     print("fault                  surveys  no result   named  innocents   check RMSE over clean: plan, height")
     for fault in (*faults, "all"):
         mine = [t for t in done if fault in {t.fault, "all"}]

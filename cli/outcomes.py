@@ -1,6 +1,6 @@
 """How the command ends: what the user reads of an error, and the exit code.
 
-0 done; 1 an error that the user or the machine can mend; 2 wrong usage; 70 a defect of photogram; 130 interrupted.
+0 done; 1 an error that the user or the machine can fix; 2 wrong usage; 70 a defect of photogram; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -93,15 +93,15 @@ def say_outcome(cause: BaseException, command: str | None, verbosity: int) -> in
             return say_output_fault(fault)
     if verbosity > 1:
         say("".join(traceback.format_exception(cause)).rstrip())
-    message = _mendable(cause)
+    message = _fixable(cause)
     if message is None:
         return _say_defect(cause)
     say(f"photogram: {message}")
     return FAILED
 
 
-def _mendable(cause: BaseException) -> str | None:
-    """Return the message of an error that the user or the machine can mend, None of any other."""
+def _fixable(cause: BaseException) -> str | None:
+    """Return the message of an error that the user or the machine can fix, None of any other."""
     if isinstance(cause, PhotogramError):
         return str(cause)
     if isinstance(cause, MemoryError):

@@ -2,7 +2,7 @@
 
 numba keeps compiled code beside the source, or else in the user's cache folder, and raises where neither can be written
 (an installation that is read-only, a user without a home). Here the code then goes to a folder of the user's own in the
-temporary directory, which nobody else may write, because it is executed when it is read; where there is no such folder
+temporary directory, which nobody else may write, because it is executed when it is read; where folder not found
 either, nothing is kept, and every start compiles anew.
 """
 

@@ -17,9 +17,7 @@ def _any_crs(name: str) -> CRS:
     try:
         return CRS.from_user_input(name)
     except CRSError as fault:
-        raise FrameError(
-            f"crs: {name!r} is no coordinate reference system that PROJ knows: write EPSG:25832, for example"
-        ) from fault
+        raise FrameError(f"crs: {name!r}: not a CRS known to PROJ (expected e.g. EPSG:25832)") from fault
 
 
 def projected_crs(name: str) -> CRS:
@@ -29,8 +27,8 @@ def projected_crs(name: str) -> CRS:
     horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
     if not horizontal.is_projected:
         raise FrameError(
-            f"crs: {name!r} ({crs.name}) is not a map grid: the survey needs easting and northing in metres, "
-            "for example the UTM zone of the site"
+            f"crs: {name!r} ({crs.name}) is not a projected CRS: choose a map grid in metres, for example the "
+            "UTM zone of the site"
         )
     units = {axis.unit_name for axis in horizontal.axis_info}
     if units != {"metre"}:

@@ -1,4 +1,4 @@
-"""Faults that a user can mend.
+"""Errors that a user can fix.
 
     PhotogramError
     ├── ProjectError        project.yaml says something that cannot be
@@ -23,7 +23,7 @@ from pathlib import Path
 
 
 class PhotogramError(Exception):
-    """Root of all faults that a user can mend."""
+    """Root of all errors that a user can fix."""
 
 
 class ProjectError(PhotogramError, ValueError):
@@ -58,7 +58,7 @@ class DamagedStageError(WorkspaceError):
     """A file of a complete stage is missing or is not what the stage wrote; the stage has to be made again."""
 
     def __init__(self, stage: str, path: Path, what: str) -> None:
-        super().__init__(f"{path}: {what}: run photogram adjust, which makes the stage {stage} again")
+        super().__init__(f"{path}: {what}: run photogram adjust, which runs the stage {stage} again")
         self.stage, self.path, self.what = stage, path, what
 
 

@@ -11,7 +11,7 @@ error is
 Heights of the world are always above the ellipsoid. Those of the map are too, unless the frame has a geoid: then they
 are above it, and each point's geoid height is added on the way to the world and taken off on the way back. Heights
 whose system nobody declares go through unchanged; a geoid height left in them changes the scale by 7e-6 for 44 m. This
-module and `heights` are the only ones that use PROJ.
+module, `crs` and `height_systems` are the only ones that use PROJ.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
         unit = horizontal.axis_info[0].unit_name
         if not upright and horizontal.is_projected and unit != "metre":
             raise FrameError(
-                f"crs: {source!r} ({given.name}) is in {unit} and says nothing of heights: name its height system too, "
+                f"crs: {source!r} ({given.name}) is in {unit} and has no vertical part: name its height system too, "
                 "EPSG:2229+6360 for example, or give the points in metres"
             )
         easting, northing = _transformer(horizontal, plan, names).transform(x, y)
@@ -117,7 +117,8 @@ def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
     if len(lost):
         first = lost[0]
         raise FrameError(
-            f"position {x[first]:.10g}, {y[first]:.10g} of {source} cannot be brought to {target}: check the CRS, and "
+            f"position {x[first]:.10g}, {y[first]:.10g} of {source} cannot be transformed to {target}: check "
+            "the CRS, and "
             "that the columns are easting (or longitude) before northing (or latitude)"
         )
     return result
@@ -251,7 +252,7 @@ class LocalFrame:
                 lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
                 easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
             except ProjError as fault:
-                raise FrameError(f"positions cannot be brought into {self.crs}: {fault}") from fault
+                raise FrameError(f"positions cannot be transformed to {self.crs}: {fault}") from fault
             result[known] = np.column_stack([easting, northing, height])
             plan = np.column_stack([lon, lat])
         if self.geoid is not None and plan is not None:

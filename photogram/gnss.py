@@ -1,4 +1,4 @@
-"""How a satellite position was found, and how good such a solution can be believed to be at best."""
+"""Kinds of GNSS solutions, and the best standard deviation each can have."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ FLOOR_M: Mapping[Solution, Sigma3] = {
     "float": (0.2, 0.2, 0.4),
     # one receiver: clocks, orbits and the atmosphere remain
     "single": (1.5, 1.5, 3.0),
-    # nothing is known of the solution: whoever states a standard deviation is believed
+    # nothing is known of the solution: the stated standard deviation is accepted
     "unknown": (0.0, 0.0, 0.0),
 }
-"""The least standard deviations that are believed, whatever a receiver or a project claims."""
+"""Least standard deviations accepted, whatever a receiver or a project states."""
 
 
 def solution_of_rtk_flag(flag: int | None) -> Solution:

@@ -43,14 +43,18 @@ class Window:
 
 @dataclass(frozen=True)
 class MapGrid:
-    """Square cells of ``cell_m`` in the map, rows going south from ``north_map_m``, columns east from ``west_map_m``:
-    the outer corner of cell (0, 0)."""
+    """A grid of square cells in the map."""
 
     west_map_m: float
+    """Easting of the outer corner of cell (0, 0)."""
     north_map_m: float
+    """Northing of the outer corner of cell (0, 0)."""
     cell_m: float
+    """Side of a cell."""
     rows: int
+    """Number of rows, going south."""
     columns: int
+    """Number of columns, going east."""
 
     @staticmethod
     def of(raster: Raster) -> MapGrid:
@@ -99,15 +103,14 @@ class MapGrid:
 
 @dataclass(frozen=True, eq=False)
 class Verticals:
-    """Vertical lines of the map over the centres of cells: a height h of the map lies at ``foot_world_m`` + h ``up``.
-
-    ``foot_world_m`` (rows, columns, 3) are the places of height ``base_map_m``, h counts from there, and ``up``
-    (rows, columns, 3) is the step in the world for a metre of height.
-    """
+    """Plumb lines over cell centres: height h of the map is at ``foot_world_m`` + (h − ``base_map_m``) ``up``."""
 
     base_map_m: float
+    """Height of the base points in the map."""
     foot_world_m: FloatArray
+    """Base points (rows, columns, 3)."""
     up: FloatArray
+    """Step in the world (rows, columns, 3) for a metre of height."""
 
 
 def verticals(frame: LocalFrame, grid: MapGrid, window: Window) -> Verticals:

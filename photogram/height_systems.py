@@ -70,20 +70,20 @@ class Geoid:
 
 @dataclass(frozen=True)
 class DeclaredHeights:
-    """What the heights of a survey are counted from; None where nobody says.
-
-    ``output`` is the system of the map: of every position named ``_map_m`` and of every product. ``gnss`` is declared
-    for all GNSS positions, ``gnss_given`` holds for those that the project file names, ``control_points`` for ground
-    points whose file says nothing, ``reference`` for what the results are compared with. ``geoid`` is there wherever
-    two declared systems differ or one is orthometric.
-    """
+    """Height systems of a survey; None where not declared."""
 
     output: HeightSystem | None = None
+    """Of the map: of every ``_map_m`` and every product."""
     gnss: HeightSystem | None = None
+    """Of all GNSS positions."""
     gnss_given: HeightSystem | None = None
+    """Of those in the project file."""
     control_points: HeightSystem | None = None
+    """Of ground points whose file does not declare one."""
     geoid: Geoid | None = None
+    """The geoid, given where two systems differ or one is orthometric."""
     reference: HeightSystem | None = None
+    """Of the reference of the comparison."""
 
     @property
     def map_geoid(self) -> Geoid | None:
@@ -116,13 +116,13 @@ def vertical_crs(name: str) -> CRS:
         crs = CRS.from_user_input(name)
     except CRSError as fault:
         raise FrameError(
-            f"{name!r} is no geoid that PROJ knows: write {', '.join(GEOID_MODELS)}, a vertical CRS such as EPSG:5773, "
+            f"{name!r}: not a geoid known to PROJ: write {', '.join(GEOID_MODELS)}, a vertical CRS such as EPSG:5773, "
             "or the path of a grid (.gtx or .tif)"
         ) from fault
     if not crs.is_vertical or crs.is_compound:
-        raise FrameError(f"{name!r} ({crs.name}) is no vertical CRS: write EPSG:5773 or EPSG:5799, for example")
+        raise FrameError(f"{name!r} ({crs.name}) is not a vertical CRS: write EPSG:5773 or EPSG:5799, for example")
     if crs.axis_info[0].direction != "up" or crs.axis_info[0].unit_name != "metre":
-        raise FrameError(f"{name!r} ({crs.name}) does not count heights in metres: name one that does")
+        raise FrameError(f"{name!r} ({crs.name}) is not in metres: choose one that is")
     return crs
 
 
@@ -183,7 +183,8 @@ def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float])
         )
     if not group.transformers:
         why = _missing_grids(group) or (
-            f"PROJ knows no way to it from {plan.name}: choose a crs of the same country, or give the geoid's file as "
+            f"PROJ has no transformation to it from {plan.name}: choose a crs of the same region, or give the "
+            "geoid's file as "
             "heights.grid"
         )
         raise FrameError(f"geoid {geoid.name}: {why}")

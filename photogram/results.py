@@ -14,34 +14,45 @@ from photogram.wording import html_table, things
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """How well blunders would show in what was surveyed, along the map's axes, and what the rest says of it.
+    """Reliability of the surveyed quantities along the map's axes (Baarda 1968).
 
-    Redundancy numbers and w-tests (Baarda 1968): ``ground_redundancy``, ``ground_w`` (G, 3) of the surveyed coordinates
-    of control points, ``mark_redundancy``, ``mark_w`` (marks, 2) of their marks, ``gnss_redundancy``, ``gnss_w`` (N, 3)
-    of GNSS positions. ``ground_left_out_m`` (G, 3) is predicted minus surveyed for a control point whose survey took no
-    part, ``ground_left_out_covariance_m2`` (G, 3, 3) what it would scatter by; ``mark_left_out_px`` (marks, 2) and
-    ``mark_left_out_covariance_px2`` (marks, 2, 2) the same for a mark, ``gnss_left_out_m`` (N, 3) with its covariances
-    (N, 3, 3) for a GNSS position, ``attitude_left_out_rad`` (N, 3) with its covariances for a measured attitude, as a
-    turn about the camera's axes, ``focal_left_out_px`` (cameras,) with its sigmas for a given focal length. NaN for
-    check points, for what is not there, and where nothing else determines an observation.
+    ``_redundancy`` are redundancy numbers, ``_w`` test statistics, standard normal without a blunder, ``_left_out``
+    predictions by all other observations minus the measurements. NaN for check points, for absent measurements, and
+    where no other observation determines one.
     """
 
     ground_redundancy: FloatArray
+    """Surveyed coordinates of control points (G, 3)."""
     ground_w: FloatArray
+    """The same (G, 3)."""
     ground_left_out_m: FloatArray
+    """The same (G, 3)."""
     ground_left_out_covariance_m2: FloatArray
+    """Covariances of the differences (G, 3, 3)."""
     mark_redundancy: FloatArray
+    """Marks of control points (M, 2)."""
     mark_w: FloatArray
+    """The same (M, 2)."""
     mark_left_out_px: FloatArray
+    """The same (M, 2)."""
     mark_left_out_covariance_px2: FloatArray
+    """Covariances of the differences (M, 2, 2)."""
     gnss_redundancy: FloatArray
+    """GNSS positions of photographs (N, 3)."""
     gnss_w: FloatArray
+    """The same (N, 3)."""
     gnss_left_out_m: FloatArray
+    """The same (N, 3)."""
     gnss_left_out_covariance_m2: FloatArray
+    """Covariances of the differences (N, 3, 3)."""
     attitude_left_out_rad: FloatArray
+    """Measured attitudes (N, 3), as rotations about the camera's axes."""
     attitude_left_out_covariance_rad2: FloatArray
+    """Covariances of the differences (N, 3, 3)."""
     focal_left_out_px: FloatArray
+    """Given focal lengths (cameras,)."""
     focal_left_out_sigma_px: FloatArray
+    """Standard deviations of the differences (cameras,)."""
 
     @staticmethod
     def unknown(ground: int, marks: int, photographs: int, cameras: int = 0) -> Reliability:
@@ -69,18 +80,21 @@ class Reliability:
 
 @dataclass(frozen=True, eq=False)
 class VarianceComponents:
-    """What the groups of an adjustment's observations scatter by, against what was stated; nothing is rescaled by it.
+    """Residuals by group of observations (K), against their stated sigmas; nothing is rescaled by them.
 
-    By group (K,): ``group`` its name, ``observations`` how many, ``redundancy`` the sum of their redundancy numbers,
-    ``squares`` vᵀPv of their residuals, ``stated_sigma`` the median of their stated sigmas, in px, m or rad. All
-    groups together make the redundancy and vᵀPv of the adjustment.
+    All groups together give the redundancy and vᵀPv of the adjustment.
     """
 
     group: NDArray[np.str_]
+    """Names of the groups (K,)."""
     observations: IntArray
+    """Numbers of observations (K,)."""
     redundancy: FloatArray
+    """Sums of redundancy numbers (K,)."""
     squares: FloatArray
+    """vᵀPv of the residuals (K,)."""
     stated_sigma: FloatArray
+    """Medians of the stated sigmas (K,), px, m or rad."""
 
     @staticmethod
     def unknown() -> VarianceComponents:
@@ -91,46 +105,51 @@ class VarianceComponents:
 
 @dataclass(frozen=True, eq=False)
 class Deformation:
-    """How a block may be bent, shifted or scaled as a whole without its measurements showing it, a priori.
+    """A-priori covariance of how a block may be shifted, tilted, domed or scaled as a whole.
 
-    Errors in height of the tie points are a + b x/R + c y/R + d ((x² + y²)/R² − mean), x and y from ``centre_world_m``
-    (2,), R = ``radius_m``: d is the dome. ``covariance`` (K, K) is joint of: mean error of the ground (east, north,
-    up), b, c, d; mean error of the projection centres (east, north, up), all in m; per camera the mean rotations of its
-    photographs about its x and y axes, rad; per camera its 11 parameters, zero where held; per flight the GNSS offset
-    (east, north, up), m. ``intersection_sigma_m`` (3,) is the median sigma of tie points with the cameras taken as
-    known, ``height_sigma_m`` (Q,) what the cameras add to it in height at places over the block. ``given_parameters``
-    (cameras, 11) are the interior orientations before the adjustment. ``remedy`` (R,) names what was tried by
-    covariance, ``remedy_sigma_m`` (R, 2, 3) holds before and after: sigma in height in the middle, root mean square
-    over the block, sigma of d. ``freed_prior`` and ``freed_sigma`` (cameras, 11) are the sigmas to which held
-    parameters were freed and those that they would have after the adjustment, 0 for the others;
-    ``freed_height_sigma_m`` (3,) the sigmas of the heights then, as in ``remedy_sigma_m``. ``pattern_sigma_m`` (3,) is
-    what an error of the camera model as large as the pattern of the residuals does to b, c and d, NaN where nothing is
-    known of it. ``absolute_sigma_m`` and ``relative_sigma_m`` (3,) east, north, up are root mean squares, over places
-    of the block, of what the cameras do to a point there: as such, and after the mean shift of all points is taken off,
-    which leaves the shape of the block without its datum. ``ground_place_world_m`` (Q, 3) are places over the block,
-    ``ground_covariance_m2`` (3 Q, 3 Q) the joint covariance of what the cameras do to the ground there.
-    ``place_world_m`` (S, 3) are places spread over the ground, ``shape_covariance_m2`` (S, 3, 3) what the cameras add
-    to their errors relative to the mean error of all of them: without the datum's common part.
+    Height errors of the tie points are modelled as a + b x/R + c y/R + d ((x² + y²)/R² − mean), with x and y from the
+    centre; d is the dome. The cameras' share means the uncertainty of exterior orientation and calibration alone.
     """
 
     centre_world_m: FloatArray
+    """Centre of the block (2,)."""
     radius_m: float
+    """R, the radius of the block."""
     covariance: FloatArray
+    """Joint covariance (K, K) of the mean error of the ground (east, north, up), b, c, d, the mean error of the
+    projection centres (east, north, up), all m; per camera the mean rotations of its photographs about its x and y
+    axes, rad; per camera its 11 parameters, zero where fixed; per flight the GNSS offset (east, north, up), m."""
     intersection_sigma_m: FloatArray
+    """Median sigma (3,) of tie points with the cameras taken as known."""
     height_sigma_m: FloatArray
+    """The cameras' share of the height sigma (Q,) at places over the block."""
     given_parameters: FloatArray
+    """Interior orientations (cameras, 11) before the adjustment."""
     remedy: NDArray[np.str_]
+    """Names (R,) of the design options evaluated by covariance."""
     remedy_sigma_m: FloatArray
+    """Before and after each (R, 2, 3): sigma in height in the middle, root mean square over the block, sigma of d."""
     freed_prior: FloatArray
+    """Sigmas (cameras, 11) with which fixed parameters were released, 0 for the others."""
     freed_sigma: FloatArray
+    """Their sigmas (cameras, 11) after an adjustment with them released, 0 for the others."""
     freed_height_sigma_m: FloatArray
+    """Sigmas (3,) of the heights with them released, as in ``remedy_sigma_m``."""
     pattern_sigma_m: FloatArray
+    """Effect (3,) on b, c and d of a camera model error as large as the common pattern of the residuals, NaN if
+    unknown."""
     absolute_sigma_m: FloatArray
+    """Root mean square (3,) east, north, up of the cameras' share over the block."""
     relative_sigma_m: FloatArray
+    """The same with the mean shift of all points removed: the shape of the block without its datum."""
     ground_place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Places (Q, 3) over the block."""
     ground_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Joint covariance (3 Q, 3 Q) of the cameras' share at these places."""
     place_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Places (S, 3) spread over the ground."""
     shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """The cameras' share (S, 3, 3) at these places, relative to the mean error of all of them."""
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:
@@ -151,59 +170,79 @@ class Deformation:
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """The result of the joint adjustment.
+    """The result of the joint adjustment, of photographs (N), tie points (P), ground points (G) and flights (F).
 
-    ``block`` holds adjusted cameras, poses and tie points: only points and observations that took part. Covariances are
-    a-priori, in the world frame: ``position_covariance_m2`` (N, 3, 3) of the projection centres,
-    ``rotation_covariance_rad2`` (N, 3, 3) about the camera's axes, ``calibration_covariance`` (cameras, 11, 11),
-    ``tie_point_covariance_m2`` (P, 3, 3). Ground points, control and check, in the order of ``block.control_points``:
-    ``ground_world_m`` (G, 3), NaN where a check point has fewer than two marks, with ``ground_covariance_m2`` (G, 3,
-    3). ``residual_px`` (observations, 2) and ``mark_residual_px`` (marks, 2) are projected minus measured.
-    ``offset_world_m`` (flights, 3) with its covariance. ``reliability`` of control points, marks and GNSS positions;
-    ``deformation`` of the block as a whole, unknown until it is asked for.
-    ``ground_joint_covariance_m2`` (3 G, 3 G) is that of all ground points together: they share the errors of the
-    photographs. ``tie_point_ray_covariance_m2`` (P, 3, 3) is the part of the tie points' covariances that is their own;
-    neighbours share the rest, which comes from the photographs. ``components``: what groups of observations scatter by.
-    Where no offset is estimated, ``held_flights`` are those with GNSS positions, ``implied_offset_world_m`` (F, 3) with
-    its covariance the offsets that would be, NaN where nothing but the positions tells. ``left_arm_camera_m`` (3,) with
-    its sigmas is the lever arm that the positions show beside the one that is counted, ``left_arm_p`` the p of none.
-    ``warnings`` say what is weak, or was left out by the adjustment; ``reason`` (N,) why it left a photograph out,
-    empty where it did not, or () where it left out none.
+    Covariances are a-priori, in the world frame. Ground points, control and check, are in the order of
+    ``block.control_points``.
     """
 
     block: Block
+    """The block with adjusted cameras, poses and tie points; only points and observations that were used."""
     sigma0: float
+    """Standard deviation of unit weight, 1 expected."""
     redundancy: int
+    """Redundancy of the adjustment."""
     residual_px: FloatArray
+    """Residuals of the tie-point observations (observations, 2), projected minus measured."""
     mark_residual_px: FloatArray
+    """Residuals of the marks (M, 2), projected minus measured."""
     position_covariance_m2: FloatArray
+    """Covariances (N, 3, 3) of the projection centres."""
     rotation_covariance_rad2: FloatArray
+    """Covariances (N, 3, 3) of the rotations about the camera's axes."""
     calibration_covariance: FloatArray
+    """Covariances (cameras, 11, 11) of the calibrations."""
     tie_point_covariance_m2: FloatArray
+    """Covariances (P, 3, 3) of the tie points."""
     ground_world_m: FloatArray
+    """Adjusted ground points (G, 3), NaN for a check point with fewer than two marks."""
     ground_covariance_m2: FloatArray
+    """Their covariances (G, 3, 3)."""
     flights: tuple[str, ...]
+    """Flights with an estimated GNSS offset."""
     offset_world_m: FloatArray
+    """Their offsets (F, 3)."""
     offset_covariance_m2: FloatArray
+    """Covariances (F, 3, 3) of the offsets."""
     iterations: int
+    """Iterations of all rounds."""
     rounds: int
+    """Rounds of outlier rejection."""
     converged: bool
+    """Whether the last round converged."""
     cost: float
+    """Half the weighted square sum of the residuals."""
     discarded_observations: int
+    """Number of rejected tie-point observations."""
     discarded_points: int
+    """Number of rejected tie points."""
     reliability: Reliability
+    """Reliability of control points, marks, GNSS positions, attitudes and focal lengths."""
     ground_joint_covariance_m2: FloatArray
+    """Joint covariance (3 G, 3 G) of all ground points, which share the errors of the photographs."""
     tie_point_ray_covariance_m2: FloatArray
+    """The part (P, 3, 3) of the tie points' covariances from their own rays; neighbours share the rest, which comes
+    from the photographs."""
     components: VarianceComponents
+    """Residuals by group of observations."""
     held_flights: tuple[str, ...] = ()
+    """Flights with GNSS positions where no offset is estimated."""
     implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Offsets (F, 3) that these would have, NaN where only the positions determine the datum."""
     implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """Covariances (F, 3, 3) of these offsets."""
     left_arm_camera_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """Residual lever arm (3,) in the camera frame, beyond the one applied."""
     left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """Its standard deviations (3,)."""
     left_arm_p: float = float("nan")
+    """Probability of a residual lever arm this large by chance."""
     deformation: Deformation = field(default_factory=Deformation.unknown)
+    """Covariance of the block as a whole, unknown until computed."""
     warnings: tuple[str, ...] = ()
+    """Sentences on what is weak, or was rejected by the adjustment."""
     reason: tuple[str, ...] = ()
+    """Why each photograph (N,) was removed, empty if it was not; () if none was."""
 
     def _facts(self) -> list[tuple[str, str]]:
         residual = self.residual_px
@@ -232,22 +271,26 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class FocalLength:
-    """What is known of a focal length, px: ``focal_px`` with ``sigma_px``, and ``rejected``, the probability that its
-    source is wrong."""
+    """A focal length from several sources."""
 
     focal_px: float
+    """Focal length, px."""
     sigma_px: float
+    """Its standard deviation."""
     rejected: float
+    """Probability that the source of the focal length is wrong."""
 
 
 @dataclass(frozen=True)
 class PhotographsSay:
-    """The focal length that photographs, control points and GNSS positions determine without its source, px: its formal
-    standard deviation, and that of the camera model's error, from the parts of pictures."""
+    """The focal length determined by photographs, control points and GNSS positions, without its source."""
 
     focal_px: float
+    """Focal length, px."""
     formal_sigma_px: float
+    """Its formal standard deviation."""
     model_sigma_px: float
+    """Standard deviation of the camera model's error, from parts of the images."""
 
     @property
     def sigma_px(self) -> float:
@@ -262,14 +305,18 @@ class PhotographsSay:
 
 @dataclass(frozen=True)
 class FocalDecision:
-    """What was decided on a focal length: the ``given`` one, what photographs ``say``, what was ``settled``, and the
-    ``evidence`` of control points; ``sentence`` says it."""
+    """The decision on a focal length whose source the photographs contradict."""
 
     given_px: float
+    """Focal length of the source, px."""
     given_sigma_px: float
+    """Its stated standard deviation."""
     says: PhotographsSay
+    """The focal length from the photographs."""
     settled: FocalLength
+    """The focal length decided on."""
     evidence: float
+    """Log likelihood of the control points for one or the other."""
 
     @property
     def sentence(self) -> str:
@@ -279,12 +326,12 @@ class FocalDecision:
         photographs = f"{say.focal_px:.1f} ± {say.formal_sigma_px:.1f} px"
         if say.trustworthy:
             return (
-                f"its source gives {given}, the photographs determine {photographs}, in all parts of the pictures "
-                "alike: the source is rejected"
+                f"its source gives {given}, the photographs give {photographs}, consistently in all parts of "
+                "the images: the source is rejected"
             )
         return (
-            f"its source gives {given}, the photographs want {photographs}, but parts of the pictures disagree by "
-            f"{say.model_sigma_px:.0f} px: something that the camera model leaves out, such as a rolling shutter, "
-            f"moves it. It is set to {is_.focal_px:.1f} ± {is_.sigma_px:.1f} px, which every predicted sigma counts: "
-            "calibrate the camera, or add oblique photographs or control points at different heights"
+            f"its source gives {given}, the photographs give {photographs}, but parts of the images disagree by "
+            f"{say.model_sigma_px:.0f} px: an effect outside the camera model, such as a rolling shutter, "
+            f"biases it. It is set to {is_.focal_px:.1f} ± {is_.sigma_px:.1f} px, which every predicted sigma "
+            "includes: calibrate the camera, or add oblique photographs or control points at different heights"
         )

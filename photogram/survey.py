@@ -29,30 +29,34 @@ Roles = tuple[Role, Role]
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """One photograph and what its tags or the project say of its exterior orientation.
-
-    ``gnss_world_m`` (3,) is the measured position with ``gnss_sigma_m`` (3,) along the axes of the map, both
-    None when there is none;
-    ``attitude_world_from_camera`` (3, 3) is the measured attitude, with ``attitude_sigma_rad`` about the camera's axes;
-    where ``heading_known`` is False it tells the tilt against the vertical alone.
-    Photographs of one ``flight`` share one unknown GNSS offset. ``time`` is the exposure, where the tags give it;
-    ``height_above_ground_m`` the flying height, as well as tags or the project say it. The position is that of the
-    projection centre, or, with a ``lever_arm_camera_m`` (3,), that of the antenna, from which the arm points to the
-    projection centre along the camera's axes.
-    """
+    """One photograph, with its measured exterior orientation as far as tags or project give it."""
 
     name: str
+    """File name, unique in the block."""
     camera: int
+    """Index of its camera in the block."""
     path: Path | None = None
+    """The file, None for a photograph without one."""
     flight: str = "1"
+    """Name of its flight; the photographs of a flight share one unknown GNSS offset."""
     time: datetime | None = None
+    """Time of exposure, where the tags give it."""
     gnss_world_m: FloatArray | None = None
+    """Measured position (3,), None without one: of the projection centre, or of the antenna where there is a lever
+    arm."""
     gnss_sigma_m: FloatArray | None = None
+    """Its standard deviations (3,) along easting, northing and height of the map."""
     attitude_world_from_camera: FloatArray | None = None
+    """Measured rotation (3, 3), None without one."""
     attitude_sigma_rad: float | None = None
+    """Its standard deviation about each of the camera's axes."""
     height_above_ground_m: float | None = None
+    """Approximate flying height, where tags or project give it."""
     heading_known: bool = True
+    """False where the measured attitude gives the tilt alone."""
     lever_arm_camera_m: FloatArray | None = None
+    """Lever arm (3,) from antenna to projection centre along the camera's axes, None where it is zero or already
+    applied."""
 
     def __repr__(self) -> str:
         measured = [
@@ -72,7 +76,7 @@ class Photograph:
 
     def __post_init__(self) -> None:
         if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):
-            raise ValueError(f"{self.name}: a GNSS position needs its sigmas, and the reverse")
+            raise ValueError(f"{self.name}: a GNSS position needs sigmas, and sigmas need a position")
         if self.gnss_world_m is not None and self.gnss_sigma_m is not None:
             check_shape("gnss_world_m", self.gnss_world_m, (3,))
             check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
@@ -84,14 +88,18 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Key points of one photograph: ``pixel`` (N, 2), ``size_px`` (N,), ``angle_rad`` (N,), ``descriptor`` (N, D)
-    uint8, ``colour`` (N, 3) uint8 red, green, blue."""
+    """Key points of one photograph."""
 
     pixel: FloatArray
+    """Positions (N, 2), u right and v down."""
     size_px: FloatArray
+    """Diameters (N,)."""
     angle_rad: FloatArray
+    """Orientations (N,)."""
     descriptor: ByteArray
+    """Descriptors (N, D), uint8."""
     colour: ByteArray
+    """Red, green, blue (N, 3), uint8."""
 
     def __post_init__(self) -> None:
         n = len(self.pixel)
@@ -110,11 +118,14 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Matched key points of photographs ``first`` and ``second``: ``index`` (M, 2) into their features."""
+    """Matched key points of two photographs."""
 
     first: int
+    """Index of the first photograph."""
     second: int
+    """Index of the second photograph."""
     index: IntArray
+    """Indices (M, 2) into the features of both."""
 
     def __post_init__(self) -> None:
         check_shape("index", self.index, (None, 2))
@@ -128,19 +139,22 @@ class Matches:
 
 @dataclass(frozen=True, eq=False)
 class TiePoints:
-    """Image observations of tie points, sorted by point, then photograph.
-
-    ``photograph`` (N,), ``point`` (N,), ``feature`` (N,) index of the key point in its photograph, ``pixel`` (N, 2),
-    ``sigma_px`` (N,); ``position_world_m`` (P, 3), NaN while unknown; ``colour`` (P, 3) uint8.
-    """
+    """Image observations of tie points (N), sorted by point, then photograph, and the points themselves (P)."""
 
     photograph: IntArray
+    """Index of the photograph of each observation (N,)."""
     point: IntArray
+    """Index of the point of each observation (N,)."""
     feature: IntArray
+    """Index of the key point in its photograph (N,)."""
     pixel: FloatArray
+    """Observed image coordinates (N, 2)."""
     sigma_px: FloatArray
+    """Standard deviations (N,) of each coordinate."""
     position_world_m: FloatArray
+    """Positions (P, 3), NaN while unknown."""
     colour: ByteArray
+    """Red, green, blue of the points (P, 3), uint8."""
 
     def __post_init__(self) -> None:
         n, p = len(self.photograph), len(self.position_world_m)
@@ -187,25 +201,27 @@ class TiePoints:
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
-    """Surveyed ground points and their marks in photographs.
-
-    ``name`` and ``role`` of length G, ``position_world_m`` (G, 3) with ``sigma_m`` (G, 3) along the axes of the map;
-    marks: ``mark_photograph`` (M,), ``mark_point`` (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,), infinite for a
-    mark that takes no part.
-    ``controlled`` (G, 3) says which of easting, northing and height are control: all those of a control point and none
-    of a check point where it is not given; one with an infinite sigma takes no part all the same. A point with the role
-    control has one at least; its other coordinates are checks.
-    """
+    """Surveyed ground points (G), control and check, and their marks in photographs (M)."""
 
     name: tuple[str, ...]
+    """Names of the points."""
     role: tuple[Role, ...]
+    """Role of each point: control if at least one coordinate is, else check."""
     position_world_m: FloatArray
+    """Surveyed positions (G, 3)."""
     sigma_m: FloatArray
+    """Standard deviations (G, 3) along easting, northing and height of the map; infinite for a rejected coordinate."""
     mark_photograph: IntArray
+    """Index of the photograph of each mark (M,)."""
     mark_point: IntArray
+    """Index of the point of each mark (M,)."""
     mark_pixel: FloatArray
+    """Measured image coordinates (M, 2)."""
     mark_sigma_px: FloatArray
+    """Standard deviations (M,) of each coordinate; infinite for a rejected mark."""
     controlled: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
+    """Which of easting, northing and height (G, 3) are control; all those of a control point and none of a check point
+    if not given."""
 
     def __post_init__(self) -> None:
         g, m = len(self.name), len(self.mark_photograph)
@@ -216,7 +232,7 @@ class ControlPoints:
             object.__setattr__(self, "controlled", np.repeat(is_control[:, None], 3, axis=1))
         check_shape("controlled", self.controlled, (g, 3))
         if np.any(self.controlled.any(axis=1) != is_control):
-            raise ValueError("a control point has one controlled coordinate at least, a check point none")
+            raise ValueError("a control point has at least one controlled coordinate, a check point none")
         check_shape("position_world_m", self.position_world_m, (g, 3))
         check_shape("sigma_m", self.sigma_m, (g, 3))
         check_shape("mark_point", self.mark_point, (m,))
@@ -265,20 +281,23 @@ class ControlPoints:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Photographs that are adjusted together; ``poses[i]`` belongs to ``photographs[i]``, None while it is not
-    oriented.
-
-    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and ground control, one per flight;
-    zero where the offset is known to be none.
-    """
+    """Photographs that are adjusted together."""
 
     frame: LocalFrame
+    """World frame and its relation to the map."""
     cameras: tuple[Camera, ...]
+    """Cameras with their prior calibrations."""
     photographs: tuple[Photograph, ...]
+    """The photographs."""
     poses: tuple[Pose | None, ...]
+    """Exterior orientation of each photograph, None while it is not oriented."""
     tie_points: TiePoints
+    """Tie points and their observations."""
     control_points: ControlPoints
+    """Surveyed points and their marks."""
     gnss_offset_sigma_m: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Prior sigmas (3,) of the offset between GNSS and ground control along the map's axes, one offset per flight;
+    zero: no offset."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
@@ -322,12 +341,14 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """Points in the project's CRS: ``position_map_m`` (N, 3), ``colour`` (N, 3) uint8 or None, ``sigma_m`` (N, 3) or
-    None."""
+    """Points in the project's CRS."""
 
     position_map_m: FloatArray
+    """Easting, northing, height (N, 3)."""
     colour: ByteArray | None = None
+    """Red, green, blue (N, 3), uint8, or None."""
     sigma_m: FloatArray | None = None
+    """Standard deviations (N, 3), or None."""
 
     def __post_init__(self) -> None:
         n = len(self.position_map_m)
@@ -356,15 +377,16 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """A grid in the project's CRS: ``values`` (rows, columns), NaN where there is no data.
-
-    Square cells of ``cell_m``; ``west_map_m`` and ``north_map_m`` are the outer corner of cell (0, 0), rows go south.
-    """
+    """A grid of square cells in the project's CRS."""
 
     values: NDArray[np.float32]
+    """Values (rows, columns), rows going south; NaN for no data."""
     west_map_m: float
+    """Easting of the outer corner of cell (0, 0)."""
     north_map_m: float
+    """Northing of the outer corner of cell (0, 0)."""
     cell_m: float
+    """Side of a cell."""
 
     def __post_init__(self) -> None:
         check_shape("values", self.values, (None, None))
@@ -383,18 +405,19 @@ INDEX_EVERY = 5
 
 @dataclass(frozen=True, eq=False)
 class Contours:
-    """Lines of one height each: ``height_m`` (L,), and of all lines the vertices ``vertex_map_m`` (V, 2).
-
-    Line n has the vertices ``first[n]`` to ``first[n + 1]`` (L + 1,); it is closed where the last is the first again,
-    and higher ground lies to its right. ``interval_m`` is the difference of two neighbours, ``cell_m`` the side of the
-    cells that were contoured.
-    """
+    """Contour lines (L) and their vertices (V)."""
 
     height_m: FloatArray
+    """Height of each line (L,)."""
     vertex_map_m: FloatArray
+    """Easting, northing (V, 2) of the vertices of all lines."""
     first: IntArray
+    """Index (L + 1,) of the first vertex of each line; a line is closed if its last vertex repeats the first; higher
+    ground is on its right."""
     interval_m: float
+    """Contour interval."""
     cell_m: float
+    """Side of the contoured cells."""
 
     def __post_init__(self) -> None:
         check_shape("vertex_map_m", self.vertex_map_m, (None, 2))

@@ -53,11 +53,11 @@ def _resections(report: Report) -> Table | None:
 def _block(report: Report) -> Table:
     block = report["block"]
     table = Table("figure", "value", title="Block", show_header=False)
-    table.add_row("photographs registered", f"{block['registered']} of {block['photographs']}, by {block['method']}")
+    table.add_row("photographs oriented", f"{block['registered']} of {block['photographs']}, by {block['method']}")
     sizes = block["component_sizes"]
     if len(sizes) > 1:
         table.add_row(
-            "parts without tie points in common", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
+            "components without common tie points", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
         )
     if block["gsd_m"] is not None:
         table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
@@ -77,7 +77,7 @@ def _left_out(report: Report) -> Table | None:
     missing = [(name, p["reason"]) for name, p in report["photographs"].items() if not p["registered"]]
     if not missing:
         return None
-    table = Table("photograph", "why", title=f"Left out: {len(missing)} photographs")
+    table = Table("photograph", "why", title=f"Not oriented: {len(missing)} photographs")
     for name, reason in missing[:MAXIMUM_LEFT_OUT]:
         table.add_row(escape(name), escape(reason))
     if len(missing) > MAXIMUM_LEFT_OUT:
@@ -127,16 +127,16 @@ def _result(report: Report) -> Table:
         sigma = camera["sigma"]["focal_px"]
         table.add_row(
             f"focal length, {name}",
-            f"{camera['focal_px']:.2f} px" + (" (held)" if sigma is None else f" ± {sigma:.2f}"),
+            f"{camera['focal_px']:.2f} px" + (" (fixed)" if sigma is None else f" ± {sigma:.2f}"),
         )
     table.add_row(*_accuracy(report))
     figures = [(f["rmse_m"], f["target_m"]) for f in report["verdict"]["figures"]]
     if all(rmse_m is not None and target_m is not None for rmse_m, target_m in figures):
         reached, targets = (", ".join(map(_fixed, values)) for values in zip(*figures, strict=True))
-        table.add_row("the same with the uncertainty of their survey, targets", f"{reached} m; {targets} m")
+        table.add_row("including the uncertainty of their survey; targets", f"{reached} m; {targets} m")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
-        table.add_row("check points without two marks that meet", ", ".join(unused))
+        table.add_row("check points without two intersecting marks", ", ".join(unused))
     return table
 
 
@@ -148,13 +148,13 @@ def _accuracy(report: Report) -> tuple[str, str]:
     elif left is not None:
         by, plan_m, height_m = f"leave-one-out ({left['n']}, no check points)", left["rmse_h_m"], left["rmse_v_m"]
     else:
-        return "check points", "none: the accuracy of this survey is predicted, not tested"
+        return "check points", "none: the accuracy is predicted, not tested"
     return f"{by}: RMSE in plan, height", f"{_fixed(plan_m)}, {_fixed(height_m)} m"
 
 
 def _show_blunders(report: Report) -> None:
     for blunder in report["blunders"]:
-        console.print(f"[bold red]Left out:[/bold red] {escape(blunder['sentence'])}")
+        console.print(f"[bold red]Rejected:[/bold red] {escape(blunder['sentence'])}")
     if report["blunders_effect"] and report["blunders_effect"]["sentence"]:
         sentence = report["blunders_effect"]["sentence"]
         console.print(escape(sentence[0].upper() + sentence[1:]))
@@ -180,7 +180,7 @@ def _show_diagnosis(diagnosis: DiagnosisRecord) -> None:
     for sentence in diagnosis["warnings"]:
         console.print(f"[bold]Weak:[/bold] {escape(sentence)}")
     if diagnosis["warnings"] and diagnosis["remedies"]:
-        console.print(f"[bold]What would help most:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
+        console.print(f"[bold]Most effective improvement:[/bold] {escape(diagnosis['remedies'][0]['sentence'])}")
     for resections in diagnosis["resections"]:
         console.print(escape(resections["sentence"]))
 

@@ -46,7 +46,7 @@ def _matches(summary: Summary) -> str:
 def _tie_points(summary: Summary) -> str:
     left_out = summary["conflicts"]
     return f"{things(summary['tie_points'], 'tie point')}" + (
-        f", {left_out} contradictory left out" if left_out else ""
+        f", {left_out} contradictory rejected" if left_out else ""
     )
 
 
@@ -70,7 +70,7 @@ def _adjustment(summary: Summary) -> str:
     parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
     parts.append(f"sigma0 {summary['sigma0']:.3f}")
     if summary.get("blunders"):
-        parts.append(f"{things(summary['blunders'], 'blunder')} left out")
+        parts.append(f"{things(summary['blunders'], 'blunder')} rejected")
     for key, what in (("disbelieved_headings", "heading"), ("disbelieved_attitudes", "attitude")):
         if summary.get(key):
             parts.append(f"{things(summary[key], what)} not used")
@@ -78,7 +78,7 @@ def _adjustment(summary: Summary) -> str:
 
 
 def _dense(summary: Summary) -> str:
-    return f"{_cells(summary)}, {things(summary['levels'], 'level')}" if "columns" in summary else "not asked for"
+    return f"{_cells(summary)}, {things(summary['levels'], 'level')}" if "columns" in summary else "not requested"
 
 
 def _surface(summary: Summary) -> str:
@@ -95,14 +95,14 @@ def _relief(summary: Summary) -> str:
     if "contours" in summary:
         lines = things(summary["contours"], "contour line")
         parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
-    return ", ".join(parts) or "not asked for"
+    return ", ".join(parts) or "not requested"
 
 
 def _orthophoto(summary: Summary) -> str:
     if "left_out" in summary:
         return f"left out: {summary['left_out']}"
     if "columns" not in summary:
-        return "not asked for"
+        return "not requested"
     return f"{_cells(summary)} from {things(summary['photographs'], 'photograph')}"
 
 

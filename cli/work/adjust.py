@@ -36,10 +36,10 @@ def _stop_at_errors(survey: Project) -> None:
     """Validate the project and print errors and warnings; leave with exit code 1 where there are errors."""
     findings = [finding for finding in validate_project(survey) if finding.severity != "note"]
     if findings:
-        console.print(findings_table(findings, f"Check of {survey.path}"))
+        console.print(findings_table(findings, f"Validation of {survey.path}"))
     if has_errors(findings):
         console.print(verdict(findings))
-        console.print("Nothing was processed; --no-check goes on in spite of errors.")
+        console.print("Nothing was processed; --no-check processes in spite of errors.")
         raise typer.Exit(1)
 
 

@@ -35,9 +35,7 @@ def run(clouds: list[Path], reference: Path, output: Path, sor: bool) -> None:
     """Compare clouds with a reference; show the figures and write them and a picture of the differences."""
     titles = [path.stem for path in clouds]
     if len(set(titles)) < len(titles):
-        raise ProjectError(
-            f"two clouds are called {max(titles, key=titles.count)!r}: rename one, the table goes by name"
-        )
+        raise ProjectError(f"two clouds have the name {max(titles, key=titles.count)!r}: rename one")
     with steps("Comparison") as progress:
         total = len(clouds) + 2
         progress(0, total, f"reading {reference.name}")

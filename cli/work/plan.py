@@ -26,7 +26,7 @@ def _centimetres(value: float) -> str:
 
 def _both(found: Prediction, values: Any) -> str:  # noqa: ANN401 - an array of sigmas
     median, worst = found.typical_m(values)
-    return f"{_centimetres(median)}, {_centimetres(worst)} at the worst place"
+    return f"{_centimetres(median)}, {_centimetres(worst)} at worst"
 
 
 def _facts(found: Prediction) -> Table:
@@ -60,13 +60,13 @@ def _accuracy(found: Prediction) -> Table:
     table.add_row("RMSE to be expected at check points", f"plan {_centimetres(plan)}, height {_centimetres(height)}")
     focal, prior = found.parameter_sigma["focal_px"], found.prior_sigma["focal_px"]
     before = f"{prior:g} px" if math.isfinite(prior) else "free"
-    table.add_row("focal length", f"{focal:.2f} px, {before} before" if prior > 0 else "held")
+    table.add_row("focal length", f"{focal:.2f} px, {before} a priori" if prior > 0 else "fixed")
     table.add_row("all heights together", _centimetres(found.mean_height_sigma_m))
     table.add_row(f"dome over {found.radius_m:.0f} m", _centimetres(found.dome_sigma_m))
     if len(found.control_mdb_m):
         worst = found.control_mdb_m.max(axis=0)
         table.add_row(
-            "blunder of a control point that shows",
+            "smallest detectable blunder of a control point",
             f"plan {_centimetres(max(worst[:2]))}, height {_centimetres(worst[2])}"
             if all(map(math.isfinite, worst))
             else "none",
@@ -75,9 +75,7 @@ def _accuracy(found: Prediction) -> Table:
 
 
 def _changes(found: Prediction, changes: Sequence[Alternative]) -> Table:
-    table = Table(
-        "change", "photographs", "plan", "height", "worst height", "dome", title="What a single change would bring"
-    )
+    table = Table("change", "photographs", "plan", "height", "worst height", "dome", title="Effect of single changes")
     rows = [("as planned", found), *((c.what, c.prediction) for c in changes)]
     for what, p in rows:
         height, worst = p.typical_m(p.sigma_m[:, 2])

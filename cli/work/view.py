@@ -24,4 +24,4 @@ def run(results: Path, points: int, cloud: Path | None, photographs: Path | None
         target = write_page(results, record, path, pictures, points, progress)
     console.print(f"Written: {escape(str(target))}, {target.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
     if show and not webbrowser.open(target.absolute().as_uri()):
-        raise ReportError(f"no browser found to open {target} with: open it yourself")
+        raise ReportError(f"no browser found: open {target} yourself")

@@ -223,7 +223,7 @@ def adjust(
     """
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
-        raise AdjustmentError("no photograph is oriented, there is nothing to adjust")
+        raise AdjustmentError("no photograph is oriented")
     left: dict[int, str] = {}
     marks = np.ones(len(block.control_points.mark_point), dtype=bool)
     lost_marks: list[str] = []

@@ -39,8 +39,8 @@ def unmet(block: Block, ground_world_m: FloatArray) -> list[str]:
         seen = points.mark_photograph[(points.mark_point == g) & np.isfinite(points.mark_sigma_px)]
         names = ", ".join(block.photographs[i].name for i in seen.tolist())
         sentences.append(
-            f"Check point {points.name[g]} has no adjusted position, because its marks in {names} do not meet in front "
-            "of these photographs: check its marks"
+            f"Check point {points.name[g]} has no adjusted position, because its marks in {names} do not "
+            "intersect in front of these photographs: check its marks"
         )
     return sentences
 

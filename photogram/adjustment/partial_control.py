@@ -41,8 +41,8 @@ def _nearest_to_rays(block: Block, g: int, surveyed_world_m: FloatArray, axes: F
     if np.linalg.eigvalsh(N)[0] < _LEAST_EIGENVALUE:
         held_in = "plan" if points.used[g, 0] else "height"
         raise AdjustmentError(
-            f"control point {points.name[g]} is control in {held_in} alone and its marks do not tell the rest: mark it "
-            "in more photographs, or give it the role check"
+            f"control point {points.name[g]} is control in {held_in} only and its marks do not determine the "
+            "rest: mark it in more photographs, or give it the role check"
         )
     return np.asarray(np.linalg.solve(N, right))
 

@@ -87,8 +87,8 @@ def _doubled(held: FloatArray, counted: FloatArray) -> FloatArray:
 def _gnss(
     problem: Problem, state: State, known: _Known, axes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return redundancy numbers and w (N, 3) of GNSS positions along the map's axes, and what everything else predicts
-    for them less what was measured (N, 3), with its covariance (N, 3, 3); NaN where there are none."""
+    """Return redundancy numbers and w (N, 3) of GNSS positions along the map's axes, and the prediction by all other
+    observations minus the measurement (N, 3), with its covariance (N, 3, 3); NaN where there are none."""
     block = problem.block
     redundancy, w, predicted = (np.full((len(block.photographs), 3), np.nan) for _ in range(3))
     covariance = np.full((len(block.photographs), 3, 3), np.nan)

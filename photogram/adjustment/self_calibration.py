@@ -58,11 +58,11 @@ def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
 
 
 def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: float) -> str:
-    told = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior stands"
+    told = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior remains"
     if name == "focal_px" and tilt_deg < LEVEL_DEG:
-        return f"photographs that look straight down cannot tell it from the flying height; {told}"
+        return f"in nadir imagery it cannot be separated from the flying height; {told}"
     if name in ("p1", "p2", "cx_px", "cy_px") and spread_deg < LEVEL_DEG:
-        return f"parallel strips cannot tell it from the attitudes; {told}"
+        return f"in parallel strips it cannot be separated from the attitudes; {told}"
     return told
 
 
@@ -78,7 +78,7 @@ def held_parameters(
     photographs = result.block.photographs
     for c, camera in enumerate(given):
         if not any(p.camera == c and q is not None for p, q in zip(photographs, result.block.poses, strict=True)):
-            held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera takes part")
+            held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
             continue
         tilt, spread = _tilt_and_headings(result.block, c)
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
@@ -87,7 +87,7 @@ def held_parameters(
             if camera.sigmas[k] == 0.0 and not USUAL[k] and camera.parameters[k] == 0.0:
                 continue  # a term that the camera does without
             if camera.sigmas[k] == 0.0:
-                reasons[name] = "held at its given value"
+                reasons[name] = "fixed at its given value"
             elif np.isfinite(camera.sigmas[k]) and sigma[k] > TOLD * camera.sigmas[k]:
                 reasons[name] = _why(name, float(camera.sigmas[k]), float(sigma[k]), tilt, spread)
         decision = focal_lengths.get(camera.name)

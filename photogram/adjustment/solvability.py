@@ -26,6 +26,7 @@ WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than thi
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
 WEAK_SCALE = 0.01
 POSITION_WEAK = "The position of the block is known to"
+ROTATION_WEAK = "The rotation of the block about"
 WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
 MOST_NAMED = 5  # photographs, in sentences of their own
 STEEP = 0.9  # upward part of an axis that is called vertical
@@ -50,8 +51,7 @@ def check_determined(problem: Problem) -> None:
     seen = np.bincount(problem.tie.photograph, minlength=len(block.photographs))
     seen += np.bincount(problem.marks.photograph, minlength=len(block.photographs))
     few = {
-        i: f"{rays} image points take part, at least 3 are needed: match it with more overlap, mark control points in "
-        "it, or leave it out"
+        i: f"{rays} image points, at least 3 are needed: add overlap, mark control points in it, or remove it"
         for i, (photograph, rays) in enumerate(zip(block.photographs, seen.tolist(), strict=True))
         if rays < 3 and (photograph.gnss_world_m is None or photograph.attitude_sigma_rad is None)
     }
@@ -64,21 +64,21 @@ def check_determined(problem: Problem) -> None:
         count = len(problem.control_world_m)
         part = "" if plan == height == count else f" ({plan} of them in plan, {height} in height)"
         raise AdjustmentError(
-            f"nothing fixes the block in {block.frame.crs}: {count} control points{part} "
-            f"and {positions} GNSS positions; three of either, not in one line, are needed"
+            f"the block has no datum in {block.frame.crs}: {count} control points{part} "
+            f"and {positions} GNSS positions; at least three of either, not collinear, are needed"
         )
     taking_part = np.union1d(problem.tie.photograph, problem.marks.photograph)
     used = {block.photographs[i].camera for i in taking_part.tolist()}
     for c, camera in enumerate(block.cameras):
         if c not in used and np.any(np.isinf(camera.sigmas)):
             raise AdjustmentError(
-                f"camera {camera.name}: no photograph of it takes part, its free parameters cannot be estimated"
+                f"camera {camera.name}: none of its photographs is adjusted, so its free parameters cannot be estimated"
             )
 
 
 def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
     if variable is None:
-        return "a variable that GTSAM does not name"
+        return "a variable not named by GTSAM"
     kind, index = variable
     names: dict[str, Callable[[int], str]] = {
         POSE: lambda i: problem.block.photographs[i].name,
@@ -91,19 +91,23 @@ def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
 
 
 _LACKS = {
-    POSE: "its position or attitude is not held by control points, GNSS positions and tie points together",
-    CONTROL_POINT: "it has no survey sigma that holds it and too few marks",
-    GNSS_OFFSET: "without control points it cannot be told from the block's position: give gnss.offset_sigma_m, or 0",
-    CALIBRATION: "the photographs cannot determine every free parameter: give a prior sigma, or hold it",
-    TIE_POINT: "its rays are too nearly parallel",
+    POSE: "its position or attitude is not determined by control points, GNSS positions and tie points together",
+    CONTROL_POINT: "it has no survey sigma that fixes it, and too few marks",
+    GNSS_OFFSET: (
+        "without control points it cannot be separated from the block's position: give gnss.offset_sigma_m, or 0"
+    ),
+    CALIBRATION: "the photographs do not determine all free parameters: give prior sigmas, or fix some",
+    TIE_POINT: "its rays are nearly parallel",
 }
 
 
 _WHOLE = {
-    SHIFT: "its position is not held: give control points or GNSS positions",
-    TURN: "it may turn about an axis: its control points and GNSS positions lie in one line; give a point beside it, "
-    "or measured attitudes",
-    SCALE: "its scale is not held: give control points or GNSS positions that lie apart",
+    SHIFT: "its position is not determined: give control points or GNSS positions",
+    TURN: (
+        "a rotation is not determined: its control points and GNSS positions are collinear; give a point off the "
+        "line, or measured attitudes"
+    ),
+    SCALE: "its scale is not determined: give control points or GNSS positions farther apart",
 }
 
 
@@ -146,7 +150,8 @@ def check_in_front(problem: Problem, state: State) -> None:
     photographs = np.unique(problem.tie.photograph[~np.isfinite(tie).all(axis=1)])
     seen = [f"tie points lie behind {block.photographs[p].name}" for p in photographs]
     message = (
-        f"the adjustment turned photographs over: {'; '.join([*marked.values(), *seen])}: check the marks, and the "
+        "points lie behind the cameras after the adjustment (poses flipped): "
+        f"{'; '.join([*marked.values(), *seen])}: check the marks, and the "
         "GNSS position and attitude of these photographs"
     )
     if len(lost) == 1 and not len(photographs):
@@ -154,7 +159,10 @@ def check_in_front(problem: Problem, state: State) -> None:
         raise UnheldError(message, marks={number: f"{marked[int(lost[0])]}: check the mark"})
     turned = np.union1d(photographs, problem.marks.photograph[lost])
     if len(turned) == 1:
-        why = "the adjustment turned it over: check its marks, its GNSS position and its attitude"
+        why = (
+            "points lie behind it after the adjustment (pose flipped): check its marks, its GNSS position and "
+            "its attitude"
+        )
         raise UnheldError(message, photographs={int(turned[0]): why})
     raise AdjustmentError(message)
 
@@ -169,8 +177,8 @@ def _axis(direction: FloatArray) -> str:
         return "the vertical"
     azimuth = float(np.rad2deg(np.arctan2(east, north))) % 360.0
     if up < FLAT:
-        return f"a level axis at {azimuth % 180.0:.0f}° from grid north"
-    return f"an axis at {azimuth:.0f}° from grid north that rises by {np.rad2deg(np.arcsin(up)):.0f}°"
+        return f"a horizontal axis at {azimuth % 180.0:.0f}° from grid north"
+    return f"an axis at {azimuth:.0f}° from grid north, inclined by {np.rad2deg(np.arcsin(up)):.0f}°"
 
 
 def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> list[str]:
@@ -180,22 +188,23 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     turn = float(np.sqrt(max(value[-1], 0.0)))
     if turn > WEAK_RAD:
         sentences.append(
-            f"The block as a whole may be turned about {_axis(axes.T @ vector[:, -1])} by {np.rad2deg(turn):.1f}° (1 "
-            "sigma): control points or GNSS positions farther off that axis, better ones, or measured attitudes would "
-            "hold it"
+            f"{ROTATION_WEAK} {_axis(axes.T @ vector[:, -1])} is known to "
+            f"{np.rad2deg(turn):.1f}° only (1 sigma): control points or GNSS positions farther from that "
+            "axis, better ones, or measured "
+            "attitudes would fix it"
         )
     scale = float(np.sqrt(max(covariance[6, 6], 0.0)))
     if scale > WEAK_SCALE:
         sentences.append(
             f"The scale of the block is known to {scale:.1%} only (1 sigma): control points or GNSS positions farther "
-            "apart, or better ones, would hold it"
+            "apart, or better ones, would fix it"
         )
     value = np.linalg.eigvalsh(covariance[:3, :3])
     shift = float(np.sqrt(max(value[-1], 0.0)))
     if shift > WEAK_SHIFT * distance_m:
         sentences.append(
             f"{POSITION_WEAK} {shift:.3g} m only (1 sigma), {distance_m:.3g} m from what it "
-            "shows: better control points or GNSS positions would hold it"
+            "shows: better control points or GNSS positions would fix it"
         )
     return sentences
 
@@ -228,9 +237,10 @@ def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
             continue
         named += 1
         sentences.append(
-            f"Photograph {block.photographs[i].name} is hardly held by its {rays[i]} tie points and {marks[i]} marks "
+            f"Photograph {block.photographs[i].name} is weakly determined by its {rays[i]} tie points and "
+            f"{marks[i]} marks "
             f"of control points: its attitude is known to {np.rad2deg(attitude[i]):.1f}°, its position to "
-            f"{position[i]:.3g} m (1 sigma); more overlap or marks would hold it"
+            f"{position[i]:.3g} m (1 sigma); more overlap or marks would fix it"
         )
     return sentences + _weak_cameras(problem, found)
 
@@ -248,7 +258,7 @@ def _weak_cameras(problem: Problem, found: Covariances) -> list[str]:
             if sigma[k] > WEAK_CAMERA * size:
                 sentences.append(
                     f"The {name} of {camera.name} is known to {sigma[k]:.3g} px only, {sigma[k] / size:.0%}{of} (1 "
-                    "sigma): a prior sigma, control points at different distances, or photographs turned against each "
-                    "other would hold it"
+                    "sigma): a prior sigma, control points at different distances, or photographs rotated "
+                    "about the viewing direction would fix it"
                 )
     return sentences

@@ -26,7 +26,7 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as fault:
         raise WorkspaceError(
-            f"{path}: the folder cannot be made ({fault.strerror}): choose another, or free the name"
+            f"{path}: the folder cannot be created ({fault.strerror}): choose another, or remove what has its name"
         ) from fault
 
 
@@ -34,7 +34,7 @@ def make_folder_within(path: Path) -> None:
     """Make a folder within one that is there, as ``make_folder``. Raises WorkspaceError where a link has its place:
     what is written would go elsewhere."""
     if path.is_symlink():
-        raise WorkspaceError(f"{path}: is a link, in the place of a folder that photogram writes to: remove the link")
+        raise WorkspaceError(f"{path}: is a link in place of a folder that photogram writes to: remove the link")
     make_folder(path)
 
 
@@ -42,10 +42,10 @@ def unwritable(folder: Path) -> str:
     """Return why nothing can be written to a folder, or to the one it would be made in; empty where it can be."""
     for place in (folder, *folder.parents):
         if place.is_dir():
-            return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} may not be written to"
+            return "" if os.access(place, os.W_OK | os.X_OK) else f"{place} is not writable"
         if place.is_symlink() or place.exists():
-            return f"{place} is no folder"
-    return f"{folder} has no folder above it"
+            return f"{place} is not a folder"
+    return f"{folder} has no parent folder"
 
 
 @contextmanager
@@ -119,4 +119,4 @@ def remove_leftovers(folder: Path) -> None:
                 else:
                     path.unlink()
     except OSError as fault:
-        raise WorkspaceError(f"{folder}: cannot be tidied up ({fault.strerror}): check who may write to it") from fault
+        raise WorkspaceError(f"{folder}: cannot be cleaned up ({fault.strerror}): check the permissions") from fault

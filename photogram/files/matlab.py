@@ -31,7 +31,7 @@ _RADIAL, _TANGENTIAL, _INTRINSIC = "RadialDistortion", "TangentialDistortion", "
 
 def _load(path: Path) -> dict[str, object]:
     if not path.is_file():
-        raise ProjectError(f"camera file {path}: there is no such file: check its path")
+        raise ProjectError(f"camera file {path}: file not found: check its path")
     # matio brings pandas, half a second that only a survey with such a camera pays.
     from matio import load_from_mat
 
@@ -71,7 +71,7 @@ def _numbers(path: Path, fields: Mapping[str, object], name: str, sizes: tuple[i
     try:
         numbers = np.asarray(fields[name], dtype=np.float64)
     except (TypeError, ValueError) as fault:
-        raise ProjectError(f"camera file {path}: {name} holds no numbers: save the calibration again") from fault
+        raise ProjectError(f"camera file {path}: {name} contains no numbers: save the calibration again") from fault
     if numbers.size not in sizes or not np.all(np.isfinite(numbers)):
         expected = " or ".join(str(size) for size in sizes)
         raise ProjectError(
@@ -217,7 +217,7 @@ def read_tie_points(path: Path) -> tuple[tuple[str, ...], TiePoints]:
     Raises ProjectError where the file is missing, damaged or something else.
     """
     if not path.is_file():
-        raise ProjectError(f"tie points {path}: there is no such file: check its path")
+        raise ProjectError(f"tie points {path}: file not found: check its path")
     try:
         content = loadmat(path)
         shift = _ORIGIN_PX[str(content["pixel_origin"][0])]

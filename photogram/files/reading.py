@@ -25,7 +25,7 @@ def ordinary_size(path: Path) -> int:
     try:
         status = path.stat()
     except ValueError as fault:  # a null character in its name
-        raise OSError(errno.EINVAL, "its name holds a null character") from fault
+        raise OSError(errno.EINVAL, "its name contains a null character") from fault
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     for is_kind, words in _KINDS:

@@ -56,7 +56,7 @@ def faults_of(path: Path, what: str = "cannot be used for intermediate results")
         raise
     except OSError as fault:
         raise WorkspaceError(
-            f"{path}: {what} ({fault.strerror or fault}): check the disk and who may write there"
+            f"{path}: {what} ({fault.strerror or fault}): check the disk and the permissions"
         ) from fault
 
 
@@ -65,14 +65,14 @@ def is_made_here(folder: Path) -> bool:
 
     Raises WorkspaceError where something else is there: a link, a file, or a folder of somebody's own.
     """
-    remedy = "move it away, or name another folder under work"
+    remedy = "move it away, or give another folder under work"
     with faults_of(folder):
         if folder.is_symlink():
-            raise WorkspaceError(f"{folder}: is a link, where photogram keeps a folder of its own: {remedy}")
+            raise WorkspaceError(f"{folder}: is a link where photogram needs a folder of its own: {remedy}")
         if not folder.exists():
             return False
         if not folder.is_dir():
-            raise WorkspaceError(f"{folder}: is no folder, and photogram needs the name for one: {remedy}")
+            raise WorkspaceError(f"{folder}: is not a folder, and photogram needs the name for one: {remedy}")
         if not any((folder / name).is_file() for name in (MARKER, NOTE)) and any(folder.iterdir()):
             raise WorkspaceError(f"{folder}: photogram did not make this folder ({MARKER} is not in it): {remedy}")
     return True
@@ -80,7 +80,7 @@ def is_made_here(folder: Path) -> bool:
 
 def make_stage_folder(folder: Path) -> None:
     """Make the folder of a stage, with its marker. Raises WorkspaceError where that cannot be."""
-    with faults_of(folder, "the folder cannot be made"):
+    with faults_of(folder, "the folder cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder / MARKER, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:

@@ -45,7 +45,7 @@ class Faults:
         shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_FAULTS]]
         if len(found) > MOST_FAULTS:
             line, more = found[MOST_FAULTS][0], len(found) - MOST_FAULTS
-            shown.append(f"{self._path}:{line}: from this line on {more} more faults: mend the ones above first")
+            shown.append(f"{self._path}:{line}: from this line on {more} more errors: fix those above first")
         if shown:
             raise self._error("\n".join(shown))
 

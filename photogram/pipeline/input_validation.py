@@ -37,11 +37,11 @@ def folder_findings(project: Project) -> list[Finding]:
     for key, folder in (("results", project.results), ("work", project.work)):
         reason = unwritable(folder.absolute())
         if reason:
-            findings.append(Finding("fault", key, reason, f"allow it, or name another folder under {key}"))
+            findings.append(Finding("error", key, reason, f"allow it, or give another folder under {key}"))
     earlier = earlier_folders(project.work, tuple(stage.name for stage in STAGES))
     if earlier:
         names = some([folder.name for folder in earlier])
-        text = f"folders in {project.work} that an earlier version of photogram made are not used any more: {names}"
+        text = f"folders in {project.work} from an earlier version of photogram are no longer used: {names}"
         findings.append(Finding("note", "work", text, "delete them to free space"))
     return findings
 

@@ -115,7 +115,7 @@ def _is_hidden(path: Path) -> bool:
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
     if not isdir(folder):
-        raise ImageError(f"{folder}: there is no such folder: give the folder of the photographs")
+        raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
         paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
@@ -123,14 +123,14 @@ def _names(folder: Path, recursive: bool) -> list[str]:
         raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
     names = sorted(p.as_posix() for p in paths if not _is_hidden(p))
     if not names:
-        within = "" if recursive else "; --recursive looks into the folders within"
-        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) in it: give the folder of the photographs{within}")
+        within = "" if recursive else "; --recursive searches subfolders"
+        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) found: give the folder of the photographs{within}")
     return names
 
 
 def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
     if not name.isprintable():
-        return LeftOut(repr(name), "its name has characters that cannot be printed: rename it")
+        return LeftOut(repr(name), "its name has unprintable characters: rename it")
     path = folder / name
     try:
         return TaggedPhotograph(name, inspect_photograph(path))
@@ -207,7 +207,7 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
             files.append(DraftPositions(written, matching.rows, matching.fault))
         except ProjectError as fault:
             lines = str(fault).splitlines()
-            more = f" and {len(lines) - 1} more faults" if len(lines) > 1 else ""
+            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
             files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
     return tuple(files)
 
@@ -218,7 +218,7 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
 def write_project(wanted: Request, progress: Progress = lambda *_: None) -> ProjectDraft:
     """Read the tags of the photographs and write the project file; returns what is in it.
 
-    Raises ProjectError where a figure cannot be, there is a project file already, or the map grid or a focal length is
+    Raises ProjectError where a figure cannot be, the project file exists already, or the map grid or a focal length is
     not known; ImageError where there are no photographs; FrameError where there is no such map grid; WorkspaceError
     where the file cannot be written.
     """
@@ -228,7 +228,7 @@ def write_project(wanted: Request, progress: Progress = lambda *_: None) -> Proj
         raise ProjectError("\n".join(wrong))
     if exists(project) and not wanted.force:
         raise ProjectError(
-            f"{project}: there is a project file already: give another with --project FILE, or --force to overwrite it"
+            f"{project}: the project file exists already: give another with --project FILE, or --force to overwrite it"
         )
     names = _names(photographs, wanted.recursive)
     files = tuple(
@@ -251,7 +251,7 @@ def read_back(project: Path) -> Findings:
     try:
         written = load_project(project)
     except ProjectError as fault:
-        raise ProjectError(f"{project} is written, but these errors must be fixed first:\n{fault}") from fault
+        raise ProjectError(f"{project} written; fix these errors first:\n{fault}") from fault
     return Findings(written.warnings)
 
 
@@ -285,7 +285,7 @@ def init(
     ``focal_px`` is the focal length where the tags give none. ``recursive`` searches the folders within, ``force``
     overwrites the project file, ``progress`` is told of each photograph that is read.
 
-    Raises ProjectError where a figure cannot be, there is a project file already, the map grid or a focal length is not
+    Raises ProjectError where a figure cannot be, the project file exists already, the map grid or a focal length is not
     known, or what was written has to be completed by hand; ImageError where there are no photographs; FrameError where
     there is no such map grid; WorkspaceError where the file cannot be written.
     """

@@ -276,7 +276,7 @@ def run_pipeline(
     """Bring a project to its results, doing only what is not done yet; returns what report.json holds.
 
     ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns None unless it is the
-    last). Raises a PhotogramError that says what the user can mend.
+    last). Raises a PhotogramError that says what the user can fix.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]
@@ -286,7 +286,7 @@ def run_pipeline(
         make_folder(project.results)  # what cannot be written must show before hours of work
         reason = unwritable(project.results)
         if reason:
-            raise WorkspaceError(f"{project.results}: {reason}: allow it, or name another folder under results")
+            raise WorkspaceError(f"{project.results}: {reason}: allow it, or give another folder under results")
         _Progress(run, watcher, first, last).go_on()
     return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
 
@@ -320,7 +320,7 @@ class _Progress:
                     raise
                 raise WorkspaceError(
                     f"{fault.filename or self.run.workspace.folder}: {fault.strerror or fault}, in the stage "
-                    f"{STAGES[number].name}: check the disks, and who may read and write there"
+                    f"{STAGES[number].name}: check the disks and their permissions"
                 ) from fault
 
     def _next(self) -> int:
@@ -348,13 +348,13 @@ class _Progress:
     def _note_damage(self, fault: DamagedStageError) -> None:
         if fault.stage in self.repaired:
             raise WorkspaceError(
-                f"{fault.path}: {fault.what}, again after it was made anew: check the disk, or name another folder "
-                "under work"
+                f"{fault.path}: {fault.what}, again after it was recomputed: check the disk, or give another "
+                "folder under work"
             ) from fault
         self.repaired.add(fault.stage)
         if fault.stage in self.marks:
             self.damaged.add(fault.stage)
-        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is made again")
+        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is run again")
         self.run.workspace.discard(fault.stage)
 
 

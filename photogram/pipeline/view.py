@@ -40,12 +40,12 @@ def read_results(folder: Path) -> Report:
     """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
     is damaged or something else."""
     if not isdir(folder):
-        raise ReportError(f"{folder}: there is no such folder: name the folder of results of a survey")
+        raise ReportError(f"{folder}: folder not found: give the results folder of a survey")
     path = folder / NUMBERS
     if not path.is_file():
         below = folder / "results"
-        hint = f"say photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
-        raise ReportError(f"{folder}: no {NUMBERS} in it, this is no folder of results: {hint}")
+        hint = f"run photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
+        raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: {hint}")
     return read_report(path)
 
 
@@ -53,7 +53,7 @@ def cloud_of(folder: Path) -> Path:
     """Return the densest cloud of a folder of results. Raises ReportError where there is none."""
     found = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
     if found is None:
-        raise ReportError(f"{folder}: no point cloud in it, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
+        raise ReportError(f"{folder}: no point cloud found, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
     return found
 
 
@@ -62,7 +62,7 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mappin
     and why that project cannot be used."""
     if folder is not None:
         if not folder.is_dir():
-            raise ReportError(f"{folder}: there is no such folder: name the folder of the photographs")
+            raise ReportError(f"{folder}: folder not found: name the folder of the photographs")
         return {name: folder / name for name in names if (folder / name).is_file()}, ()
     project = results.absolute().parent / PROJECT
     if not project.is_file():

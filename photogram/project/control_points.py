@@ -39,21 +39,24 @@ _SMALLEST_ENLARGEMENT, _LARGEST_ENLARGEMENT = 1.2, 20.0
 
 @dataclass(frozen=True, eq=False)
 class GroundPoint:
-    """A point of a file, complete: ``role`` in plan and in height, ``position_map_m`` (3,), ``sigma_m`` (3,), and its
-    marks in photogram's pixels.
-
-    ``mark_photograph`` names (M,), ``mark_pixel`` (M, 2), ``mark_sigma_px`` (M,). ``heights`` is the system that its
-    height was given in, None where nobody says.
-    """
+    """A complete point of a file, with its marks (M) in photogram's pixels."""
 
     name: str
+    """Name."""
     role: Roles
+    """Role in plan and in height."""
     position_map_m: FloatArray
+    """Position (3,)."""
     sigma_m: FloatArray
+    """Standard deviations (3,)."""
     mark_photograph: tuple[str, ...]
+    """Names of the photographs (M,)."""
     mark_pixel: FloatArray
+    """Image coordinates (M, 2)."""
     mark_sigma_px: FloatArray
+    """Standard deviations (M,)."""
     heights: HeightSystem | None
+    """Height system it was given in, None if not declared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +134,7 @@ def _source(
     if entry.marks is not None:
         marks = _read(document, key, entry.marks, base, read_marks)
         if points.holds_marks:
-            document.fault((*key, "marks"), f"{entry.path} holds its marks itself: remove this key")
+            document.fault((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
             marks = None
     crs = _crs(document, file, key, entry, points)
     position, turned, given = None, None, None
@@ -143,7 +146,7 @@ def _source(
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
     if points.crs is not None and entry.crs is not None and points.crs != entry.crs:
-        document.fault((*key, "crs"), f"{entry.path} says {points.crs} in its first line: keep one of the two")
+        document.fault((*key, "crs"), f"{entry.path} names {points.crs} in its first line: keep one of the two")
         return None
     if points.holds_marks and points.crs is None and entry.crs is None:
         text = "the first line must name the CRS, EPSG:32617 for example: add it, or give crs in the project file"
@@ -171,7 +174,7 @@ def _positions(
     given = np.array([p.position for p in points.points]).reshape(-1, 3)
     swapped = given[:, [1, 0, 2]]
     if points.geographic and _is_grid(crs):
-        text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or its like"
+        text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or similar"
         document.fault(key, text)
         return None, None, None
     if target is None:
@@ -273,7 +276,7 @@ def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], 
     strange = [mark for mark in source.marks if whole and mark.point not in names | shared]
     for name in list(dict.fromkeys(mark.point for mark in strange))[:_MOST_NAMES]:
         line = next(mark.line for mark in strange if mark.point == name)
-        text = f"there is no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
+        text = f"no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
         _note(document, source.key, source.marks_path, line, text)
     return [mark for mark in source.marks if mark.point in names]
 
@@ -339,7 +342,7 @@ def _marks_in_photographs(
         more = f" and {len(counts) - _MOST_NAMES} more" if len(counts) > _MOST_NAMES else ""
         near = suggestion(missing[0].photograph, names)
         hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
-        text = f"{len(missing)} of {len(own)} marks are in photographs that take no part in the project"
+        text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
         where = f"{source.marks_path}:{missing[0].line}: "
         if nothing_left:
             document.fault(source.key, f"{where}{text}: {listed}{more}: {hint}")
@@ -356,8 +359,9 @@ def _scale(
         return across
     document.fault(
         (*source.key, "picture_size_px"),
-        f"a picture of {picture_px[0]} × {picture_px[1]} px has another shape than the photographs of camera {camera}, "
-        f"{size_px[0]} × {size_px[1]} px: give the size of the picture in which the points were marked",
+        f"a picture of {picture_px[0]} × {picture_px[1]} px has another aspect ratio than the photographs of "
+        f"camera {camera}, "
+        f"{size_px[0]} × {size_px[1]} px: give the size of the pictures in which the points were marked",
     )
     return None
 
@@ -388,7 +392,7 @@ def _refuse(
             source.marks_path,
             marks[wrong[0]].line,
             f"{len(wrong)} of {len(marks)} marks are outside their photographs, which are {width} × {height} px: "
-            f"they would fit a picture of {w} × {h} px: give picture_size_px: [{w}, {h}]",
+            f"they would fit pictures of {w} × {h} px: give picture_size_px: [{w}, {h}]",
         )
         return
     for number, i in enumerate(wrong[: _MOST_NAMES + 1]):

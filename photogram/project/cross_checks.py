@@ -1,6 +1,6 @@
 """Faults of a project file that show only when its blocks are read together; photographs are looked for, not opened.
 
-Every check notes its faults in the document and leaves out what an earlier fault has made unknown.
+Every check notes its errors in the document and skips what an earlier error has made unknown.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Located:
 
 @dataclass(frozen=True)
 class AreaOfUse:
-    """Where a CRS is used, as ranges of easting and northing, and the wider ranges in which it is still believed."""
+    """Where a CRS is used, as ranges of easting and northing, and the wider ranges in which it is still accepted."""
 
     low_m: FloatArray
     high_m: FloatArray
@@ -86,7 +86,7 @@ class AreaOfUse:
         return cls(corners.min(axis=0), corners.max(axis=0), f"{name} ({crs.name})")
 
     def contains(self, easting_northing_m: FloatArray) -> NDArray[np.bool_]:
-        """Return which positions (N, 2) are believed; NaN is not."""
+        """Return which positions (N, 2) are accepted; NaN is not."""
         # zones are often used some degrees beyond their official area
         margin = np.minimum(0.5 * (self.high_m - self.low_m), 300_000.0)
         inside = (easting_northing_m >= self.low_m - margin) & (easting_northing_m <= self.high_m + margin)
@@ -101,13 +101,13 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
     """Return the photographs listed, or all in ``folder`` where there is no list; None where neither can be known."""
     if file.photographs.list is not None:
         if not file.photographs.list:
-            document.fault(_LIST, "is empty: name the photographs, or leave the list out to take all of the folder")
+            document.fault(_LIST, "is empty: list the photographs, or remove the list to use all in the folder")
         return list(file.photographs.list)
     if document.at(_LIST) is not None or folder is None:
         return None
     key: Key = ("photographs", "folder")
     if not isdir(folder):
-        document.fault(key, f"the folder {folder} does not exist: say where the photographs are with --photographs DIR")
+        document.fault(key, f"folder {folder} not found: give it with --photographs DIR")
         return None
     try:
         names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
@@ -116,10 +116,10 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
         return None
     odd = [name for name in names if not name.isprintable()]
     if odd:
-        text = f"the name {printable(odd[0])} has characters that cannot be printed: rename it"
+        text = f"the name {printable(odd[0])} has unprintable characters: rename it"
         document.fault(key, text + (f", and {len(odd) - 1} more" if len(odd) > 1 else ""))
     if not names:
-        document.fault(key, f"no photographs in {folder}: say where they are with --photographs DIR")
+        document.fault(key, f"no photographs in {folder}: give their folder with --photographs DIR")
     return [PhotographEntry(name=name) for name in names]
 
 
@@ -141,14 +141,14 @@ def check_project(
     """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``, ``files`` are
     the points and ``positions`` the photographs' positions that come from other files."""
     if file.photogram not in (None, 1):
-        document.fault(("photogram",), f"format {file.photogram} is not known: this version reads photogram: 1")
+        document.fault(("photogram",), f"format {file.photogram} is not supported: this version reads photogram: 1")
     for name, camera in file.cameras.items():
         _check_camera(document, ("cameras", name), camera, base)
     _check_photographs(document, file, photographs or ())
     flights = {p.flight for p in photographs or ()}
     for flight in file.gnss.lever_arm_per_flight_m:
         if photographs is not None and flight not in flights:
-            text = f"there is no flight {flight!r}: {suggestion(flight, flights)}"
+            text = f"unknown flight {flight!r}: {suggestion(flight, flights)}"
             document.fault(("gnss", "lever_arm_per_flight_m", flight), text)
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
@@ -156,7 +156,7 @@ def check_project(
     _check_positions(document, file, files, positions)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
-        document.fault(("comparison", "reference"), f"there is no file {base / reference}")
+        document.fault(("comparison", "reference"), f"file {base / reference} not found")
     for name, place in (("results", base / file.results), ("work", base / file.work)):
         _check_path(document, (name,), place)
 
@@ -191,8 +191,8 @@ def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None
             document.fault(
                 (*key, name),
                 f"{term} must be from {-most:.3g} to {most:.3g} for a picture of {camera.width_px} × "
-                f"{camera.height_px} px and a focal length of {camera.focal_px:.10g} px, found {value:.10g}: check the "
-                "order of the terms and the program that they come from",
+                f"{camera.height_px} px and a focal length of {camera.focal_px:.10g} px, found {value:.10g}: "
+                "check the order of the terms and the conventions of the program they come from",
             )
 
 
@@ -208,14 +208,14 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
         if document.at((*key, name)) is not None:
             document.fault((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
     if document.at((*key, "model")) is not None:
-        document.fault((*key, "model"), f"{camera.matlab} holds a Brown camera: leave model out")
+        document.fault((*key, "model"), f"{camera.matlab} contains a Brown camera: remove model")
     if not isfile(base / camera.matlab):
-        document.fault((*key, "matlab"), f"there is no file {base / camera.matlab}")
+        document.fault((*key, "matlab"), f"file {base / camera.matlab} not found")
     origin: Key = (*key, "pixel_origin")
     if document.at(origin) is None:
         document.fault(
             (*key, "matlab"),
-            "pixel_origin is missing: matlab if the calibration counts pixels from (1, 1), photogram if (0, 0)",
+            "pixel_origin is missing: matlab if the calibration counts pixels from (1, 1), photogram if from (0, 0)",
         )
     elif camera.pixel_origin == "colmap":
         document.fault(origin, "must be matlab or photogram for a .mat file, found 'colmap'")
@@ -255,11 +255,11 @@ def _check_files(document: Document, photographs: Sequence[PhotographEntry], fol
     names = list(dict.fromkeys(p.name for p in photographs if p.name is not None))
     missing = [name for name in names if not isfile(folder / name)]
     if missing:
-        place = f"in {folder}" if isdir(folder) else f"there: the folder {folder} does not exist"
+        place = f"in {folder}" if isdir(folder) else f"there: folder {folder} not found"
         document.fault(
             ("photographs", "folder"),
             f"{len(missing)} of {len(names)} photographs are not {place}: {', '.join(missing)}: "
-            "put them there, or say where they are with --photographs DIR",
+            "put them there, or give their folder with --photographs DIR",
         )
 
 
@@ -283,9 +283,7 @@ def _check_marks(
     origin = PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
     for name, (u, v) in point.marks.items():
         if name not in by_name:
-            document.fault(
-                (*key, name), f"there is no photograph {name!r} in the list: {suggestion(name, by_name.keys())}"
-            )
+            document.fault((*key, name), f"photograph {name!r} is not in the list: {suggestion(name, by_name.keys())}")
             continue
         camera = file.cameras.get(camera_of(file, by_name[name]) or "")
         if camera is None or camera.width_px is None or camera.height_px is None:
@@ -343,7 +341,7 @@ def _check_plan(
     texts = (
         (swapped, "{} and {} look swapped", "write [easting, northing, height]"),
         (foreign, f"outside {area}", "check crs and the position"),
-        (distant, f"more than {FARTHEST_KM:g} km from the middle of all positions", "check its digits"),
+        (distant, f"more than {FARTHEST_KM:g} km from the centre of all positions", "check its digits"),
     )
     right = ~(swapped | foreign | distant)
     start = 0
@@ -383,7 +381,7 @@ def _check_heights(document: Document, places: Sequence[Located]) -> None:
         placeholder = abs(height) in _PLACEHOLDERS_M and away > _PLACEHOLDER_DISTANCE_M
         text = None
         if placeholder or not LOWEST_M <= height <= HIGHEST_M:
-            text = "is no height on Earth or a placeholder: give the surveyed height"
+            text = "is impossible on Earth or a placeholder: give the surveyed height"
         elif away > FARTHEST_HEIGHT_M:
             text = f"is {away:.0f} m from the others, about {middle:.10g} m: check its digits"
         if text is not None:

@@ -59,7 +59,7 @@ class _Loader(yaml.SafeLoader):
         self._depth += 1
         if self._depth > DEEPEST:
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise yaml.MarkedYAMLError(problem=f"blocks within blocks, more than {DEEPEST} deep", problem_mark=mark)
+            raise yaml.MarkedYAMLError(problem=f"nested deeper than {DEEPEST} deep", problem_mark=mark)
         node: yaml.Node | None = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -108,7 +108,7 @@ class Document:
         line = node.start_mark.line + 1
         self._lines.setdefault(key, line)
         if id(node) in self._seen:
-            self._unreadable(key, "anchors and aliases (& and *) are not read here: write the values out")
+            self._unreadable(key, "anchors and aliases (& and *) are not supported: write the values out")
             return None
         self._seen.add(id(node))
         if isinstance(node, yaml.SequenceNode):
@@ -117,16 +117,18 @@ class Document:
             return self._block(node, key)
         if not node.value.isprintable():
             self._unreadable(
-                key, "holds a line break or a character that cannot be printed: write it in one line of plain text"
+                key, "contains a line break or an unprintable character: write it on one line as plain text"
             )
             return None
         if node.tag.endswith((":int", ":float")) and len(node.value) > LONGEST_NUMBER:
-            self._unreadable(key, f"a number of {len(node.value)} characters is no measurement: write {_NUMBER_HINT}")
+            self._unreadable(
+                key, (f"a number of {len(node.value)} characters is not a number photogram reads: write {_NUMBER_HINT}")
+            )
             return None
         try:
             return _SCALARS[node.tag](node.value)
         except (KeyError, ValueError):
-            self._unreadable(key, f"the tag {node.tag} is not read here: write the value without it")
+            self._unreadable(key, f"the tag {node.tag} is not supported: write the value without it")
             return None
 
     def _unreadable(self, key: Key, text: str) -> None:
@@ -138,7 +140,7 @@ class Document:
         for name, value in node.value:
             line = name.start_mark.line + 1
             if not isinstance(name, yaml.ScalarNode) or not name.value.isprintable():
-                self.fault(key, "a key must be plain text in one line", line)
+                self.fault(key, "a key must be plain text on one line", line)
             elif name.value in block:
                 first = self._lines[(*key, name.value)]
                 self.fault((*key, name.value), f"is given twice, first in line {first}: keep one of the two", line)
@@ -216,8 +218,8 @@ class Document:
             lines.append(f"{self.path}:{line}: {where}: {text}" if where else f"{self.path}:{line}: {text}")
         if len(faults) > MOST_FAULTS:
             line, more = faults[MOST_FAULTS][0], len(faults) - MOST_FAULTS
-            lines.append(f"{self.path}:{line}: from this line on {more} more faults: mend the ones above first")
-        heading = [f"{self.path} has {len(faults)} faults:"] if len(faults) > 1 else []
+            lines.append(f"{self.path}:{line}: from this line on {more} more errors: fix those above first")
+        heading = [f"{self.path} has {len(faults)} errors:"] if len(faults) > 1 else []
         raise ProjectError("\n".join(heading + lines))
 
 
@@ -238,7 +240,7 @@ def _compose(path: Path) -> yaml.Node | None:
         raise ProjectError(f"{path}:{line}: the character {character} is not allowed in YAML: remove it") from fault
     if node is not None and not isinstance(node, yaml.MappingNode):
         line = node.start_mark.line + 1
-        raise ProjectError(f"{path}:{line}: a project file is a block of keys, beginning with photogram: 1")
+        raise ProjectError(f"{path}:{line}: a project file is a mapping of keys that begins with photogram: 1")
     return node
 
 
@@ -270,7 +272,7 @@ def suggestion(word: str, known: Collection[str]) -> str:
     lowered = [k for k in known if k.lower() == word.lower()]
     if near or lowered:
         return f"did you mean {(lowered or near)[0]!r}?"
-    return f"known here: {', '.join(sorted(known)) or 'none'}"
+    return f"allowed here: {', '.join(sorted(known)) or 'none'}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -294,7 +296,7 @@ def found(value: object) -> str:
     if isinstance(value, list | tuple):
         items = ", ".join(found(v).removeprefix("the text ") for v in value)
         return f"[{items}]" if len(value) <= 6 else f"a list of {len(value)}"
-    return "nothing" if value is None else "a block of keys"
+    return "nothing" if value is None else "a mapping of keys"
 
 
 class Entry(BaseModel):
@@ -305,8 +307,8 @@ class Entry(BaseModel):
 
 _WORDS = {
     "bool_type": "must be true or false",
-    "dataclass_type": "needs a block of keys",
-    "dict_type": "needs a block of keys",
+    "dataclass_type": "needs a mapping of keys",
+    "dict_type": "needs a mapping of keys",
     "finite_number": "must be a finite number",
     "float_type": "must be a number",
     "greater_than": "must be greater than {gt:g}",
@@ -315,15 +317,15 @@ _WORDS = {
     "int_type": "must be a whole number",
     "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be {le:g} or less",
-    "list_type": "needs a list",
+    "list_type": "must be a list",
     "literal_error": "must be {expected}",
     "enum": "must be {expected}",
-    "missing": "needs another value",
-    "model_type": "needs a block of keys",
-    "string_type": "must be a text",
-    "too_long": "must have {max_length} values at most",
-    "too_short": "must have {min_length} values at least",
-    "tuple_type": "needs a list",
+    "missing": "must have another value",
+    "model_type": "needs a mapping of keys",
+    "string_type": "must be text",
+    "too_long": "must have at most {max_length} values",
+    "too_short": "must have at least {min_length} values",
+    "tuple_type": "must be a list",
 }
 """pydantic's kinds of faults in plain words; braces are filled from the fault's own context."""
 
@@ -391,7 +393,7 @@ def read_entry(document: Document, model: type[EntryT], key: Key = ()) -> EntryT
     value = document.at(key)
     if not isinstance(value, dict):
         if value is not None:
-            document.fault(key, f"needs a block of keys, found {found(value)}")
+            document.fault(key, f"needs a mapping of keys, found {found(value)}")
         value = {}
     # JSON because pydantic's strict mode reads JSON's lists as tuples, and Python's not
     text = json.dumps(value)

@@ -1,4 +1,4 @@
-"""What a check of a survey finds: how bad it is, where it is, what it is, and what to do."""
+"""Findings of an input validation: severity, place, finding and remedy."""
 
 from __future__ import annotations
 
@@ -7,35 +7,36 @@ from typing import Literal
 
 from photogram.wording import html_table, things
 
-Severity = Literal["fault", "warning", "note"]
-"""A fault makes the work fail, a warning makes its result doubtful, a note says what to expect."""
-
-WORDS: dict[Severity, str] = {"fault": "error", "warning": "warning", "note": "note"}
-"""What the user reads of each."""
+Severity = Literal["error", "warning", "note"]
+"""An error makes processing fail, a warning makes its result doubtful, a note says what to expect."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found; ``remedy`` is empty where there is nothing to do, or ``text`` says it."""
+    """One finding."""
 
     severity: Severity
+    """Error, warning or note."""
     where: str
+    """Key, file and line, photograph or point."""
     text: str
+    """What was found."""
     remedy: str = ""
+    """What to do, empty where there is nothing to do or the text says it."""
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.where, self.text, self.remedy) if part)
 
 
 class Findings(tuple[Finding, ...]):
-    """Everything that a check has found, the worst first; a tuple of Finding that prints and shows itself."""
+    """All findings of a check, the worst first: a tuple of Finding with a readable ``repr``."""
 
     __slots__ = ()
 
     @property
     def errors(self) -> Findings:
-        """Return what makes the work fail."""
-        return self._of("fault")
+        """Return what makes processing fail."""
+        return self._of("error")
 
     @property
     def warnings(self) -> Findings:
@@ -60,8 +61,8 @@ class Findings(tuple[Finding, ...]):
         return f"{state}: {things(len(self.errors), 'error')}, {things(len(self.warnings), 'warning')}"
 
     def __repr__(self) -> str:
-        return "\n".join([f"<Findings, {self._counts()}>", *(f"{WORDS[f.severity]}: {f}" for f in self)])
+        return "\n".join([f"<Findings, {self._counts()}>", *(f"{f.severity}: {f}" for f in self)])
 
     def _repr_html_(self) -> str:
-        rows = [(WORDS[f.severity], f.where, f.text, f.remedy) for f in self]
-        return html_table(self._counts(), ("", "where", "what was found", "what to do"), rows)
+        rows = [(f.severity, f.where, f.text, f.remedy) for f in self]
+        return html_table(self._counts(), ("", "where", "finding", "remedy"), rows)

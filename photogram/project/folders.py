@@ -65,7 +65,7 @@ def check_folders(
         places += [(key, "the photograph", place) for key, place in _photographs(photographs, folder)]
         _check_stages(document, work, places)
     except (OSError, RuntimeError) as fault:  # a loop of links; which of the two depends on the version of Python
-        document.fault(("work",), f"the folders of the project cannot be told apart ({fault}): name others")
+        document.fault(("work",), f"the folders of the project cannot be distinguished ({fault}): name others")
 
 
 def _photographs(photographs: Sequence[PhotographEntry] | None, folder: Path | None) -> Iterator[tuple[Key, Path]]:
@@ -115,5 +115,5 @@ def _check_stages(document: Document, work: Path, places: Sequence[tuple[Key, st
             document.fault(
                 key,
                 f"{what} {place} lies in {around}, a folder that photogram makes and removes as it works: "
-                "move it, or name another folder under work",
+                "move it, or give another folder under work",
             )

@@ -39,7 +39,7 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
             document.fault(("crs",), f"its vertical part {fault}")
         return None  # a plan that cannot be is noted with the positions
     if vertical is not None and entry.output == "ellipsoidal":
-        text = f"must be orthometric, as the crs {file.crs} says: leave the key out, or the vertical part of the crs"
+        text = f"must be orthometric, as the crs {file.crs} says: remove the key, or the vertical part of the crs"
         document.fault((*_KEY, "output"), text)
     output: HeightSystem | None = "orthometric" if vertical is not None else entry.output
     if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
@@ -58,8 +58,8 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
         document.fault(places[0], text)
     if output == "ellipsoidal" and plan is not None and not is_gnss_ellipsoid(plan):
         text = (
-            f"{file.crs} ({plan.name}) has an ellipsoid other than that of GNSS, so ellipsoidal heights of its own are "
-            "not what a receiver gives: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
+            f"{file.crs} ({plan.name}) has an ellipsoid other than that of GNSS, so its ellipsoidal heights "
+            "are not those of GNSS: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
         )
         document.fault((*_KEY, "output"), text)
     if document.faults > before:
@@ -87,13 +87,13 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
     key: Key = (*_KEY, "grid" if entry.grid is not None else "geoid")
     path = None if grid is None else str((base / grid).absolute())
     if path is not None and not isfile(path):
-        document.fault(key, f"there is no file {path}: give the path of the geoid's grid, relative to this file")
+        document.fault(key, f"file {path} not found: give the path of the geoid's grid, relative to this file")
         return None
     if name is not None:
         name = GEOID_MODELS.get(name.upper().replace(" ", "").replace("-", ""), name)
         name = name.upper() if name.upper().startswith("EPSG:") else name
     if name is not None and vertical is not None and name != vertical:
-        document.fault((*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {vertical}: leave one of the two out")
+        document.fault((*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {vertical}: keep one of the two")
         return None
     if name is None and vertical is None and path is None:
         return None

@@ -118,7 +118,7 @@ def measured_photographs(
     frame = frame or survey_frame(project, notes)
     if frame is None:
         raise ProjectError(
-            f"{project.path}: neither control points nor GNSS positions: nothing says where the survey is; "
+            f"{project.path}: neither control points nor GNSS positions: the survey cannot be georeferenced; "
             "give control_points, or photographs with GNSS tags"
         )
     stated_map_m = _stated_map_m(notes)

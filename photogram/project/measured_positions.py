@@ -223,8 +223,9 @@ def measured_position(project: Project, photograph: ProjectPhotograph, tags: Pho
         )
     if needs_attitude(photograph, tags):
         raise ProjectError(
-            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither its tags "
-            "nor a file of positions give the aircraft's yaw, pitch and roll: where the camera is fixed to look down "
+            f"photograph {photograph.name}: its lever arm is given in the axes of the aircraft, but neither "
+            "its tags nor a position file give the aircraft's yaw, pitch and roll: where the camera is fixed "
+            "to look down "
             "give gnss.lever_arm_axes: camera"
         )
     return found

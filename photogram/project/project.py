@@ -63,29 +63,34 @@ ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]
 
 @dataclass(frozen=True, eq=False)
 class ProjectPhotograph:
-    """One photograph as the project file names it; ``camera`` is its index among the project's cameras.
-
-    ``gnss_map_m`` (3,) is its measured position as the project file itself gives it, ``file_position`` the one that a
-    file of positions gives, None where there is none: the photograph's tags are the last to be asked. ``gnss_sigma_m``
-    (3,) holds for any of them, None where the file says nothing; ``own_sigma`` says that it is this photograph's own.
-    ``lever_arm_m`` (3,) points from the antenna to the camera, forward, right and down along ``lever_arm_axes``, None
-    where positions are the camera's. ``attitude_deg`` are yaw, pitch and roll of a gimbal as DJI
-    writes them. ``height_above_ground_m`` is the flying height, None where the file says nothing.
-    """
+    """One photograph as the project file gives it."""
 
     name: str
+    """File name."""
     path: Path
+    """The file."""
     camera: int
+    """Index among the project's cameras."""
     flight: str = "1"
+    """Name of its flight."""
     gnss_map_m: FloatArray | None = None
+    """Measured position (3,) in the project file itself, None if not given there."""
     gnss_sigma_m: FloatArray | None = None
+    """Standard deviations (3,) of its position, wherever that comes from, None if not given."""
     attitude_deg: tuple[float, float, float] | None = None
+    """Yaw, pitch and roll of a gimbal in DJI's convention."""
     attitude_sigma_deg: float = 2.0
+    """Standard deviation of the attitude."""
     height_above_ground_m: float | None = None
+    """Flying height, None if not given."""
     file_position: FilePosition | None = None
+    """Position from a position file, None without one; the tags come last."""
     own_sigma: bool = False
+    """True if the sigma is this photograph's own."""
     lever_arm_m: FloatArray | None = None
+    """Lever arm (3,) from antenna to camera, None where positions are those of the camera."""
     lever_arm_axes: LeverArmAxes = "body"
+    """Axes of the lever arm: forward, right and down of aircraft or camera."""
 
     def __post_init__(self) -> None:
         if self.lever_arm_m is not None:
@@ -98,20 +103,24 @@ class ProjectPhotograph:
 
 @dataclass(frozen=True, eq=False)
 class ProjectControlPoint:
-    """One surveyed point: its role in plan and in height, ``position_map_m`` (3,) with ``sigma_m`` (3,), its marks.
-
-    ``mark_photograph`` (M,) are indices among the project's photographs, ``mark_pixel`` (M, 2) is in photogram's frame.
-    ``heights`` is the system that its height was given in, None where nobody says.
-    """
+    """One surveyed point and its marks (M)."""
 
     name: str
+    """Name."""
     roles: Roles
+    """Role in plan and in height."""
     position_map_m: FloatArray
+    """Surveyed position (3,)."""
     sigma_m: FloatArray
+    """Standard deviations (3,)."""
     mark_photograph: NDArray[np.int64]
+    """Indices (M,) among the project's photographs."""
     mark_pixel: FloatArray
+    """Image coordinates (M, 2) in photogram's pixel frame."""
     mark_sigma_px: FloatArray
+    """Standard deviations (M,)."""
     heights: HeightSystem | None = None
+    """Height system it was given in, None if not declared."""
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -139,44 +148,64 @@ class ProjectControlPoint:
 
 @dataclass(frozen=True, eq=False)
 class Project:
-    """A project file, read and checked; every path is absolute or relative to the working directory, none to the file.
-
-    ``cameras``: one calibrated per flight stands there once for each of its flights, as ``NAME (flight FLIGHT)``.
-    ``calibration``, ``camera_source`` and ``focal_readings_px``, by camera: whether its parameters are freed as given
-    or as the geometry supports, where its figures come from, empty where the file does not say, and other focal lengths
-    that this source may mean. ``control_points`` holds those of the list, then those of the files.
-    ``gnss_offset_sigma_m`` (3,) is the prior of the unknown offset between GNSS and control, zero where there is none.
-    ``warnings`` is what is doubtful in the file or in the files that it names.
-    """
+    """A project file, read and checked. Paths are absolute or relative to the working directory."""
 
     path: Path
+    """The project file."""
     crs: str
+    """Map grid."""
     world_kind: WorldKind
+    """Kind of the world frame."""
     quality: Quality
+    """Reduction of the images for feature detection."""
     cameras: tuple[Camera, ...]
+    """Cameras; one calibrated per flight appears once per flight, as ``NAME (flight FLIGHT)``."""
     calibration: tuple[Calibration, ...]
+    """By camera: parameters estimated as stated, or as the geometry supports."""
     camera_source: tuple[str, ...]
+    """By camera: source of its calibration, empty if not given."""
     focal_readings_px: tuple[tuple[float, ...], ...]
+    """By camera: other focal lengths that its source may mean."""
     photographs: tuple[ProjectPhotograph, ...]
+    """The photographs."""
     control_points: tuple[ProjectControlPoint, ...]
+    """Ground points, those of the list before those of the files."""
     gnss_offset_sigma_m: FloatArray
+    """Prior sigmas (3,) of the GNSS offset, zero for none."""
     features: FeatureSettings
+    """Settings of the section."""
     pairs: PairSettings
+    """Settings of the section."""
     matching: MatchingSettings
+    """Settings of the section."""
     orientation: OrientationSettings
+    """Settings of the section."""
     transfer: TransferSettings
+    """Settings of the section."""
     adjustment: AdjustmentSettings
+    """Settings of the section."""
     dense: DenseSettings
+    """Settings of the section."""
     surface: SurfaceSettings
+    """Settings of the section."""
     terrain: TerrainSettings
+    """Settings of the section."""
     contours: ContourSettings
+    """Settings of the section."""
     orthophoto: OrthophotoSettings
+    """Settings of the section."""
     reference: Path | None
+    """Reference of the comparison, None without one."""
     results: Path
+    """Folder of results."""
     work: Path
+    """Folder of intermediate results."""
     heights: DeclaredHeights = UNDECLARED
+    """Declared height systems."""
     report: ReportSettings = field(default_factory=ReportSettings)
+    """Names and targets of the report."""
     warnings: tuple[Finding, ...] = ()
+    """What is doubtful in the file or the files it names."""
 
     @property
     def product_crs(self) -> str:

@@ -86,7 +86,7 @@ def _text(value: object) -> str:
         return str(value)
     if not isinstance(value, str):
         quotes = ': write it in quotes, "1.10" for example' if isinstance(value, float | bool) else ""
-        raise ValueError(f"must be a text, found {found(value)}{quotes}")
+        raise ValueError(f"must be text, found {found(value)}{quotes}")
     if not value.strip():
         raise ValueError("must not be empty")
     return value
@@ -114,7 +114,7 @@ def _roles(value: object) -> Roles:
         role = _role(value)
         return role, role
     if set(value) != {"plan", "height"}:
-        raise ValueError("needs both axes, {plan: control, height: check} for example")
+        raise ValueError("needs both, {plan: control, height: check} for example")
     return _role(value["plan"]), _role(value["height"])
 
 
@@ -258,9 +258,9 @@ def _heights(value: object) -> object:
         return {"output": value, "gnss": value, "control_points": value}
     if value is not None and not isinstance(value, dict):
         text = (
-            "a block of keys, output: orthometric and geoid: EGM96 for example"
+            "a mapping of keys, output: orthometric and geoid: EGM96 for example"
             if value == "orthometric"
-            else ("ellipsoidal, or a block of keys: output, gnss, control_points, geoid, grid")
+            else ("ellipsoidal, or a mapping of keys: output, gnss, control_points, geoid, grid")
         )
         raise ValueError(f"needs {text}, found {found(value)}")
     return value

@@ -72,7 +72,8 @@ class Suspect:
         unit = "px" if self.kind == "mark" else "m"
         sigma = abs(self.w)
         return (
-            f"{self.kind} {self.name}, {self.axis}: everything else predicts {self.off:+.3f} {unit} from what was "
+            f"{self.kind} {self.name}, {self.axis}: all other observations predict {self.off:+.3f} {unit} "
+            "from what was "
             f"measured, {sigma:.1f} sigma"
         )
 

@@ -61,16 +61,22 @@ class AxisAccuracy:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy of a product in m: ``fit`` to the check points (RMSE_H1, RMSE_V1), uncertainty of their ``survey``
-    (RMSE_H2, RMSE_V2), and both together. ``n_h`` points tell the plan, ``n_v`` the height; NaN where none does."""
+    """Accuracy of a product, m; NaN without points."""
 
     n_h: int
+    """Points checked in plan."""
     n_v: int
+    """Points checked in height."""
     axes: tuple[AxisAccuracy, AxisAccuracy, AxisAccuracy]
+    """Easting, northing, height."""
     fit_h_m: float
+    """Fit to the check points in plan, RMSE_H1."""
     fit_v_m: float
+    """Fit in height, RMSE_V1."""
     survey_h_m: float
+    """Uncertainty of their survey in plan, RMSE_H2."""
     survey_v_m: float
+    """Uncertainty of their survey in height, RMSE_V2."""
 
     @property
     def rmse_h_m(self) -> float:
@@ -170,8 +176,8 @@ def coarse_survey(found: Accuracy, settings: ReportSettings) -> list[str]:
         ("in height", found.survey_v_m, settings.target_rmse_v_m),
     )
     return [
-        f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard asks for half the target RMSE or "
-        f"better ({target_m / SURVEY_FACTOR:.3f} m)"
+        f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard requires half the target "
+        f"RMSE or better ({target_m / SURVEY_FACTOR:.3f} m)"
         for where, sigma_m, target_m in rows
         if target_m is not None and sigma_m > target_m / SURVEY_FACTOR
     ]

@@ -21,36 +21,40 @@ from photogram.survey import PointCloud, Raster
 
 @dataclass(frozen=True)
 class CloudStatistics:
-    """Differences in figures: ``points`` in all, ``compared`` of them where the reference has data; the rest in m.
-
-    ``std_m`` about the mean with n − 1 (NaN of a single difference), ``nmad_m`` the normalised median absolute
-    deviation.
-    """
+    """Statistics of differences, m."""
 
     points: int
+    """Number of points."""
     compared: int
+    """Points where the reference has data."""
     mean_m: float
+    """Mean."""
     std_m: float
+    """Standard deviation about the mean with n − 1, NaN of a single difference."""
     median_m: float
+    """Median."""
     nmad_m: float
+    """Normalised median absolute deviation."""
     rmse_m: float
+    """Root mean square."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A cloud against a reference, after the filter.
-
-    ``position_map_m`` (N, 3) the points that were compared; ``surface_difference_m`` (N,) cloud minus reference in
-    height, NaN where the reference has none; ``cloud_distance_m`` (N,) to the nearest point of the reference;
-    ``removed`` the number of points that the SOR filter took away.
-    """
+    """A cloud against a reference, after the filter."""
 
     position_map_m: FloatArray
+    """Compared points (N, 3)."""
     surface_difference_m: FloatArray
+    """Cloud minus reference in height (N,), NaN where the reference has no data."""
     cloud_distance_m: FloatArray
+    """Distance to the nearest point of the reference (N,)."""
     cloud_to_surface: CloudStatistics
+    """Statistics of the height differences."""
     cloud_to_cloud: CloudStatistics
+    """Statistics of the distances."""
     removed: int
+    """Points removed by the SOR filter."""
 
     def __repr__(self) -> str:
         found = self.cloud_to_surface
@@ -105,7 +109,7 @@ def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
     Raises PhotogramError when the reference is empty.
     """
     if len(reference) == 0:
-        raise PhotogramError("comparison: the reference holds no points")
+        raise PhotogramError("comparison: the reference contains no points")
     origin = reference.position_map_m[0]
     tree = cKDTree(reference.position_map_m - origin)
     distance, _ = tree.query(cloud.position_map_m - origin)
@@ -146,7 +150,7 @@ def triangulate(reference: PointCloud, maximum_gap_m: float | None = None) -> Tr
     Raises PhotogramError for a cloud of fewer than three points, or of points on one line.
     """
     if len(reference) < 3:
-        raise PhotogramError(f"comparison: the reference holds {len(reference)} points: a surface needs at least 3")
+        raise PhotogramError(f"comparison: the reference has {len(reference)} points: a surface needs at least 3")
     origin = reference.position_map_m.min(axis=0)
     vertex = reference.position_map_m - origin
     try:
@@ -183,7 +187,7 @@ def compare(cloud: PointCloud, reference: Reference, sor: bool = True) -> Compar
     when the cloud is empty or does not overlap the reference.
     """
     if len(cloud) == 0:
-        raise PhotogramError("comparison: the cloud holds no points")
+        raise PhotogramError("comparison: the cloud contains no points")
     surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
     keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
     kept = PointCloud(cloud.position_map_m[keep])

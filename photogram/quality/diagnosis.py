@@ -1,6 +1,6 @@
 """What a finished block is weak in: dome, focal length against height, principal point against tilt; what would help.
 
-Measured, from points that took no part (check points, and control points as everything else predicts them), and
+Measured, from points that took no part (check points, and control points as all other observations predict them), and
 predicted, from the covariance of the block as a whole: the first shows what happened, the second what may happen
 unseen.
 """
@@ -26,13 +26,13 @@ from photogram.quality.residual_patterns import ResidualPattern, residual_patter
 from photogram.results import Adjustment, Deformation
 from photogram.wording import things
 
-STRONG = 0.95  # correlation beyond which two quantities cannot be told apart in practice
+STRONG = 0.95  # correlation beyond which two quantities are not separable in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.01
-TOLD = 0.7  # posterior over prior sigma, above which the photographs tell hardly anything
+TOLD = 0.7  # posterior over prior sigma, above which the photographs hardly determine a parameter
 HELPS = 0.95  # of a sigma, to which a remedy must bring it to be of use
-HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which what a held calibration hides is worth a word
+HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which the effect of a fixed calibration is reported
 
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
@@ -47,17 +47,22 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Dome:
-    """A quadratic trend of height errors with the distance from the block's centre, as they are ``radius_m`` from it
-    against those in the centre; ``measured_m`` with ``sigma_m`` from ``points`` points, of which ``control_points`` are
-    control points as everything else predicts them; NaN with too few. ``predicted_sigma_m`` is its sigma a priori."""
+    """A quadratic trend of height errors with the distance from the block's centre; NaN with too few points."""
 
     radius_m: float
+    """Distance for which it is stated."""
     measured_m: float
+    """Height error at this distance relative to the centre."""
     sigma_m: float
+    """Its standard deviation."""
     significant: bool
+    """Whether it is significant."""
     predicted_sigma_m: float
+    """Its a-priori standard deviation."""
     points: int
+    """Number of points."""
     control_points: int
+    """Control points among them, predicted by all other observations."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class Remedy:
 
 @dataclass(frozen=True, eq=False)
 class FocalHeight:
-    """Correlations of a camera's focal length with the block's heights, NaN where it is held: of the projection
+    """Correlations of a camera's focal length with the block's heights, NaN where it is fixed: of the projection
     centres, of the ground, and of the GNSS offset by flight; ``height_sigma_m`` is the part of the ground's mean height
     that goes with the focal length."""
 
@@ -102,7 +107,7 @@ class FocalHeight:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What there is to say of a block as a whole; ``correlation`` (11, 11) by camera, NaN where a parameter is held."""
+    """Diagnosis of a block as a whole; ``correlation`` (11, 11) by camera, NaN where a parameter is fixed."""
 
     correlation: Mapping[str, FloatArray]
     focal_height: Mapping[str, FocalHeight]
@@ -128,7 +133,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Return places (n, 2) in the world, predicted − surveyed heights (n,) and their sigmas (n,) of points that took no
-    part: check points first, then control points as everything else predicts them, and how many these are."""
+    part: check points first, then control points as all other observations predict them, and how many these are."""
     points, frame = result.block.control_points, result.block.frame
     check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.ground_world_m).all(axis=1))
     left = np.flatnonzero(np.isfinite(result.reliability.ground_left_out_m[:, 2]))
@@ -189,7 +194,7 @@ def _focal_height(known: Deformation, camera: int, cameras: int, flights: Sequen
 
 
 def focal_heights(known: Deformation, cameras: Sequence[Camera], flights: Sequence[str]) -> dict[str, FocalHeight]:
-    """Return how far each camera's focal length cannot be told from heights; none where nothing is known."""
+    """Return the correlation of each camera's focal length with heights; none where unknown."""
     if not known.known:
         return {}
     return {camera.name: _focal_height(known, c, len(cameras), flights) for c, camera in enumerate(cameras)}
@@ -206,17 +211,17 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             (abs(r) for r in (focal.centres, focal.ground, *focal.offset.values()) if np.isfinite(r)), default=0.0
         )
         if strongest > HALF and focal.height_sigma_m > precise:
-            told = "cannot be told apart" if strongest > STRONG else "are hardly told apart"
+            separable = "cannot be separated" if strongest > STRONG else "are hardly separable"
             sentences.append(
-                f"The focal length of {name} and the height of the block {told} (correlation "
-                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights come with it, where tie "
-                f"points are intersected to {precise:.3f} m"
+                f"The focal length of {name} and the height of the block {separable} (correlation "
+                f"{strongest:.3f}): {focal.height_sigma_m:.3f} m of uncertainty in all heights results from "
+                f"it, against {precise:.3f} m of intersection alone"
             )
     dome = float(np.sqrt(known.covariance[DOME, DOME]))
     if dome > precise:
         sentences.append(
-            f"The block may be bent to a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
-            f"without its measurements showing it, where tie points are intersected to {precise:.3f} m"
+            f"The block may have a dome of {dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre) "
+            f"without any measurement showing it, while tie points are intersected to {precise:.3f} m"
         )
     placed = datum_sentence(known)
     if placed is not None:
@@ -230,14 +235,14 @@ def weaknesses(known: Deformation, cameras: Sequence[Camera], flights: Sequence[
             plan = max(abs(float(correlation[row, k])) * np.sqrt(known.covariance[k, k]) for k in (0, 1))
             if r > STRONG and plan > known.intersection_sigma_m[axis]:
                 sentences.append(
-                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot be told "
-                    f"apart (correlation {r:.3f}): {plan:.3f} m of uncertainty in plan come with it"
+                    f"The principal point of {camera.name} in {name} and the tilt of the photographs cannot "
+                    f"be separated (correlation {r:.3f}): {plan:.3f} m of uncertainty in plan results from it"
                 )
     return sentences
 
 
 def hidden(known: Deformation) -> list[str]:
-    """Return a sentence where holding parameters hides more uncertainty of heights than intersection has."""
+    """Return a sentence where fixed parameters hide more uncertainty of heights than intersection has."""
     freed, precise = known.freed_height_sigma_m, float(known.intersection_sigma_m[2])
     if not np.isfinite(freed).all() or not len(known.height_sigma_m):
         return []
@@ -245,7 +250,7 @@ def hidden(known: Deformation) -> list[str]:
     if not (then**2 - now**2 > precise**2 and then > HIDDEN_TIMES * now):
         return []
     return [
-        f"Parameters of the calibration are held, which no sigma shows: were they uncertain as those of an ordinary "
+        "Calibration parameters are fixed, so no sigma includes them: with the uncertainty of an ordinary "
         f"calibration, heights over the block would be known to {then:.3f} m instead of {now:.3f} m, "
         f"and the dome to {freed[2]:.3f} m"
     ]
@@ -255,15 +260,15 @@ def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> l
     """Return a sentence for each camera whose residuals show that its model leaves something out."""
     slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
     effect = (
-        f"an error of that size which the block follows would tilt it by {slopes.max():.3f} m and bend it to a dome of "
-        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma holds it"
+        f"an error of that size, if the block follows it, tilts it by {slopes.max():.3f} m and domes it by "
+        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma includes it"
         if np.isfinite(dome)
-        else "what it does to heights is in no predicted sigma"
+        else "no predicted sigma includes its effect on heights"
     )
     return [
-        f"Residuals in {name} have a pattern of {pattern.pattern_px:.2g} px in common (RMS, of their "
-        f"{pattern.residual_px:.2g} px): the camera model leaves something out, such as a correction within the camera "
-        f"or a rolling shutter; {effect}"
+        f"Residuals in {name} share a pattern of {pattern.pattern_px:.2g} px (RMS; of their "
+        f"{pattern.residual_px:.2g} px): the camera model is incomplete: an in-camera correction or a rolling "
+        f"shutter, for example; {effect}"
         for name, pattern in patterns.items()
         if pattern.significant
     ]
@@ -287,7 +292,7 @@ def undetermined(
     known: Deformation, cameras: Sequence[Camera], flights: Sequence[str], offset_sigma_m: FloatArray
 ) -> list[str]:
     """Return in words what the measurements do not determine: parameters that are hardly better known than before, what
-    was held, and quantities that change together (correlations beyond STRONG)."""
+    was held, and quantities that are correlated (|r| beyond STRONG)."""
     if not known.known:
         return []
     prior = np.concatenate([*(c.sigmas for c in cameras), np.tile(offset_sigma_m, len(flights))])
@@ -299,9 +304,7 @@ def undetermined(
         f"{names[k]} (± {sigma[start + k]:.3g}{units[k]}; stated ± {prior[k]:.3g}{units[k]})"
         for k in np.flatnonzero(told > TOLD)
     ]
-    sentences = [f"hardly determined by the measurements, so that the stated values stand: {', '.join(weak)}"] * bool(
-        weak
-    )
+    sentences = [f"hardly determined by the observations, so the stated values remain: {', '.join(weak)}"] * bool(weak)
     freed, after = known.freed_prior.copy(), known.freed_sigma.ravel()
     # a focal length that was settled is uncertain in every figure: nothing is hidden by it
     freed[[c for c, camera in enumerate(cameras) if camera.considered_focal_sigma_px > 0], 0] = 0.0
@@ -311,11 +314,11 @@ def undetermined(
             f"{names[k]} (to {after[k]:.3g}{units[k]})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]
         ]
         sentences.append(
-            f"held at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
+            f"fixed at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
             + (
-                f"freed, the photographs would hardly determine {', '.join(untold)}"
+                f"if released, the photographs would hardly determine {', '.join(untold)}"
                 if untold
-                else "freed, the photographs would determine them"
+                else "if released, the photographs would determine them"
             )
         )
     words, size = {start + k: name for k, name in enumerate(names)}, f"over {known.radius_m:.0f} m"
@@ -325,7 +328,7 @@ def undetermined(
         words[GROUND.start + k] = f"{axis} of the ground"
         words[CENTRES.start + k] = f"{axis} of the projection centres"
     return sentences + [
-        f"change together (correlation {r:.2f}), so that they cannot be told apart: "
+        f"correlated (r = {r:.2f}) and not separable: "
         + ", ".join(f"{words[k]} (± {sigma[k]:.3g}{' m' if k < start else units[k - start]})" for k in group)
         for group, r in _groups(known, words, start, cameras)
     ]
@@ -387,9 +390,10 @@ def diagnose(result: Adjustment) -> Diagnosis:
     )
     if dome.significant:
         warnings.append(
-            f"Heights of points that took no part bend with the distance from the centre: {dome.measured_m:+.3f} m ± "
-            f"{dome.sigma_m:.3f} m at {dome.radius_m:.0f} m, from {dome.points} points; {dome.predicted_sigma_m:.3f} m "
-            "(1 sigma) were to be expected"
+            "Height differences of check and tie points grow with the distance from the centre: "
+            f"{dome.measured_m:+.3f} m ± "
+            f"{dome.sigma_m:.3f} m at {dome.radius_m:.0f} m, from {dome.points} points; "
+            f"{dome.predicted_sigma_m:.3f} m (1 sigma) were predicted"
         )
     return Diagnosis(
         {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},

@@ -1,6 +1,6 @@
-"""What was held of the cameras, freed by covariance: would the photographs tell it, and what does holding it hide?
+"""Fixed camera parameters released in the covariance: would the data determine them, and what does fixing them hide?
 
-A parameter that is held has no sigma, and the heights that follow from it look better than they are. Freed within the
+A fixed parameter has no sigma, and the heights that depend on it look better than they are. Released within the
 uncertainty of an ordinary calibration it either becomes known, or takes heights with it.
 """
 
@@ -22,14 +22,14 @@ from photogram.results import Deformation
 
 
 def ordinary_sigmas(camera: Camera) -> FloatArray:
-    """Return the sigmas (11,) to which the held parameters of a camera are freed, 0 for the others and for terms that
-    the camera does without."""
+    """Return the sigmas (11,) with which a camera's fixed parameters are released, 0 for the others and for terms that
+    it does without."""
     ordinary = np.array([p.in_its_unit(p.ordinary, camera.focal_px, camera.width_px) for p in CAMERA_PARAMETERS])
     return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)
 
 
 def with_held_freed(known: Deformation, problem: Problem, state: State, places: Places) -> Deformation:
-    """Return the deformation with what is known of held parameters once they are freed; as it was where none is held,
+    """Return the deformation with the sigmas of fixed parameters once released; unchanged where none is fixed,
     or nothing fixes them."""
     cameras = problem.block.cameras
     freed = np.array([ordinary_sigmas(camera) for camera in cameras])

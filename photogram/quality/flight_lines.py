@@ -11,19 +11,22 @@ from photogram.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Course:
-    """One strip of ``photographs`` at distances of ``base_m``, its middle above ``middle_world_m`` (east, north).
-
-    Flown towards ``heading_deg`` (clockwise from north of the world) at the height ``height_world_m``, cameras looking
-    forward by ``tilt_deg`` from straight down; ``setback_m`` moves them back, so that what they look at stays.
-    """
+    """One planned strip."""
 
     middle_world_m: tuple[float, float]
+    """Its middle (east, north)."""
     heading_deg: float
+    """Direction of flight, clockwise from north of the world."""
     photographs: int
+    """Number of photographs."""
     base_m: float
+    """Distance between them."""
     height_world_m: float
+    """Flying height."""
     tilt_deg: float = 0.0
+    """Forward tilt of the cameras from nadir."""
     setback_m: float = 0.0
+    """Backward shift, so that tilted cameras show the same ground."""
 
     def poses(self) -> tuple[FloatArray, FloatArray]:
         """Return rotations world from camera (n, 3, 3) and projection centres (n, 3); pictures are level across."""

@@ -22,17 +22,24 @@ DATUM_TIMES = 2.0
 
 @dataclass(frozen=True)
 class Placing:
-    """How well a block is placed and shaped, 1 sigma in m: of a point of it ``absolute`` and ``relative`` to the block,
-    in plan and in height; the common ``shift`` in plan and in height, and the ``tilt`` over ``radius_m``."""
+    """Datum and shape of a block, 1 sigma in m."""
 
     absolute_plan_m: float
+    """A point in plan."""
     absolute_height_m: float
+    """A point in height."""
     relative_plan_m: float
+    """A point relative to the block, in plan."""
     relative_height_m: float
+    """A point relative to the block, in height."""
     shift_plan_m: float
+    """Common shift in plan."""
     shift_height_m: float
+    """Common shift in height."""
     tilt_m: float
+    """Tilt over ``radius_m``."""
     radius_m: float
+    """Radius of the block."""
 
 
 def _plan_and_height(variance_m2: FloatArray) -> tuple[float, float]:
@@ -69,7 +76,7 @@ def datum_sentence(known: Deformation) -> str | None:
     if not moved:
         return None
     return (
-        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without its measurements showing it; relative to "
-        f"each other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
+        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without any measurement showing it; relative to each "
+        f"other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
         "in height"
     )

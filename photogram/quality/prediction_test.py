@@ -45,21 +45,23 @@ def shares(z: FloatArray) -> Shares:
 
 @dataclass(frozen=True, eq=False)
 class PredictedAgainstAchieved:
-    """Check points against what was predicted of them.
-
-    ``z`` (G, 3) adjusted − surveyed over its predicted standard deviation along easting, northing and height, NaN for
-    what was not checked; ``distance2`` (G,) the same of the point as a whole (squared Mahalanobis distance, χ² with as
-    many degrees of freedom as it has axes checked). ``n`` points; ``chi2`` of all of them together, with ``dof`` and
-    the probability ``p`` of a larger one.
-    """
+    """Check points against their predicted covariance."""
 
     n: int
+    """Number of check points."""
     z: FloatArray
+    """Differences (G, 3) over their predicted standard deviations along easting, northing and height, NaN where not
+    checked."""
     distance2: FloatArray
+    """Squared Mahalanobis distances (G,), χ² with the number of checked axes."""
     axes: dict[str, Shares]
+    """Shares within 1, 2 and 3 sigma, by axis."""
     chi2: float
+    """χ² of all points together."""
     dof: int
+    """Its degrees of freedom."""
     p: float
+    """Probability of a larger χ²."""
 
     @property
     def consistent(self) -> bool:
@@ -73,15 +75,16 @@ class PredictedAgainstAchieved:
         ratio = float(np.sqrt(self.chi2 / self.dof))
         test = f"χ² = {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
         if self.consistent:
-            return f"{points}: the differences are as large as predicted, {ratio:.2f} times on the average ({test})"
+            return f"{points}: the differences are as large as predicted, {ratio:.2f} times on average ({test})"
         if self.p < 0.5:
             return (
-                f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): some sigma is stated "
-                "too small, a measurement is wrong, or the camera bends the block; see Stated sigmas against residuals"
+                f"{points}: the differences are {ratio:.2f} times as large as predicted ({test}): a stated "
+                "sigma is too small, a measurement is wrong, or the calibration deforms the block; see "
+                "Stated sigmas against residuals"
             )
         return (
-            f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): some sigma is "
-            "stated too large; see Stated sigmas against residuals"
+            f"{points}: the differences are only {ratio:.2f} times as large as predicted ({test}): a stated "
+            "sigma is too large; see Stated sigmas against residuals"
         )
 
 
@@ -141,21 +144,26 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Control points, each predicted from everything but its own survey: differences predicted − surveyed of ``n``.
-
-    RMSE, mean and z-scores as for check points, along easting, northing and height, in plan and in height; ``worst``
-    names the point that is farthest off, ``worst_m`` (3,) by how much, and ``worst_z`` (3,) in its sigmas.
-    """
+    """Control points predicted by all other observations: predicted minus surveyed along easting, northing, height."""
 
     n: int
+    """Number of points."""
     rmse_m: tuple[float, float, float]
+    """Root mean square errors."""
     mean_m: tuple[float, float, float]
+    """Means."""
     rmse_h_m: float
+    """RMSE in plan."""
     rmse_v_m: float
+    """RMSE in height."""
     rms_z: tuple[float, float, float]
+    """RMS of the differences over their sigmas."""
     worst: str
+    """Name of the point with the largest difference."""
     worst_m: tuple[float, float, float]
+    """Its differences."""
     worst_z: tuple[float, float, float]
+    """The same over their sigmas."""
 
 
 def _triple(values: FloatArray) -> tuple[float, float, float]:
@@ -164,7 +172,7 @@ def _triple(values: FloatArray) -> tuple[float, float, float]:
 
 
 def leave_one_out(result: Adjustment) -> LeaveOneOut | None:
-    """Summarise what everything else predicts for each control point; None where nothing else determines any."""
+    """Summarise what all other observations predict for each control point; None where nothing else determines any."""
     r, points = result.reliability, result.block.control_points
     known = np.flatnonzero(np.isfinite(r.ground_left_out_m).all(axis=1))
     if not len(known):

@@ -14,27 +14,34 @@ from photogram.sfm.resection import Resection
 
 @dataclass(frozen=True, eq=False)
 class ResectionDifference:
-    """P3P position − GNSS position of the photographs of one camera and flight, taken apart; easting, northing, height.
-
-    ``distance_m`` (n,) are the lengths, ``mean_m`` (3,) the mean difference. A resection with ``given_px`` in place of
-    the adjusted ``focal_px`` comes out H (given − adjusted) / adjusted too high, at H = ``height_m`` above ground:
-    ``focal_m``. ``offset_m`` (3,) with ``offset_sigma_m`` is the estimated GNSS offset. ``rest_m``
-    (3,) is what is left of the mean difference, ``scatter_m`` the root mean square length of what is left of each.
-    """
+    """Resected minus GNSS positions of one camera and flight, split by cause; easting, northing, height."""
 
     camera: str
+    """Name of the camera."""
     flight: str
+    """Name of the flight."""
     distance_m: FloatArray
+    """Lengths of the differences (n,)."""
     mean_m: FloatArray
+    """Mean difference (3,)."""
     given_px: float
+    """Focal length of the resections."""
     focal_px: float
+    """Adjusted focal length."""
     focal_sigma_px: float
+    """Its standard deviation, 0 if fixed."""
     height_m: float
+    """Flying height H above ground."""
     focal_m: float
+    """Effect of the focal length in height: H (given − adjusted) / adjusted."""
     offset_m: FloatArray
+    """Estimated GNSS offset (3,)."""
     offset_sigma_m: FloatArray
+    """Its standard deviations (3,)."""
     rest_m: FloatArray
+    """Remaining mean difference (3,)."""
     scatter_m: float
+    """Root mean square length of the remaining differences."""
 
     @property
     def sentence(self) -> str:
@@ -46,11 +53,11 @@ class ResectionDifference:
         held = ", held," if self.focal_sigma_px == 0 else f" ± {self.focal_sigma_px:.1f} px"
         return (
             f"Resection with the given focal length of {self.given_px:.1f} px puts {len(self.distance_m)} photographs "
-            f"{span} from their GNSS positions, on the average {self.mean_m[2]:+.2f} m in height. The adjusted focal "
+            f"{span} from their GNSS positions, on average {self.mean_m[2]:+.2f} m in height. The adjusted focal "
             f"length of {self.focal_px:.1f} px{held} explains {self.focal_m:+.2f} m of it ({self.height_m:.1f} m × "
             f"{change:+.1f} px / {self.focal_px:.1f} px), the GNSS offset {offset} m (easting, northing, height); "
-            f"{self.rest_m[2]:+.2f} m of it remain. In position {self.scatter_m:.2f} m RMS remain, the noise of "
-            "resections from three points each"
+            f"{self.rest_m[2]:+.2f} m of it remain. In position {self.scatter_m:.2f} m RMS remain, the noise "
+            "of three-point resections"
         )
 
 

@@ -129,7 +129,7 @@ def _datum(report: Report) -> str:
     heights, name = report["heights"], report["survey"]["crs_name"]
     grid = f"{report['crs']} ({name})" if name and name != report["crs"] else report["crs"]
     if not heights["output"]:
-        return f"{grid}; heights in the system in which the project gives them"
+        return f"{grid}; heights in the undeclared system of the project"
     geoid = f", geoid {heights['geoid']}" if heights["geoid"] else ""
     return f"{grid}; heights {heights['output']}{geoid}"
 
@@ -214,7 +214,7 @@ def _lights(report: Report) -> list[LightRecord]:
         "subject": f"{len(dark)} of {len(lights)} questions",
         "grade": "unknown",
         "finding": finding,
-        "rule": "not tested is no good mark: it says that nobody knows",
+        "rule": "not tested is not a good grade: it means unknown",
     }
     return [*(light for light in lights if light["grade"] != "unknown"), one]
 

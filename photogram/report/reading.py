@@ -23,7 +23,7 @@ NEEDED = ("photogram", "crs", "cameras", "photographs", "control_points")
 """Keys without which a file is no report of photogram at all."""
 
 _MOST_SHOWN = 40  # characters of a wrong value
-_REMEDY = "make it again with photogram adjust"
+_REMEDY = "run photogram adjust again"
 
 
 def read_report(path: Path) -> Report:

@@ -111,7 +111,7 @@ def _system(report: Report) -> str:
     grid = f"{name} ({crs})" if name and name != crs else crs
     kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
     output = report["heights"]["output"]
-    return f"{grid}, {kind.get(str(output), 'heights in the system in which the project gives them')}"
+    return f"{grid}, {kind.get(str(output), 'heights in the undeclared system of the project')}"
 
 
 # ---- the cloud -----------------------------------------------------------------------------------------------------

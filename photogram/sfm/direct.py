@@ -1,8 +1,8 @@
 """Direct orientation: a block started from measured positions and attitudes, and verified by its tie points.
 
-Each tie point starts where its rays pass nearest to each other, held weakly to the ground below the photographs, since
-rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the residuals
-down, then either makes the tie points agree or shows that the measurements were no good.
+Each tie point starts where its rays pass nearest to each other, weakly constrained to the ground below the photographs,
+since rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the
+residuals down, then either makes the tie points agree or shows that the measurements were wrong.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import similarity_from_attitudes
 from photogram.survey import Block
 
-GROUND_WEIGHT = 0.02  # of a ray; how strongly a tie point is held to the ground at the start
+GROUND_WEIGHT = 0.02  # of a ray; weight of the ground constraint of a tie point at the start
 ROUNDS = 8
-AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are believed
+AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are accepted
 REGISTERED_SHARE = 0.6  # of the photographs
-STRANGER_SHARE = 0.6  # of what the photographs agree on the average, below which one belongs elsewhere
+STRANGER_SHARE = 0.6  # of what the photographs agree on average, below which one belongs elsewhere
 NEAR = 2.0  # thresholds, from which median residual on the photographs are adjusted with their calibration
 ROUNDS_TO_COME_NEAR = 3
 LARGEST_TURN_RAD = float(np.deg2rad(12.0))  # between a measured and an adjusted attitude that agree
 ATTITUDE_SHARE = 0.8  # of the photographs, whose attitudes must agree
-LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on the average
+LARGEST_SHIFT = 0.4  # between measured and adjusted positions, over their spread, on average
 
 
 def measured(block: Block) -> BoolArray:
@@ -47,7 +47,7 @@ def _nearest_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points (P, 3) nearest to all chosen rays, and the smallest eigenvalue (P,) of their normal matrices.
 
-    With ``ground`` (P, 3) given the points are held to it by GROUND_WEIGHT.
+    With ``ground`` (P, 3) the points are constrained to it by GROUND_WEIGHT.
     """
     tie = structure.tie_points
     d, point = direction[chosen], tie.point[chosen]

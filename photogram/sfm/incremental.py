@@ -201,7 +201,7 @@ def grow_component(
 ) -> Structure | None:
     """Grow the largest block that a seed pair of the photographs ``candidates`` (N,) leads to; None without a seed.
 
-    A seed is believed when a third photograph agrees with it, or there is none that could.
+    A seed is accepted when a third photograph agrees with it, or there is none that could.
     """
 
     def empty() -> Structure:

@@ -50,8 +50,9 @@ def _share(block: Block, factor: float, wider_px: float) -> float:
 def other_size(factor: float) -> str:
     """Return what there is to say of marks that ``factor`` on their pixels makes meet."""
     return (
-        f"the marks contradict each other, and meet with their pixels multiplied by {factor:.3g}: they were measured "
-        f"in pictures {1.0 / factor:.3g} times as large; state the size of those pictures"
+        f"the marks contradict each other, but intersect with their pixels multiplied by {factor:.3g}: they "
+        "were measured "
+        f"in pictures {1.0 / factor:.3g} times as large; give the size of those pictures"
     )
 
 

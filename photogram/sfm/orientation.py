@@ -32,7 +32,7 @@ Progress = Callable[[int, int, str], None]
 _LOG = logging.getLogger(__name__)
 
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
-ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are believed
+ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are accepted
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
 OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
@@ -49,20 +49,20 @@ class OrientationSettings(StructureSettings):
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Starting poses in the world, and how they were found.
-
-    ``poses[i]`` is None for a photograph that is not registered; ``reason[i]`` then says why. ``resections`` are those
-    of photographs with enough control points. ``component`` (N,): 0 for the block that is adjusted, 1 and more for
-    others that share no tie points with it, −1 for photographs in none. ``parameters``: the interior orientation
-    (11,) of each camera that came out of it, none where it was not touched.
-    """
+    """Initial poses in the world, and how they were found."""
 
     poses: tuple[Pose | None, ...]
+    """Pose of each photograph, None if not registered."""
     resections: tuple[Resection | None, ...]
+    """Resections of photographs with enough control points."""
     component: IntArray
+    """0 for the block that is adjusted, 1 and more for others without common tie points, −1 for none (N,)."""
     method: Method
+    """Method used."""
     reason: tuple[str, ...]
+    """Why a photograph is not registered, empty if it is."""
     parameters: tuple[FloatArray, ...] = field(default=())
+    """Interior orientation (11,) of each camera from the orientation; () if unchanged."""
 
     def __repr__(self) -> str:
         return f"<Orientation by {self.method}: {int(self.registered.sum())} of {len(self.poses)} photographs>"
@@ -211,9 +211,9 @@ def georeference(structure: Structure, block: Block) -> Similarity:
     if not (straight(source) or straight(target)):
         return robust_similarity(source, target, sigma)[0]
     raise OrientationError(
-        f"the block of {int(structure.registered.sum())} photographs cannot be placed in {block.frame.crs}: "
+        f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {block.frame.crs}: "
         f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
-        "give three of either, not in one line"
+        "give at least three of either, not collinear"
     )
 
 
@@ -232,7 +232,7 @@ def _components(block: Block, settings: OrientationSettings, progress: Progress)
         if settings.method == "attitude":
             raise OrientationError(
                 "the tie points do not confirm the measured positions and attitudes: "
-                "set orientation: {method: growth}, or leave the choice out"
+                "set orientation: {method: growth}, or remove the setting"
             )
     if settings.method == "attitude":
         raise OrientationError("orientation by attitude needs three photographs with GNSS position and attitude")
@@ -247,7 +247,7 @@ def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -
             reasons.append("")
         elif number > 0:
             size = int(np.count_nonzero(component == number))
-            reasons.append(f"shares no tie points with the block: one of {size} photographs by themselves")
+            reasons.append(f"shares no tie points with the block: part of a separate component of {size} photographs")
         elif rays[i] < settings.minimum_points:
             reasons.append(f"{rays[i]} tie points with other photographs, {settings.minimum_points} are needed")
         else:
@@ -276,14 +276,15 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         lacking = [p.name for p, r in zip(block.photographs, resections, strict=True) if r is None]
         raise OrientationError(
             f"orientation by control needs 4 marked control points in every photograph; {len(lacking)} have fewer, "
-            f"the first {lacking[0]}: mark them, or leave orientation.method out"
+            f"the first {lacking[0]}: mark them, or remove orientation.method"
         )
     components, method = _components(block, settings, progress)
     if not components:
         if contradicted and settings.method == "auto":
             raise OrientationError("\n".join(faults))
         raise OrientationError(
-            f"no two of the {count} photographs can be oriented to each other: they need {settings.minimum_points} tie "
+            f"no two of the {count} photographs can be oriented relative to each other: they need "
+            f"{settings.minimum_points} tie "
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )
     structure = components[0]
@@ -350,9 +351,9 @@ def _common_turn(turns: FloatArray) -> FloatArray:
 def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
     """Return the photographs with the measured attitudes that may take part in the adjustment.
 
-    An attitude is believed that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
+    An attitude is accepted that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to
     all. A compass that is wrong is wrong for whole strips, so where one attitude in five of a flight does not agree,
-    none of its headings is believed: what remains is the tilt, which the vertical gives, turned to the heading of the
+    none of its headings is accepted: what remains is the tilt, which the vertical gives, turned to the heading of the
     pose. A tilt that does not agree is left out.
     """
     given, turned = [], []

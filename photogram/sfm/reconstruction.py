@@ -49,24 +49,30 @@ class StructureSettings:
 
 @dataclass(eq=False)
 class Structure:
-    """Poses and tie points so far.
-
-    ``rotation`` (N, 3, 3) world from camera and ``position`` (N, 3) of the photographs in ``registered`` (N,),
-    ``parameters`` (cameras, 11), ``point`` (P, 3), NaN where unknown, ``good`` (O,) the observations that agree. The
-    frame is any that the start was given in.
-    """
+    """Poses and tie points of an incremental reconstruction, in the frame of its start."""
 
     tie_points: TiePoints
+    """Observations of all tie points."""
     cameras: tuple[Camera, ...]
+    """Cameras as given."""
     camera_of: IntArray
+    """Camera of each photograph (N,)."""
     settings: StructureSettings
+    """Thresholds."""
     rotation: FloatArray
+    """Rotations (N, 3, 3) world from camera of registered photographs."""
     position: FloatArray
+    """Projection centres (N, 3)."""
     registered: BoolArray
+    """Photographs with a pose (N,)."""
     parameters: FloatArray
+    """Interior orientations (cameras, 11)."""
     point: FloatArray
+    """Tie points (P, 3), NaN while unknown."""
     good: BoolArray
+    """Observations (O,) that agree."""
     ideal: FloatArray = field(repr=False)
+    """Normalised image coordinates (O, 2)."""
 
     @staticmethod
     def empty(

@@ -37,21 +37,22 @@ SCATTER = 0.005  # of the width of the photograph, the most that they may scatte
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """Exterior orientation of one photograph from its control points.
-
-    ``p3p`` is the minimal solution, ``points`` the three marks it uses, ``solutions`` how many poses they allow, and
-    ``check_px`` the misfit of the mark, or of the worst agreeing mark, that chose it; NaN when the GNSS position
-    chose it. ``refined`` is the least-squares pose of all ``inliers`` (M,) and ``residual_px`` (M, 2) its projected
-    minus measured.
-    """
+    """Exterior orientation of one photograph from its control points (marks M)."""
 
     p3p: Pose
+    """Minimal solution (P3P)."""
     points: tuple[int, int, int]
+    """The three marks it uses."""
     solutions: int
+    """Number of poses they allow."""
     check_px: float
+    """Misfit of the mark that selected the solution, NaN when the GNSS position did."""
     refined: Pose
+    """Least-squares pose of all inliers."""
     inliers: NDArray[np.bool_]
+    """Marks that agree (M,)."""
     residual_px: FloatArray
+    """Residuals (M, 2), projected minus measured."""
 
     def __repr__(self) -> str:
         return f"<Resection from {int(self.inliers.sum())} of {len(self.inliers)} marks: {self.refined!r}>"
@@ -91,7 +92,7 @@ def refine_pose(
         pose = Pose(R @ Rotation.from_rotvec(step[:3]).as_matrix(), C + R @ step[3:])
         if np.abs(step[3:]).max() < 1e-8 and np.abs(step[:3]).max() < 1e-10:
             return pose
-    raise OrientationError("the least-squares resection does not settle: the marks contradict each other")
+    raise OrientationError("the least-squares resection does not converge: the marks contradict each other")
 
 
 def _triples(count: int, seed: int) -> list[tuple[int, int, int]]:
@@ -185,11 +186,11 @@ def resect(
         raise OrientationError(f"{count} control points are marked, resection needs 4, or 3 and a GNSS position")
     if collinear(points_world_m):
         raise OrientationError(
-            "its control points lie in one line, which leaves the photograph free to turn: mark a point beside it"
+            "its control points are collinear, so a rotation is not determined: mark a point off the line"
         )
     if count == 3 and expected_world_m is None:
         raise OrientationError(
-            "3 control points leave up to four poses: mark a fourth point, or give the GNSS position"
+            "3 control points allow up to four poses: mark a fourth point, or give the GNSS position"
         )
     sigma_m = np.zeros((count, 3)) if sigma_m is None else sigma_m
     marks = _Marks(camera, points_world_m, pixel, sigma_px, sigma_m, tolerance_px)
@@ -200,7 +201,7 @@ def resect(
         found = _solutions(marks, _triples(count, seed), expected_world_m)
     if not found:
         raise OrientationError(
-            "no pose sees three of its control points where they are marked: check their coordinates and marks"
+            "no pose agrees with the marks of three of its control points: check their coordinates and marks"
         )
     if count > 4:
         return _of_most(marks, found)

@@ -18,7 +18,7 @@ from photogram.errors import OrientationError
 
 TRIPLES = 500
 STRAIGHT = 0.02  # second over first principal extent of points that lie in one line
-AGREEING_SHARE = 0.5  # of all pairs: a similarity is believed that more agree with
+AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
 UNEXPLAINED = (
     0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
 )
@@ -68,7 +68,7 @@ def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | 
     w = np.ones(len(source)) if weight is None else weight
     if straight(source) or straight(target):
         raise OrientationError(
-            f"{len(source)} positions in one line fix no similarity: a turn about the line stays open"
+            f"{len(source)} collinear positions do not determine a similarity: rotation about the line is free"
         )
     w = w / w.sum()
     a, b = w @ source, w @ target
@@ -112,7 +112,7 @@ def robust_similarity(
             best, best_cost = agrees, cost
     if best.sum() < 3:
         raise OrientationError(
-            f"no three of {len(source)} positions agree with the block's shape: they are wrong, or lie in one line"
+            f"no three of {len(source)} positions agree with the block's shape: they are wrong, or collinear"
         )
     for _ in range(10):
         fit = fit_similarity(source[best], target[best], 1.0 / sigma_m[best] ** 2)
@@ -151,7 +151,7 @@ def similarity_from_attitudes(
     p, q = turned - np.median(turned, axis=0), target - np.median(target, axis=0)
     length, wanted = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)
     if not length.max(initial=0.0) > 0:
-        raise OrientationError("the photographs of the block stand in one place, so nothing fixes its scale")
+        raise OrientationError("the photographs of the block stand in one place, so the datum is not defineds scale")
     far = length > 0.3 * length.max()
     scale = float(np.median(wanted[far] / length[far]))
     return Similarity(scale, R, np.median(target - scale * turned, axis=0))

@@ -38,18 +38,18 @@ def _sigma(value: float) -> str:
 
 def _gnss_lines(plan: SurveyPlan) -> list[str]:
     if not plan.gnss_tags:
-        return ["  # the photographs' tags give neither position nor attitude"]
+        return ["  # the photographs have no position or attitude in their tags"]
     if plan.rtk_flag is not None:
-        return ["  # GNSS positions, their sigmas and the gimbal's attitude are in the photographs' own tags"]
+        return ["  # GNSS positions, their sigmas and the gimbal attitude are in the photographs' tags"]
     sigma = _numbers(np.array(plan.gnss_sigma_m), 3)
     return [
-        "  # GNSS positions and the gimbal's attitude are in the photographs' own tags, the sigmas are not",
+        "  # GNSS positions and the gimbal attitude are in the photographs' tags, the sigmas are not",
         f"  gnss_sigma_m: {sigma}",
     ]
 
 
 _SPARSE = (
-    "# Left out so that the demonstration is quick: take these two lines away, or run `photogram demo --dense`.",
+    "# Disabled to keep the demonstration quick: remove these two lines, or run `photogram demo --dense`.",
     "dense: {enabled: false}",
     "orthophoto: {enabled: false}",
 )
@@ -57,7 +57,7 @@ _SPARSE = (
 
 def _coarse_cells(plan: SurveyPlan) -> tuple[str, ...]:
     return (
-        "# Coarse cells are quick: without these two lines they are 2 GSD and 1 GSD.",
+        "# Coarse cells are quick; without these two lines they are 2 GSD and 1 GSD.",
         f"surface: {{cell_m: {4 * plan.gsd_m:.2f}}}",
         f"orthophoto: {{cell_m: {2 * plan.gsd_m:.2f}}}",
     )
@@ -70,7 +70,7 @@ def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
     sigmas = ", ".join(f"{PARAMETER_NAMES[k]}: {_sigma(sigma[k])}" for k in stated)
     radial = camera.radial if camera.radial[3] else camera.radial[:3]
     lines = [
-        f"# Simulated survey, seed {survey.seed}: made by `photogram demo`, its truth is known.",
+        f"# Simulated survey, seed {survey.seed}: written by `photogram demo`; its truth is known.",
         "photogram: 1",
         "report: {name: Simulated survey of photogram demo, target_rmse_h_m: 0.05, target_rmse_v_m: 0.05}",
         f"crs: {survey.frame.crs}",
@@ -85,7 +85,7 @@ def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
         f"    radial: {_numbers(radial, 8)}",
         f"    tangential: {_numbers(camera.tangential, 8)}",
         *([f"    affinity: {_numbers(camera.affinity, 4)}"] if camera.affinity.any() else []),
-        "    # what the laboratory says of these figures; 0 holds one fixed",
+        "    # prior sigmas of the laboratory calibration; 0 keeps a parameter fixed",
         f"    sigmas: {{focal_px: {_sigma(sigma[0])}, principal_point_px: {_sigma(sigma[1])}, {sigmas}}}",
         "photographs:",
         "  folder: photographs",
@@ -146,7 +146,7 @@ def write_demonstration(
     if made and not (dense and _SPARSE[1] in project.read_text(encoding="utf-8")):
         return project
     if project.exists() and not truth.is_file():
-        raise ProjectError(f"{project}: there is a project file of a survey already: name another folder")
+        raise ProjectError(f"{project}: a project file exists already: give another folder")
     make_folder(folder / "photographs")
     survey = simulate(plan, seed)
     count = len(survey.photographs)

@@ -165,7 +165,7 @@ def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
         replace(
             photograph, time=_START + timedelta(seconds=float(seconds[i])), gnss_world_m=gnss[i], gnss_sigma_m=sigma,
             attitude_world_from_camera=attitude[i], attitude_sigma_rad=sigma_rad,
-            # a barometer above the place of take-off, whose height is that of the terrain on the average
+            # a barometer above the place of take-off, whose height is that of the terrain on average
             height_above_ground_m=round(float(centres[i, 2]), 1),
         )
         for i, photograph in enumerate(bare)
@@ -274,7 +274,7 @@ def place_control(plan: SurveyPlan, candidate: FloatArray, seen: BoolArray) -> F
     usable = rays >= min(3, max(1, rays.max(initial=0)))
     candidate, seen = candidate[usable], seen[:, usable]
     if len(candidate) < wanted:
-        raise ValueError(f"no room for {wanted} control and check points: reduce their number, or photograph more")
+        raise ValueError(f"no room for {wanted} control and check points: reduce their number, or enlarge the site")
     distance = 1 / (1 + np.linalg.norm(candidate - candidate.min(axis=0, initial=np.inf), axis=1))
     chosen: list[int] = []
     lacking = np.full(len(seen), plan.control_marks_per_photograph)
@@ -305,7 +305,9 @@ def measure_control(flight: Flight, position: FloatArray, seen: Sightings, rng: 
     names = (*(f"G{i + 1:02d}" for i in range(len(control))), *(f"C{i + 1:02d}" for i in range(len(check))))
     if plan.blunder_point is not None:
         if plan.blunder_point not in names:
-            raise ValueError(f"blunder_point: no point is called {plan.blunder_point!r}; they are {', '.join(names)}")
+            raise ValueError(
+                f"blunder_point: no point has the name {plan.blunder_point!r}; they are {', '.join(names)}"
+            )
         surveyed[names.index(plan.blunder_point), 2] += plan.control_height_blunder_m
     return ControlPoints(
         name=names,

@@ -31,7 +31,7 @@ Layout = Literal["corners", "edges", "grid", "centre"]
 GNSS_SIGMA_M: dict[Gnss, Vector] = {"rtk": RTK_GNSS_SIGMA_M, "consumer": CONSUMER_GNSS_SIGMA_M}
 GNSS_OFFSET_SIGMA_M: dict[Gnss, Vector] = {"rtk": (0.02, 0.02, 0.03), "consumer": (1.0, 1.0, 2.0)}
 INSET = 0.04  # of the site's sides, by which control points keep off its edges
-MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction works with
+MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction can handle
 MOST_PHOTOGRAPHS = 2000
 ATTITUDE_NOISE_DEG, POSITION_NOISE_M = 1.5, 0.5  # how exactly a drone keeps to its plan
 RANGES: dict[str, tuple[float, float]] = {
@@ -68,44 +68,64 @@ class Calibration:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """A flight over a rectangle, with its middle at (0, 0), sides to east and north.
+    """A flight over a rectangle centred at (0, 0), with sides to east and north.
 
-    Camera of ``width_px`` × ``height_px``, width across the direction of flight. One of ``gsd_m`` and
-    ``flying_height_m`` (above the mean ground) follows from the other; where both are None the ground sampling distance
-    is 2 cm. Strips run along the longer side, from edge to edge; ``cross_strips`` run across them, ``cross_height``
-    times as high; ``oblique_strips`` run along the longer side with their cameras tilted forward. ``gnss_sigma_m`` and
-    ``gnss_offset_sigma_m`` are those of the kind ``gnss`` where they are None. ``control_points`` are laid out by
-    ``control_layout``, those at ``control_world_m`` (east, north from the middle of the site) come to them.
-    ``tie_points_per_photograph`` are measured in each photograph; of the photographs that show a tie point it is found
-    in the fraction ``tie_point_detection``.
+    Strips run along the longer side, from edge to edge; the image width is across the direction of flight. Give
+    ``gsd_m`` or ``flying_height_m``, one follows from the other; without both the ground sampling distance is 2 cm.
     """
 
     width_m: float = 200.0
+    """Extent of the site to the east."""
     length_m: float = 300.0
+    """Extent of the site to the north."""
     relief_m: float = 10.0
+    """Relief from valley to hill."""
     width_px: int = 5472
+    """Width of the photographs."""
     height_px: int = 3648
+    """Height of the photographs."""
     focal_px: float = 3660.0
+    """Focal length."""
     calibration: Calibration = Calibration()
+    """Prior sigmas of the calibration."""
     gsd_m: float | None = None
+    """Ground sampling distance."""
     flying_height_m: float | None = None
+    """Flying height above mean ground."""
     forward_overlap: float = 0.8
+    """Forward overlap, 0 to 1."""
     side_overlap: float = 0.7
+    """Side overlap, 0 to 1."""
     cross_strips: int = 0
+    """Number of strips across the others."""
     cross_height: float = 1.2
+    """Their flying height over that of the others."""
     oblique_strips: int = 0
+    """Number of oblique strips along the longer side."""
     oblique_angle_deg: float = 25.0
+    """Their forward tilt."""
     gnss: Gnss = "rtk"
+    """Kind of GNSS positions."""
     gnss_sigma_m: Vector | None = None
+    """Their sigmas; None: those of the kind."""
     gnss_offset_sigma_m: Vector | None = None
+    """Sigmas of the GNSS offset; None: those of the kind."""
     control_points: int = 5
+    """Number of control points laid out by ``control_layout``."""
     control_layout: Layout = "corners"
+    """Their layout."""
     control_world_m: tuple[tuple[float, float], ...] = ()
+    """Further control points: east, north from the centre of the site."""
     control_sigma_m: Vector = (0.01, 0.01, 0.015)
+    """Sigmas of the control points."""
     mark_sigma_px: float = 0.5
+    """Standard deviation of the marks."""
     tie_points_per_photograph: int = 300
+    """Tie points per photograph."""
     tie_point_sigma_px: float = 0.5
+    """Standard deviation of their image coordinates."""
     tie_point_detection: float = 0.5
+    """Share of the photographs showing a tie point in which it is found."""
 
     def __post_init__(self) -> None:
         if self.gsd_m is not None and self.flying_height_m is not None:
@@ -127,12 +147,12 @@ class FlightPlan:
             photographs = self.photographs
         if photographs > MOST_PHOTOGRAPHS:
             raise ValueError(
-                f"{photographs} photographs are more than the {MOST_PHOTOGRAPHS} that a prediction works with: "
+                f"{photographs} photographs are more than the {MOST_PHOTOGRAPHS} that a prediction can handle: "
                 "predict a part of the site, or give a larger gsd_m"
             )
         if self.gnss == "none" and self.control < 3:
             raise ValueError(
-                f"without GNSS nothing but control points places the survey: give 3 at least, not {self.control}"
+                f"without GNSS, control points alone define the datum: give 3 at least, not {self.control}"
             )
 
     @property
@@ -344,7 +364,7 @@ def _found(
 def _ties(
     plan: FlightPlan, flight: Flight, seed: int, rng: np.random.Generator, errors: bool
 ) -> tuple[TiePoints, FloatArray]:
-    """Return tie points of unknown position, so many that photographs see the wanted number on the average, and their
+    """Return tie points of unknown position, so many that photographs see the wanted number on average, and their
     true positions."""
     corners = footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)

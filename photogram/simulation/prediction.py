@@ -33,31 +33,42 @@ FEWEST_RAYS = 2
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a plan will achieve.
-
-    Ground points at places ``place_m`` (Q, 2), east and north of the middle of the site, marked in all ``rays`` (Q,)
-    photographs that show them: ``sigma_m`` (Q, 3) east, north, up, infinite where fewer than two do. ``control_m`` (G,
-    3) are the control points, ``control_mdb_m`` (G, 3) their minimal detectable blunders; ``position_m`` (N, 3) the
-    photographs. ``mean_height_sigma_m`` and ``dome_sigma_m`` are those of the block as a whole.
-    """
+    """The predicted accuracy of a flight plan; places are east and north of the centre of the site."""
 
     plan: FlightPlan
+    """The plan."""
     strips: int
+    """Number of strips."""
     position_m: FloatArray
+    """Projection centres (N, 3)."""
     ground_covered_m2: float
+    """Ground area covered by photographs."""
     tie_points: int
+    """Number of tie points."""
     observations: int
+    """Number of their observations."""
     place_m: FloatArray
+    """Ground points (Q, 2) for which accuracy is predicted."""
     rays: IntArray
+    """Photographs (Q,) that show each; it is marked in all of them."""
     sigma_m: FloatArray
+    """Their standard deviations (Q, 3) east, north, up; infinite with fewer than two photographs."""
     parameter_sigma: Mapping[str, float]
+    """Standard deviations of the calibration, by parameter."""
     prior_sigma: Mapping[str, float]
+    """Prior standard deviations, by parameter."""
     mean_height_sigma_m: float
+    """Standard deviation of the mean height of the block."""
     dome_sigma_m: float
+    """Standard deviation of the dome over ``radius_m``."""
     radius_m: float
+    """Radius of the block."""
     control_m: FloatArray
+    """Control points (G, 3)."""
     control_mdb_m: FloatArray
+    """Their minimal detectable blunders (G, 3)."""
     warnings: tuple[str, ...]
+    """Weaknesses of the plan, in words."""
 
     def __repr__(self) -> str:
         if not self.covered:
@@ -141,7 +152,7 @@ def predict(plan: FlightPlan) -> Prediction:
         raise AdjustmentError(f"this flight cannot be predicted: {fault}") from fault
     except IndeterminateError as fault:
         raise AdjustmentError(
-            "this flight would not determine the survey: plan three control points at least, or GNSS, "
+            "this flight does not determine the block: plan three control points at least, or GNSS, "
             "and photographs that overlap by 60 % or more"
         ) from fault
     places = places_of(problem, state)
@@ -190,16 +201,16 @@ def _warnings(plan: FlightPlan, rays: IntArray, known: Deformation, camera: str,
         names = ", ".join(problem.block.control_points.name[g] for g in np.flatnonzero(unseen))
         warnings.append(f"Control points seen by fewer than two photographs: {names}")
     if 0 < plan.control < 3:
-        warnings.append(f"{plan.control} control points do not show a wrong one among them: plan four at least")
+        warnings.append(f"{plan.control} control points do not reveal a wrong one among them: plan at least four")
     return warnings
 
 
 def changes(plan: FlightPlan) -> dict[str, FlightPlan]:
     """Return plans with one change each, by what is changed; without those that cannot be, for too many photographs."""
     wanted: dict[str, dict[str, Any]] = {
-        "one control point more, in the middle": {"control_world_m": (*plan.control_world_m, (0.0, 0.0))},
-        "one oblique strip more": {"oblique_strips": plan.oblique_strips + 1},
-        "one cross strip more, higher": {"cross_strips": plan.cross_strips + 1},
+        "one more control point, in the middle": {"control_world_m": (*plan.control_world_m, (0.0, 0.0))},
+        "one more oblique strip": {"oblique_strips": plan.oblique_strips + 1},
+        "one more cross strip, higher": {"cross_strips": plan.cross_strips + 1},
     }
     if plan.control < 4:
         corners = {"control_points": 5, "control_layout": "corners", "control_world_m": ()}

@@ -122,24 +122,30 @@ def terrain_height(seed: int, relief_m: float, xy: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A site: the height field and what it is painted with.
-
-    ``height_m`` (R, C), ``material`` (R, C), and ``light`` (R, C), 255 where the sun reaches a vertex and 0 in cast
-    shadow; the vertex (r, c) lies at (west_m + c cell_m, south_m + r cell_m). ``targets`` (T, 2) are the centres of the
-    painted targets; ``sun`` (3,) points to the sun. Beyond its edge the field goes on with the height of the edge.
-    """
+    """A site: height field, material and light at its vertices. Beyond its edge the height of the edge continues."""
 
     height_m: NDArray[np.float32]
+    """Heights (R, C) of the vertices at (west_m + c cell_m, south_m + r cell_m)."""
     material: ByteArray
+    """Material (R, C)."""
     light: ByteArray
+    """255 in sunlight, 0 in cast shadow (R, C)."""
     west_m: float
+    """West edge."""
     south_m: float
+    """South edge."""
     cell_m: float
+    """Distance of vertices."""
     targets: FloatArray
+    """Centres of the painted targets (T, 2)."""
     target_radius_m: float
+    """Radius of the targets."""
     finest_wavelength_m: float
+    """Finest wavelength of the texture."""
     sun: FloatArray
+    """Direction to the sun (3,)."""
     seed: int
+    """Seed of the texture."""
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the height (N,) of the surface, roofs and trees included, at positions (N, 2); bilinear in a cell."""
@@ -196,7 +202,9 @@ class Scene:
             c1, r1 = np.clip(np.floor((centre + reach) / side), 0, limit).astype(int)
             window = result[r0 : r1 + 1, c0 : c1 + 1]
             if np.any(window >= 0):
-                raise ValueError(f"targets {window.max()} and {index} are too near: keep {2 * side:.1f} m between them")
+                raise ValueError(
+                    f"targets {window.max()} and {index} are too close: keep {2 * side:.1f} m between them"
+                )
             window[:] = index
         return result
 

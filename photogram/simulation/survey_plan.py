@@ -22,72 +22,101 @@ _DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 class SurveyPlan:
     """All settings of a simulated survey.
 
-    Camera: ``principal_point_offset_px`` from the centre of the photograph, ``radial`` k1 k2 k3 k4, ``tangential`` p1
-    p2, ``affinity_px`` b1 b2, and the ``camera_model``. ``calibration_source`` is what the surveyor has of it: a
-    ``laboratory``'s figures, the ``maker``'s in the tags (DewarpData), or the ``exif`` focal length alone, in whole
-    millimetres on 35 mm film, with no distortion known. ``focal_tag_factor`` is what EXIF's focal length is wrong by,
-    1.1 for one that is a tenth too long. ``calibration_sigmas``, in the order of PARAMETER_NAMES, are the sigmas that
-    the approximate camera states, and its errors but for ``exif`` (a zero: known; infinity: free, and without error).
-    Flight: parallel strips to and fro, ``flying_height_m`` above terrain whose height is 0 on the average; an oblique
-    strip, of ``oblique_photographs`` where it is not as long as the others, crosses them, its cameras tilted forward by
-    ``oblique_angle_deg``. ``attitude_noise_deg`` and ``position_noise_m`` are how badly the plan is flown,
-    ``attitude_sigma_deg`` and ``gnss_sigma_m`` (east, north, up) how badly it is measured; ``readout_s`` is the time
-    from the first to the last row of a rolling shutter, during which the camera moves on with ``speed_m_s``;
-    ``gnss_offset_sigma_m`` is how far the offset of a flight may lie from zero. The strips are shared out among the
-    ``flights`` in their order. Without ``gnss_tags`` the photographs have neither position nor attitude nor time.
-    Ground: ``relief_m`` from valley to hill, ``cell_m`` of the height field, numbers of ``buildings`` and ``trees``.
-    Control: ``mark_sigma_px`` in a photograph, rounded where ``whole_pixel_marks``; every photograph must see
-    ``control_marks_per_photograph`` of the control points. Blunder: ``control_height_blunder_m`` is added to the
-    surveyed height of the point called ``blunder_point``.
+    The mean height of the terrain is 0. Strips are flown to and fro and assigned to the flights in their order.
     """
 
     width_px: int = 1200
+    """Width of the photographs."""
     height_px: int = 900
+    """Height of the photographs."""
     focal_px: float = 1800.0
+    """True focal length."""
     principal_point_offset_px: tuple[float, float] = (3.0, -2.0)
+    """True principal point from the centre of the photograph."""
     radial: tuple[float, float, float, float] = (-0.08, 0.06, -0.01, 0.0)
+    """True k1 k2 k3 k4."""
     tangential: tuple[float, float] = (0.0004, -0.0003)
+    """True p1 p2."""
     affinity_px: tuple[float, float] = (0.0, 0.0)
+    """True b1 b2."""
     camera_model: Model = "brown"
+    """True camera model."""
     calibration_source: CalibrationSource = "laboratory"
+    """What the surveyor knows of the camera: a laboratory's calibration, the maker's in the tags (DewarpData), or the
+    EXIF focal length in whole millimetres on 35 mm film, without distortion."""
     focal_tag_factor: float = 1.0
+    """Factor by which the EXIF focal length is wrong; 1.1: a tenth too long."""
     calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
+    """Stated sigmas of the approximate camera, and its errors but for exif, in the order of PARAMETER_NAMES; zero:
+    known, infinity: free and without error."""
     flying_height_m: float = 80.0
+    """Flying height above mean ground."""
     forward_overlap: float = 0.7
+    """Forward overlap, 0 to 1."""
     side_overlap: float = 0.65
+    """Side overlap, 0 to 1."""
     strips: int = 3
+    """Number of parallel strips."""
     photographs_per_strip: int = 4
+    """Photographs in each."""
     oblique_strip: bool = False
+    """Whether an oblique strip crosses the others."""
     oblique_photographs: int | None = None
+    """Photographs in the oblique strip; None: as many as in the others."""
     oblique_angle_deg: float = 25.0
+    """Its forward tilt."""
     speed_m_s: float = 5.0
+    """Ground speed."""
     readout_s: float = 0.0
+    """Readout time from first to last row of a rolling shutter; 0: global shutter."""
     attitude_noise_deg: float = 1.5
+    """Standard deviation of the flown attitudes about the plan."""
     position_noise_m: float = 0.5
+    """Standard deviation of the flown positions about the plan."""
     attitude_sigma_deg: float = 1.0
+    """Standard deviation of the measured attitudes."""
     flights: int = 1
+    """Number of flights."""
     gnss_tags: bool = True
+    """Whether photographs have position, attitude and time in their tags."""
     gnss_sigma_m: tuple[float, float, float] = (0.02, 0.02, 0.04)
+    """Standard deviations of the GNSS positions: east, north, up."""
     gnss_offset_sigma_m: tuple[float, float, float] = (0.3, 0.3, 0.5)
+    """Standard deviations of the GNSS offset of a flight: east, north, up."""
     relief_m: float = 8.0
+    """Relief from valley to hill."""
     cell_m: float = 0.1
+    """Cell of the height field."""
     buildings: int = 12
+    """Number of buildings."""
     trees: int = 100
+    """Number of trees."""
     target_radius_m: float = 0.35
+    """Radius of the targets of ground points."""
     control_points: int = 18
+    """Number of control points."""
     check_points: int = 8
+    """Number of check points."""
     control_marks_per_photograph: int = 0
+    """Control points that every photograph must see."""
     control_sigma_m: tuple[float, float, float] = (0.01, 0.01, 0.015)
+    """Standard deviations of the surveyed points: east, north, up."""
     mark_sigma_px: float = 0.3
+    """Standard deviation of the marks."""
     whole_pixel_marks: bool = False
+    """Whether marks are rounded to whole pixels."""
     blunder_point: str | None = None
+    """Name of the point with a height blunder, None for none."""
     control_height_blunder_m: float = 0.0
+    """The blunder, added to its surveyed height."""
     crs: str = "EPSG:25832"
+    """Map grid."""
     origin_map_m: tuple[float, float, float] = (602340.0, 5794120.0, 120.0)
+    """Easting, northing and height of the world frame's origin."""
 
     def __post_init__(self) -> None:
         if not (0 < self.forward_overlap < 1 and 0 < self.side_overlap < 1):
-            raise ValueError("overlaps lie between 0 and 1")
+            raise ValueError("overlaps must be between 0 and 1")
         if min(self.strips, self.photographs_per_strip, self.flights) < 1 or self.flights > self.strips:
             raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
         if self.oblique_photographs is not None and self.oblique_photographs < 1:

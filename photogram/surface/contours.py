@@ -34,18 +34,16 @@ _FINEST_INTERVAL_M = 0.01
 
 @dataclass(frozen=True)
 class ContourSettings:
-    """How a surface becomes lines.
-
-    ``enabled``: whether it does. ``interval_m``: difference in height of two lines; None chooses by the relief
-    (``interval_for``). ``cell_m``: the raster is averaged to about cells of this size first; None takes its own cells,
-    or as many together as leave MAXIMUM_CELLS. ``minimum_length_m``: shorter lines are left out; None takes eight of
-    the cells that are contoured.
-    """
+    """How contour lines are traced."""
 
     enabled: bool = True
+    """Whether they are."""
     interval_m: float | None = None
+    """Contour interval; None: by the relief (``interval_for``)."""
     cell_m: float | None = None
+    """Cell size to which the raster is averaged first; None: its own cells, or aggregates of at most MAXIMUM_CELLS."""
     minimum_length_m: float | None = None
+    """Shorter lines are omitted; None: eight of the contoured cells."""
 
     def __post_init__(self) -> None:
         for name in ("interval_m", "cell_m"):

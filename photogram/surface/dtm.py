@@ -29,24 +29,24 @@ _STRIP_BLOCKS = 64
 
 @dataclass(frozen=True)
 class TerrainSettings:
-    """What counts as ground.
-
-    ``enabled``: whether a terrain model is made. ``cell_m``: side of the blocks on which the cloth is dropped, in m;
-    never less than a cell of the surface.
-    ``cloth_m``: distance of the cloth's knots, in m. ``rigidness``: 1 for steep, 2 for rolling, 3 for flat ground.
-    ``reach_m``: a block this near to the cloth, in m, is ground. ``step_m``: a cell this near to the ground of the
-    blocks is ground, but for the feet of walls: cells within ``margin_m`` of what stands three steps high or more.
-    ``maximum_gap_m``: what is further than this from any ground stays open.
-    """
+    """How ground is separated from the surface."""
 
     enabled: bool = False
+    """Whether a terrain model is made."""
     cell_m: float = 0.5
+    """Side of the aggregates on which the cloth is dropped, at least a cell of the surface."""
     cloth_m: float = 1.0
+    """Grid spacing of the cloth."""
     rigidness: int = 2
+    """1 for steep, 2 for rolling, 3 for flat ground."""
     reach_m: float = 0.5
+    """Distance from the cloth within which an aggregate is ground."""
     step_m: float = 0.3
+    """Distance from the ground of the aggregates within which a cell is ground."""
     margin_m: float = 0.5
+    """Cells this near to objects three steps high or more are not ground."""
     maximum_gap_m: float = 30.0
+    """Distance from ground beyond which nothing is interpolated."""
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "cloth_m", "reach_m", "step_m", "margin_m", "maximum_gap_m"):
@@ -70,7 +70,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
 
     Cells on the ground keep the surface's height; the others take the height between the ground around them, linear in
     the triangles of the blocks' means. Cells without data stay so, and what is wider than the maximum gap is left open.
-    The same surface gives the same terrain. Raises PhotogramError where the surface holds no ground.
+    The same surface gives the same terrain. Raises PhotogramError where there is no ground in the surface.
     """
     settings = settings or TerrainSettings()
     block = max(1, round(settings.cell_m / surface.cell_m), int(np.ceil(np.sqrt(surface.values.size / MAXIMUM_BLOCKS))))
@@ -78,7 +78,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
     low = _blocks(values, block, _low_height)
     ground = _cloth(low, side_m, settings)
     if not ground.any():
-        raise PhotogramError("terrain: the surface holds no ground: choose a larger reach_m, or leave terrain out")
+        raise PhotogramError("terrain: no ground found in the surface: choose a larger reach_m, or remove terrain")
     rough = _between(low, ground)
     on_ground, high = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=np.uint8)
     for rows in _strips(values, block):
@@ -140,7 +140,7 @@ def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArr
     except ImportError as fault:
         raise PhotogramError(
             "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin "
-            "with a Python it is made for, or leave terrain out"
+            "for a Python version it supports, or remove terrain"
         ) from fault
     row, column = np.nonzero(np.isfinite(low))
     ground = np.zeros(low.shape, dtype=bool)

@@ -33,20 +33,18 @@ CHUNK_POINTS = 40_000
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """How points become a surface.
-
-    ``cell_m``: size of a cell in m; None takes the mean spacing of the points, rounded to 1, 2 or 5 times a power of
-    ten. ``maximum_gap_m``: no cell lies in a triangle with an edge longer than this in plan, in m; None takes 10
-    times the median edge. ``spike_nmad``: a point further than this many NMAD from the plane through its neighbours
-    is a spike (0 keeps every point). ``spike_minimum_m``: a point nearer than this to that plane, in m, is never a
-    spike. ``spike_neighbours``: number of nearest points in plan that make a neighbourhood.
-    """
+    """How points become a surface."""
 
     cell_m: float | None = None
+    """Side of a cell; None: mean spacing of the points, rounded to 1, 2 or 5 times a power of ten."""
     maximum_gap_m: float | None = None
+    """Longest edge of a triangle in plan that carries cells; None: 10 times the median edge."""
     spike_nmad: float = 6.0
+    """Distance from the plane through its neighbours, in NMAD, beyond which a point is a spike; 0 keeps every point."""
     spike_minimum_m: float = 0.05
+    """Distance from that plane below which a point is never a spike."""
     spike_neighbours: int = 20
+    """Number of nearest points in plan that form a neighbourhood."""
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "maximum_gap_m"):
@@ -230,7 +228,7 @@ def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
         triangulation = Delaunay(points_m[:, :2])
     except QhullError as fault:
         raise PhotogramError(
-            f"surface: the {len(points_m)} points lie on one line in plan: a surface needs points that span an area"
+            f"surface: the {len(points_m)} points are collinear in plan: a surface needs points that span an area"
         ) from fault
     corners = points_m[triangulation.simplices]
     usable = _usable_triangles(corners, settings.maximum_gap_m)

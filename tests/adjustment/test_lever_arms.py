@@ -128,7 +128,7 @@ def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: Simulated
     assert right == pytest.approx(0.02, abs=4 * sigma[1])
     assert max(sigma[:2]) < 0.03
     assert down is None
-    assert any("turns with the camera" in sentence for sentence in ignored["warnings"])
+    assert any("rotate with the camera" in sentence for sentence in ignored["warnings"])
 
     given = gnss_of(with_arm(made, ARM))
     assert not given["lever_arm_left"]["significant"]

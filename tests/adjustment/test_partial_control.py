@@ -117,5 +117,5 @@ def test_a_point_that_nothing_places_is_named() -> None:
         mark_pixel=points.mark_pixel[kept],
         mark_sigma_px=points.mark_sigma_px[kept],
     )
-    with pytest.raises(AdjustmentError, match=f"control point {points.name[2]} is control in height alone"):
+    with pytest.raises(AdjustmentError, match=f"control point {points.name[2]} is control in height only"):
         adjust(replace(survey(), control_points=bare), SETTINGS)

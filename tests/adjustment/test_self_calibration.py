@@ -117,7 +117,7 @@ def test_the_focal_length_of_a_nadir_block_over_level_ground_is_held_by_its_prio
     for seed in SEEDS:
         result, held = calibrated(LEVEL, seed)
         reason = held["simulated"]["focal_px"]
-        assert "photographs that look straight down cannot tell it from the flying height" in reason
+        assert "in nadir imagery it cannot be separated from the flying height" in reason
         assert f"known to {WIDE[0]:.3g} beforehand, to {sigma_of(result)[0]:.3g} now" in reason
         assert 0.7 < sigma_of(result)[0] / WIDE[0] <= 1.0
         assert {"k1", "cx_px"}.isdisjoint(held["simulated"])
@@ -147,8 +147,8 @@ def test_parallel_strips_hold_what_they_cannot_tell() -> None:
     result, held = calibrated(plan, 1)
     assert np.all(sigma_of(result)[1:3] > 0.7 * 0.5)
     for name in ("cx_px", "cy_px", "p1", "p2"):
-        assert "parallel strips cannot tell it from the attitudes" in held["simulated"][name]
-    assert held["simulated"]["k3"] == "held at its given value"
+        assert "in parallel strips it cannot be separated from the attitudes" in held["simulated"][name]
+    assert held["simulated"]["k3"] == "fixed at its given value"
     assert result.block.cameras[0].radial[2] == simulated(plan, 1).block.cameras[0].radial[2]
     crossed = replace(plan, oblique_strip=True, oblique_angle_deg=0.0)
     for name, reason in calibrated(crossed, 1)[1]["simulated"].items():
@@ -208,7 +208,7 @@ def test_each_camera_is_judged_by_its_own_photographs() -> None:
     assert result.converged
     assert set(held) == {"nadir", "oblique"}
     for reason in held["oblique"].values():
-        assert "straight down" not in reason
+        assert "nadir imagery" not in reason
     assert result.block.cameras[0].focal_px != result.block.cameras[1].focal_px
 
 
@@ -231,4 +231,4 @@ def test_a_photograph_left_out_does_not_make_a_nadir_block_oblique() -> None:
         replace(block, poses=poses, photographs=(tagged, *block.photographs[1:])), SETTINGS, ("auto",)
     )
     assert result.block.poses[0] is None
-    assert "straight down" in held["simulated"]["focal_px"]
+    assert "nadir imagery" in held["simulated"]["focal_px"]

@@ -145,8 +145,8 @@ def test_what_is_said_of_a_group() -> None:
         "tie points scatter 0.5 ± 0.008 times as much as stated (0.5 px): about 0.25 px; their sigma is too large"
     )
     assert said["marks"]["sentence"] == (
-        "marks scatter 2 ± 0.2 times as much as stated (0.4 px): about 0.8 px; a wrong one among them, "
-        "or a sigma too small"
+        "marks scatter 2 ± 0.2 times as much as stated (0.4 px): about 0.8 px; a blunder among them, or "
+        "their sigma is too small"
     )
     assert said["attitude"]["sentence"] is None
     assert said["attitude"]["stated_sigma"] == pytest.approx(1.0)

@@ -196,7 +196,7 @@ def test_compare_two_clouds_with_a_reference(
     assert below["std_m"] == pytest.approx(0.02, rel=0.1)
     assert below["nmad_m"] == pytest.approx(0.02, rel=0.1)
     assert found["below"]["removed"] >= 20
-    # the nearest of points 0.5 m apart is 0.19 m away in plan on the average
+    # the nearest of points 0.5 m apart is 0.19 m away in plan on average
     assert 0.15 < found["below"]["cloud_to_cloud"]["mean_m"] < 0.25
     for figure in ("0.1000", "below", "above", "comparison.json"):
         assert figure in outcome.out.replace("\n", "")
@@ -219,7 +219,7 @@ def test_compare_refuses_two_clouds_of_one_name(clouds: list[Path], tmp_path: Pa
     again = shutil.copyfile(clouds[0], tmp_path / "other" / clouds[0].name)
     outcome = photogram("compare", clouds[0], again, "--reference", clouds[1], "--output", tmp_path)
     assert outcome.code == 1
-    assert "two clouds are called 'above': rename one" in outcome.err
+    assert "two clouds have the name 'above': rename one" in outcome.err
 
 
 # ---- study ---------------------------------------------------------------------------------------------------------

@@ -40,21 +40,21 @@ Run = Callable[..., Any]
         (
             "adjustment",
             {"converged": True, "iterations": 20, "sigma0": 1.13781, "blunders": 1, "disbelieved_headings": 18},
-            "converged after 20 iterations, sigma0 1.138, 1 blunder left out, 18 headings not used",
+            "converged after 20 iterations, sigma0 1.138, 1 blunder rejected, 18 headings not used",
         ),
         (
             "adjustment",
             {"converged": False, "iterations": 1, "sigma0": 2.0, "blunders": 0},
             "NOT converged after 1 iteration, sigma0 2.000",
         ),
-        ("dense", {}, "not asked for"),
+        ("dense", {}, "not requested"),
         (
             "dense",
             {"columns": 508, "rows": 421, "cell_m": 0.18, "gsd_m": 0.04, "levels": 3},
             "508 × 421 cells of 0.18 m, 3 levels",
         ),
         ("relief", {"contours": 39, "interval_m": 0.5, "of": "surface"}, "39 contour lines every 0.5 m of the surface"),
-        ("orthophoto", {"left_out": "the photographs look sideways"}, "left out: the photographs look sideways"),
+        ("orthophoto", {"left_out": "the photographs are oblique"}, "left out: the photographs are oblique"),
         ("comparison", {"clouds": 0}, "no reference given"),
         ("results", {"products": ["report.json", "report.html"]}, "2 files written"),
     ],
@@ -114,7 +114,7 @@ def test_plan_shows_which_change_is_at_work_and_json_stays_json(bar: Console, ph
     outcome = photogram("plan", "--area", "40x40", "--gsd", "0.04", "--json")
     assert outcome.code == 0, outcome.err
     drawn = bar.export_text()
-    for words in ("the flight as planned", "one oblique strip more"):
+    for words in ("the flight as planned", "one more oblique strip"):
         assert words in drawn, words
 
 

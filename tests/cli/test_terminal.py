@@ -50,8 +50,8 @@ def test_block_line(shown: Console) -> None:
     text = shown.export_text()
     for words in ("18 of 18", "2.31 cm", "median 7", "93% of the area", "4.13", "0.321, 0.456 m"):
         assert words in text, words
-    assert "Left out" not in text
-    assert "parts without" not in text
+    assert "Not oriented" not in text
+    assert "components without" not in text
 
 
 def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
@@ -61,13 +61,13 @@ def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
     assert "3, of 15, 2, 1 photographs" in text
     for i in range(3):
         assert f"too few [tie] points in DJI_{i:04d}.JPG" in text
-    assert "more" not in text.split("Left out")[1].split("Result")[0]
+    assert "more" not in text.split("Not oriented")[1].split("Result")[0]
 
 
 def test_many_that_are_left_out_are_counted(shown: Console) -> None:
     report_tables.show_report(report(1000, 37))
     text = shown.export_text()
-    assert "Left out: 37 photographs" in text
+    assert "Not oriented: 37 photographs" in text
     assert text.count("too few [tie] points") == report_tables.MAXIMUM_LEFT_OUT == 10
     assert "and 27 more" in text
 
@@ -82,7 +82,7 @@ def test_what_is_not_known_is_not_shown(shown: Console) -> None:
 
 
 def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console) -> None:
-    sentences = [f"control point [{n}], height: everything else predicts +0.620 m, 14.0 sigma" for n in range(7)]
+    sentences = [f"control point [{n}], height: all other observations predict +0.620 m, 14.0 sigma" for n in range(7)]
     found = [{"kind": "control point", "sentence": sentence} for sentence in sentences]
     report_tables.show_report(report() | {"suspects": found})
     text = shown.export_text()
@@ -94,11 +94,13 @@ def test_suspects_are_named_and_the_first_is_told_from_the_others(shown: Console
 
 def test_blunders_are_told_instead_of_what_they_spread_to_others(shown: Console) -> None:
     suspects = [{"kind": kind, "sentence": f"{kind} X is off"} for kind in ("control point", "mark", "GNSS position")]
-    blunders = [{"sentence": "control point [3]: everything else predicts another height (height -0.6 m, 13 sigma)"}]
+    blunders = [
+        {"sentence": ("control point [3]: all other observations predict another height (height -0.6 m, 13 sigma)")}
+    ]
     effect = {"sentence": "without that, the RMSE of 5 check points goes from 0.040 to 0.012 m in plan"}
     report_tables.show_report(report() | {"suspects": suspects, "blunders": blunders, "blunders_effect": effect})
     text = shown.export_text()
-    assert f"Left out: {blunders[0]['sentence']}" in text
+    assert f"Rejected: {blunders[0]['sentence']}" in text
     assert "Without that, the RMSE of 5 check points" in text
     assert "Suspect: GNSS position X is off" in text
     assert "control point X" not in text
@@ -129,18 +131,18 @@ def test_what_is_refuted_is_said(shown: Console) -> None:
 
 def test_weak_geometry_is_named_with_what_would_help_most(shown: Console) -> None:
     diagnosis = {
-        "warnings": ["The block may be bent to a dome of 0.061 m"],
+        "warnings": ["The block may have a dome of 0.061 m"],
         "remedies": [{"sentence": "RTK instead of these"}, {"sentence": "One strip across"}],
         "resections": [{"sentence": "Resection with the given focal length [px]"}],
     }
     report_tables.show_report(report() | {"diagnosis": diagnosis})
     text = shown.export_text()
-    assert "Weak: The block may be bent to a dome of 0.061 m" in text
-    assert "What would help most: RTK instead of these" in text
+    assert "Weak: The block may have a dome of 0.061 m" in text
+    assert "Most effective improvement: RTK instead of these" in text
     assert "One strip across" not in text
     assert "Resection with the given focal length [px]" in text
     report_tables.show_report(report() | {"diagnosis": {**diagnosis, "warnings": []}})
-    assert "What would help" not in shown.export_text()
+    assert "Most effective improvement" not in shown.export_text()
 
 
 def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
@@ -181,9 +183,7 @@ def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) 
 
 
 def test_an_orthophoto_that_is_left_out_says_why(shown: Console) -> None:
-    report_tables.show_report(
-        report() | {"orthophoto": {"left_out": "the photographs look sideways"}, "dense": dense()}
-    )
+    report_tables.show_report(report() | {"orthophoto": {"left_out": "the photographs are oblique"}, "dense": dense()})
     text = shown.export_text()
-    assert "left out: the photographs look sideways" in text
+    assert "left out: the photographs are oblique" in text
     assert "Surface and orthophoto" not in text

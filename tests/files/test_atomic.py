@@ -84,7 +84,7 @@ def test_leftovers_are_removed_and_nothing_else(tmp_path: Path) -> None:
         ".dsm.tif.partial", ".photogram-mine.partial", "a.txt", "dsm.tif.partial", "mine.txt",
     ]  # fmt: skip
     assert mine.read_text() == "mine"
-    with pytest.raises(WorkspaceError, match="cannot be tidied up"):
+    with pytest.raises(WorkspaceError, match="cannot be cleaned up"):
         remove_leftovers(tmp_path / "missing")
 
 
@@ -99,7 +99,7 @@ def test_a_scratch_folder_is_not_made_through_a_link(tmp_path: Path) -> None:
 def test_a_folder_within_is_no_link(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "pictures").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(WorkspaceError, match="pictures: is a link, in the place of a folder that photogram writes to"):
+    with pytest.raises(WorkspaceError, match="pictures: is a link in place of a folder that photogram writes to"):
         make_folder_within(tmp_path / "pictures")
     make_folder_within(tmp_path / "study")
     assert (tmp_path / "study").is_dir()
@@ -110,7 +110,7 @@ def test_a_folder_that_the_file_system_refuses_is_a_fault(tmp_path: Path, monkey
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(WorkspaceError, match=r"the folder cannot be made \(Input/output error\)"):
+    with pytest.raises(WorkspaceError, match=r"the folder cannot be created \(Input/output error\)"):
         make_folder(tmp_path / "a")
 
 
@@ -118,10 +118,10 @@ def test_who_may_not_write_is_known_beforehand(tmp_path: Path, monkeypatch: pyte
     assert unwritable(tmp_path / "new" / "deep") == ""
     (tmp_path / "file").write_text("")
     (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
-    assert unwritable(tmp_path / "file" / "a") == f"{tmp_path / 'file'} is no folder"
-    assert unwritable(tmp_path / "dangling") == f"{tmp_path / 'dangling'} is no folder"
+    assert unwritable(tmp_path / "file" / "a") == f"{tmp_path / 'file'} is not a folder"
+    assert unwritable(tmp_path / "dangling") == f"{tmp_path / 'dangling'} is not a folder"
     monkeypatch.setattr("os.access", lambda *_: False)
-    assert unwritable(tmp_path / "new") == f"{tmp_path} may not be written to"
+    assert unwritable(tmp_path / "new") == f"{tmp_path} is not writable"
 
 
 def test_an_observer_sees_each_whole_file_before_it_is_there(tmp_path: Path) -> None:

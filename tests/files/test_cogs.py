@@ -154,7 +154,7 @@ def test_what_does_not_fit_leaves_nothing(tmp_path: Path) -> None:
         write_cog_rgba(path, GRID, CRS, [(window, values.astype(np.uint8))])
     with pytest.raises(ValueError, match="type float32, expected uint8"):
         write_cog_codes(path, GRID, CRS, [(window, values)])  # type: ignore[list-item]
-    with pytest.raises(FrameError, match="not a map grid"):
+    with pytest.raises(FrameError, match="not a projected CRS"):
         write_cog(path, GRID, "EPSG:4326", [])
     with pytest.raises(WorkspaceError, match="cannot be written"):
         write_cog(tmp_path / "nowhere" / "dsm.tif", GRID, CRS, [])

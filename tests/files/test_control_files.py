@@ -90,7 +90,7 @@ def test_names_comments_tabs_and_blanks(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("EPSG:32617\n1 2 3 4 a.jpg\n", ["2: 5 fields, needed are x y z u v photograph [name]"]),
+        ("EPSG:32617\n1 2 3 4 a.jpg\n", ["2: 5 fields, expected x y z u v photograph [name]"]),
         ("EPSG:32617\n1 2,5 3 4 5 a.jpg\n", ["2: y must be a number, found '2,5': write 2.5, with a decimal point"]),
         (
             "EPSG:32617\n1 2 nan 4 5 a.jpg\n1 2 3 x 1_0 a.jpg\n",
@@ -131,7 +131,7 @@ def test_first_line_without_a_crs_is_data(tmp_path: Path) -> None:
 def test_hundreds_of_faults_are_not_all_shown(tmp_path: Path) -> None:
     found = faults(tmp_path, "EPSG:32617\n" + "1 2 3\n" * 300, "gcp_list.txt")
     assert len(found) == 21
-    assert found[-1] == "22: from this line on 280 more faults: mend the ones above first"
+    assert found[-1] == "22: from this line on 280 more errors: fix those above first"
 
 
 def test_what_is_no_text(tmp_path: Path) -> None:

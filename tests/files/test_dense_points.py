@@ -133,7 +133,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
         write_dense_laz(path, GRID, CRS, [DensePoints(**columns | {"confidence": good.confidence + 1})])
     with pytest.raises(ValueError, match="rays: shape"):
         DensePoints(**columns | {"rays": good.rays[:3]})
-    with pytest.raises(FrameError, match="not a map grid"):
+    with pytest.raises(FrameError, match="not a projected CRS"):
         write_dense_laz(path, GRID, "EPSG:4326", [good])
     with pytest.raises(WorkspaceError, match="cannot be written"):
         write_dense_laz(tmp_path / "nowhere" / "dense.laz", GRID, CRS, [good])

@@ -204,7 +204,7 @@ def test_wrong_size_is_refused(photograph: Path, read: object) -> None:
 
 @pytest.mark.parametrize("read", [*READERS, read_tags])
 def test_missing_photograph_is_refused(tmp_path: Path, read: object) -> None:
-    with pytest.raises(ImageError, match=r"gone\.jpg: there is no such file"):
+    with pytest.raises(ImageError, match=r"gone\.jpg: file not found"):
         read(tmp_path / "gone.jpg")  # type: ignore[operator]
 
 
@@ -220,7 +220,7 @@ def test_deep_pixels_are_refused(tmp_path: Path, read: object) -> None:
     ("old", "new", "message"),
     [
         (b"-162.900", b"somewhat", "GimbalYawDegree is 'somewhat'"),
-        (b"-11.2246986034", b"-91.2246986034", "no globe"),
+        (b"-11.2246986034", b"-91.2246986034", "impossible"),
         (b"2019-02-04;1943", b"2019-02-04,1943", "DewarpData"),
     ],
 )

@@ -80,7 +80,7 @@ def without(name: str) -> dict[str, object]:
         ({**PLAIN, "K": K[:2]}, "expected 9 numbers"),
         ({**PLAIN, "K": np.full((3, 3), np.nan)}, "expected 9 numbers"),
         ({**PLAIN, "RadialDistortion": [[1.0]]}, "RadialDistortion is .*, expected 2 or 3 numbers"),
-        ({**PLAIN, "TangentialDistortion": "none"}, "TangentialDistortion holds no numbers"),
+        ({**PLAIN, "TangentialDistortion": "none"}, "TangentialDistortion contains no numbers"),
         ({"cameraParams": {**STRUCT, "ImageSize": [[1824.0, 2736.0]]}}, "calibrated on 2736 × 1824 px"),
     ],
 )
@@ -101,7 +101,7 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(ProjectError, match=r"camera\.mat"):
             read_camera(path, "P4", 5472, 3648, "photogram")
-    with pytest.raises(ProjectError, match="no such file"):
+    with pytest.raises(ProjectError, match="file not found"):
         read_camera(tmp_path / "gone.mat", "P4", 5472, 3648, "photogram")
 
 
@@ -189,5 +189,5 @@ def test_other_files_are_no_tie_points(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(ProjectError, match=r"camera\.mat: cannot be read"):
         read_tie_points(path)
-    with pytest.raises(ProjectError, match="no such file"):
+    with pytest.raises(ProjectError, match="file not found"):
         read_tie_points(tmp_path / "gone.mat")

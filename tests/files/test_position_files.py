@@ -78,13 +78,13 @@ def test_every_fault_of_an_mrk_is_named_at_once(tmp_path: Path) -> None:
     ]
     found = faults(tmp_path, "\n".join(bad), "x.MRK")
     assert [f.split(":")[0] for f in found] == ["2", "2", "3", "4"]
-    assert any("number 3 is there twice, first in line 1" in f for f in found)
-    assert any("lie on no globe" in f for f in found)
-    assert "is no line of a DJI MRK file" in found[-1]
+    assert any("number 3 is given twice, first in line 1" in f for f in found)
+    assert any("are impossible" in f for f in found)
+    assert "is not a line of a DJI MRK file" in found[-1]
     assert "the file is empty" in faults(tmp_path, "\n\n", "y.MRK")[0]
     many = faults(tmp_path, "rubbish\n" * 50, "z.MRK")
     assert len(many) == 21
-    assert "30 more faults" in many[-1]
+    assert "30 more errors" in many[-1]
 
 
 @given(
@@ -195,9 +195,9 @@ def test_faults_of_a_table_are_named_at_once(tmp_path: Path) -> None:
     assert [f.split(":")[0] for f in found] == ["2", "3", "4", "4", "4", "5", "6"]
     for part in (
         "'abc'",
-        "names no photograph",
+        "has no photograph",
         "must not be below 0",
-        "no globe",
+        "impossible",
         "'wobbly'",
         "8 fields",
         "write 8.5",

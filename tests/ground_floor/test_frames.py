@@ -212,11 +212,11 @@ def test_a_compound_crs_counts_by_its_horizontal_part() -> None:
 @pytest.mark.parametrize(
     ("crs", "says"),
     [
-        ("EPSG:4326", "is not a map grid: the survey needs easting and northing in metres"),
-        ("EPSG:4979", "is not a map grid"),
+        ("EPSG:4326", "is not a projected CRS: choose a map grid in metres"),
+        ("EPSG:4979", "is not a projected CRS"),
         ("EPSG:2263", "is in US survey foot: choose a map grid in metres"),
-        ("EPSG:999999", "'EPSG:999999' is no coordinate reference system that PROJ knows"),
-        ("UTM zone 32", "'UTM zone 32' is no coordinate reference system"),
+        ("EPSG:999999", "'EPSG:999999': not a CRS known to PROJ"),
+        ("UTM zone 32", "'UTM zone 32': not a CRS known to PROJ"),
     ],
 )
 def test_unfit_reference_systems_are_refused(crs: str, says: str) -> None:

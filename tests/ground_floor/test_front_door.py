@@ -8,6 +8,8 @@ import inspect
 import re
 import subprocess
 import sys
+import textwrap
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,7 @@ import photogram as pg
 SOURCE = Path(pg.__file__)
 NAMES = [name for name in pg.__all__ if name != "__version__"]
 ARRAYS = re.compile(r"FloatArray|IntArray|ByteArray|BoolArray|NDArray")
-SHAPE = re.compile(r"\([A-Za-z]\w*( \+ 1)?(, ?[\w ]+)*,?\)|\(\d+(, \d+)*,?\)")
+SHAPE = re.compile(r"\([A-Za-z]\w*( \+ 1)?(, ?[\w ]+)*,?\)|\(\d+( [A-Z])?(, \d+( [A-Z])?)*,?\)")
 UNIT = re.compile(r"\bm\b|\bpx\b|pixels?\b|\brad\b|_m\b|_px\b|_rad\b|metres")
 
 
@@ -57,17 +59,35 @@ def test_a_name_resolves_and_is_documented(name: str) -> None:
     assert text.split("\n\n")[0].rstrip().endswith("."), "the purpose, in a sentence"
 
 
+def documented_fields(kind: type) -> dict[str, str]:
+    """Return the docstrings that stand below the fields of a class, by field."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(tree, ast.ClassDef)
+    return {
+        ast.unparse(above.target): str(below.value.value)
+        for above, below in pairwise(tree.body)
+        if isinstance(above, ast.AnnAssign)
+        and isinstance(below, ast.Expr)
+        and isinstance(below.value, ast.Constant)
+        and isinstance(below.value.value, str)
+    }
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_what_takes_or_holds_arrays_says_shapes_and_units(name: str) -> None:
-    found = getattr(pg, name)
+    found, fields = getattr(pg, name), dict[str, str]()
     if inspect.isclass(found):
-        held = [str(note) for note in vars(found).get("__annotations__", {}).values()]
+        notes = {field: str(note) for field, note in vars(found).get("__annotations__", {}).items()}
+        held, fields = list(notes.values()), documented_fields(found)
+        if fields:
+            arrays = [field for field, note in notes.items() if ARRAYS.search(note)]
+            assert [field for field in arrays if not SHAPE.search(fields[field])] == [], "arrays without a shape"
     else:
         held = [str(parameter.annotation) for parameter in inspect.signature(found).parameters.values()]
         held.append(str(inspect.signature(found).return_annotation))
     if not any(ARRAYS.search(note) for note in held):
         return
-    text = inspect.getdoc(found) or ""
+    text = "\n".join([inspect.getdoc(found) or "", *(f"{field}: {said}" for field, said in fields.items())])
     assert SHAPE.search(text), f"{name} says no shape"
     assert UNIT.search(text), f"{name} says no unit"
 

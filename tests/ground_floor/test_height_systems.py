@@ -86,14 +86,18 @@ def test_a_missing_grid_is_named_with_what_to_do() -> None:
 
 
 def test_what_is_no_geoid_is_refused(tmp_path: Path) -> None:
-    for name, words in (("EGM97", "no geoid that PROJ knows"), (UTM, "no vertical CRS"), ("EPSG:6360", "in metres")):
+    for name, words in (
+        ("EGM97", "not a geoid known to PROJ"),
+        (UTM, "not a vertical CRS"),
+        ("EPSG:6360", "in metres"),
+    ):
         with pytest.raises(FrameError, match=words):
             vertical_crs(name)
     (tmp_path / "x.gtx").write_text("no grid")
     for path, words in ((tmp_path / "x.gtx", "cannot read it"), (tmp_path / "a,b.gtx", "comma")):
         with pytest.raises(FrameError, match=words):
             geoid_height_m(CRS(UTM), Geoid(grid=str(path)), np.array([[10.0, 52.0]]))
-    with pytest.raises(FrameError, match="knows no way to it from"):  # the Danish zero, in a Swiss map
+    with pytest.raises(FrameError, match="has no transformation to it from"):  # the Danish zero, in a Swiss map
         geoid_height_m(CRS("EPSG:2056"), Geoid("EPSG:5799"), np.array([[7.4, 46.9]]))
 
 

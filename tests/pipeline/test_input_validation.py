@@ -44,7 +44,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
 
 def test_findings_show_themselves() -> None:
     found = Findings(
-        [Finding("fault", "a.jpg", "<b>damaged</b>", "copy it"), Finding("note", "survey", "4 photographs")]
+        [Finding("error", "a.jpg", "<b>damaged</b>", "copy it"), Finding("note", "survey", "4 photographs")]
     )
     assert repr(found).splitlines() == [
         "<Findings, not ready: 1 error, 0 warnings>",

@@ -77,8 +77,8 @@ def test_what_cannot_be_is_refused_before_a_photograph_is_read(survey: Path) -> 
         init(folder, focal_px=-5.0, project=project)
     with pytest.raises(ProjectError, match="orthometric heights need a geoid"):
         init(folder, heights="orthometric", project=project)
-    with pytest.raises(ProjectError, match="there is a project file already"):
+    with pytest.raises(ProjectError, match="the project file exists already"):
         init(folder, project=survey / "project.yaml")
-    with pytest.raises(ImageError, match="there is no such folder"):
+    with pytest.raises(ImageError, match="folder not found"):
         init(survey / "pictures", project=project)
     assert not project.exists()

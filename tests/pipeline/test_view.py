@@ -43,5 +43,5 @@ def test_what_is_missing_is_said(adjusted_survey: Path) -> None:
     elsewhere = Path(shutil.copytree(results, adjusted_survey / "copy"))
     for cloud in elsewhere.glob("*.laz"):
         cloud.unlink()
-    with pytest.raises(ReportError, match="no point cloud in it"):
+    with pytest.raises(ReportError, match="no point cloud found"):
         write_view(elsewhere)

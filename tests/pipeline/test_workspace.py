@@ -234,7 +234,7 @@ def test_a_damaged_note_is_that_of_a_damaged_stage(tmp_path: Path, damage: str) 
     workspace.finish("adjustment", "abc", {"seconds": [1.5] * 9})
     path = workspace.stage("adjustment") / "stage.json"
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
-    with pytest.raises(DamagedStageError, match=r"stage\.json: was changed .*makes the stage adjustment again"):
+    with pytest.raises(DamagedStageError, match=r"stage\.json: was modified .*runs the stage adjustment again"):
         workspace.is_complete("adjustment", "abc")
 
 
@@ -366,7 +366,10 @@ def test_a_second_process_is_told_that_the_folder_is_in_use_until_the_first_ends
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(WorkspaceError, match=r"work: another photogram works here; wait for it"), work.locked():
+        with (
+            pytest.raises(WorkspaceError, match=r"work: another photogram is running here; wait for it"),
+            work.locked(),
+        ):
             pass
         holder.kill()
         holder.wait()

@@ -218,12 +218,12 @@ def with_crs(crs: str) -> Callable[[Survey], Survey]:
 
 
 Expected = tuple[str, str, str]
-NO_CHECK = ("warning", "check points", "none with two marks or more: nothing will prove the result")
+NO_CHECK = ("warning", "check points", "none with two marks or more: accuracy will be predicted")
 CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "nothing wrong": (lambda s: s, []),
     "another size": (
         tag_changed(3, width_px=1000, height_px=750),
-        [("fault", "camera p4", "1 of 12 photographs (03.JPG) have 1000 × 750 px, the camera 4000 × 3000 px")],
+        [("error", "camera p4", "1 of 12 photographs (03.JPG) have 1000 × 750 px, the camera 4000 × 3000 px")],
     ),
     "another model": (
         tag_changed(3, model="FC300S"),
@@ -241,11 +241,11 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     ),
     "a thermal picture": (
         tag_changed(3, kind="thermal"),
-        [("warning", "03.JPG", "1 picture of the kind thermal, which is not an ordinary photograph's")],
+        [("warning", "03.JPG", "1 picture of the kind thermal, not ordinary photographs")],
     ),
     "no standard deviation": (
         lambda s: with_tags(s, gnss_sigma_m=None),
-        [("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 GNSS positions without a standard dev")],
+        [("error", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 GNSS positions without a standard dev")],
     ),
     "two lenses": (
         on_all(
@@ -273,27 +273,30 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "a frozen receiver and no control": (
         on_all(keep_points([]), frozen),
         [
-            ("fault", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
-            ("fault", "the block", "neither control points nor GNSS positions: nothing says where the survey is"),
+            ("error", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+            ("error", "the block", "neither control points nor GNSS positions: the survey cannot be georeferenced"),
         ],
     ),
     "some without GNSS": (
         tag_changed(3, longitude_deg=None, latitude_deg=None),
         [("warning", "03.JPG", "1 of 12 photographs have no GNSS position")],
     ),
-    "no GNSS": (without_gnss, [("note", "photographs", "none has a GNSS position: control points alone say")]),
+    "no GNSS": (
+        without_gnss,
+        [("note", "photographs", "no photograph has a GNSS position: control points alone define")],
+    ),
     "same moment": (
         lambda s: (s[0], [s[1][1], *s[1][1:]]),
         [
             ("warning", "00.JPG, 01.JPG", "same camera, time and position"),
-            ("warning", "00.JPG", "all its 2 marks point elsewhere than to their points, by 22°"),
+            ("warning", "00.JPG", "all its 2 marks disagree with their points, by 22°"),
         ],
     ),
     "another site": (
         photograph_moved(11, 0.05),
         [
             ("warning", "11.JPG", "1 photograph 5566 m from the nearest of the others"),
-            ("warning", "11.JPG", "all its 2 marks point elsewhere than to their points, by 84°"),
+            ("warning", "11.JPG", "all its 2 marks disagree with their points, by 84°"),
         ],
     ),
     "many sites": (
@@ -302,36 +305,36 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     ),
     "on the other side of the world": (
         with_crs("EPSG:2193"),
-        [("fault", "crs", "12 of 12 GNSS positions are outside the area of use of EPSG:2193")],
+        [("error", "crs", "12 of 12 GNSS positions are outside the area of use of EPSG:2193")],
     ),
     "one on the other side of the world": (
         on_all(keep_points([]), tag_changed(3, longitude_deg=100.0)),
-        [("fault", "03.JPG", "1 of 12 GNSS positions are outside the area of use of EPSG:25832"), NO_CHECK],
+        [("error", "03.JPG", "1 of 12 GNSS positions are outside the area of use of EPSG:25832"), NO_CHECK],
     ),
     "control of another place": (
         lambda s: with_points(s, lambda p: replace(p, position_map_m=p.position_map_m + np.array([3e4, 0, 0]))),
         [
-            ("fault", "control_points", "they lie 29.9 km or more from the GNSS positions of the photographs"),
+            ("error", "control_points", "they lie 29.9 km or more from the GNSS positions of the photographs"),
         ],
     ),
     "one control point far away": (
         moved("G1", [0, 700, 0]),
         [
-            ("warning", "point G1", "660 m from the nearest photograph, whose picture is about 83 m wide"),
-            ("warning", "point G1", "all its 4 marks point elsewhere than to its position, by "),
+            ("warning", "point G1", "660 m from the nearest photograph, whose footprint is about 83 m wide"),
+            ("warning", "point G1", "all its 4 marks disagree with its position, by "),
         ],
     ),
     "a wrong mark": (
         mark_turned,
-        [("warning", "point G4 in 01.JPG", "its mark points elsewhere than to its position, by 48°")],
+        [("warning", "point G4 in 01.JPG", "its mark disagrees with its position, by 48°")],
     ),
     "attitudes turned about": (
         lambda s: with_tags(s, gimbal_yaw_deg=YAW + 90),
-        [("warning", "marks", "27 of 37 point elsewhere than GNSS positions and attitudes say, by ")],
+        [("warning", "marks", "27 of 37 disagree with GNSS positions and attitudes by ")],
     ),
     "control above the camera": (
         moved("G2", [0, 0, 80]),
-        [("fault", "point G2", "G2 is 32.0 m above ")],
+        [("error", "point G2", "G2 is 32.0 m above ")],
     ),
     "a check point above the camera": (
         moved("G5", [0, 0, 80]),
@@ -353,12 +356,12 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
                 "GNSS positions are 92 m above the control points, but the photographs were taken 50 m above ground",
             ),
             (
-                "fault",
+                "error",
                 "heights",
                 "control heights look orthometric although declared ellipsoidal: they lie 42.0 m below",
             ),
             (
-                "fault",
+                "error",
                 "heights",
                 "heights of the check points look orthometric although declared ellipsoidal: they lie",
             ),
@@ -370,15 +373,15 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
             (
                 "warning",
                 "marks",
-                "the marks of the control points agree with the GNSS positions only with marks measured in pictures of "
-                "about 2000 × 1500 px, the photographs have 4000 × 3000 px",
+                "the marks of the control points agree with the GNSS positions only with marks measured in images of "
+                "about 2000 × 1500 px, the photographs are 4000 × 3000 px",
             ),
             (
                 "warning",
                 "marks",
                 "the marks of the check points agree with the GNSS positions only with marks measured",
             ),
-            ("warning", "marks", "17 of 37 point elsewhere than GNSS positions and attitudes say, by 3"),
+            ("warning", "marks", "17 of 37 disagree with GNSS positions and attitudes by 3"),
         ],
     ),
     "a focal length 13 % too long": (
@@ -399,26 +402,26 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "two control points, no GNSS": (
         on_all(keep_points(["G0", "G2", "G5"]), without_gnss),
         [
-            ("fault", "the block", "2 control points with marks and 0 GNSS positions: nothing fixes it"),
-            ("note", "photographs", "none has a GNSS position"),
+            ("error", "the block", "2 control points with marks and 0 GNSS positions: the datum is not defined"),
+            ("note", "photographs", "no photograph has a GNSS position"),
         ],
     ),
     "nothing that says where": (
         on_all(keep_points([]), without_gnss),
         [
-            ("fault", "the block", "neither control points nor GNSS positions: nothing says where the survey is"),
-            ("note", "photographs", "none has a GNSS position"),
+            ("error", "the block", "neither control points nor GNSS positions: the survey cannot be georeferenced"),
+            ("note", "photographs", "no photograph has a GNSS position"),
         ],
     ),
     "control in one line": (
         on_a_line,
-        [("warning", "control points", "lie in one line: across it the block rests on GNSS alone")],
+        [("warning", "control points", "are collinear: rotation about their line is determined by GNSS alone")],
     ),
     "control in one line, no GNSS": (
         on_all(on_a_line, without_gnss),
         [
-            ("fault", "control points", "lie in one line: the block can turn about it"),
-            ("note", "photographs", "none has a GNSS position"),
+            ("error", "control points", "are collinear: rotation of the block about their line is not determined"),
+            ("note", "photographs", "no photograph has a GNSS position"),
         ],
     ),
     "one strip alone": (
@@ -431,7 +434,7 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
             (
                 "warning",
                 "GNSS positions",
-                "lie in one line and there is no attitude: the block can turn about the strip",
+                "are collinear and there are no attitudes: rotation about the strip is not determined",
             ),
             NO_CHECK,
         ],
@@ -439,8 +442,8 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "few marks": (
         on_all(first_marks(["G0", "G1"], 1), first_marks(["G2"], 0), first_marks(["G5"], 1), first_marks(["G6"], 0)),
         [
-            ("warning", "G2", "1 control point without any mark: they take no part"),
-            ("warning", "G0, G1", "2 control points with a single mark: nothing shows a wrong one"),
+            ("warning", "G2", "1 control point without any mark: they are not used"),
+            ("warning", "G0, G1", "2 control points with a single mark, which nothing checks"),
             ("warning", "G6", "1 check point without any mark: they test nothing"),
             ("warning", "G5", "1 check point with a single mark: they test nothing"),
             NO_CHECK,
@@ -449,14 +452,14 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "one photograph": (
         on_all(keep_points([]), lambda s: (replace(s[0], photographs=s[0].photographs[:1]), s[1][:1])),
         [
-            ("fault", "photographs", "a survey needs two photographs at least"),
-            ("fault", "the block", "0 control points with marks and 1 GNSS position: nothing fixes it"),
+            ("error", "photographs", "a survey needs at least two photographs"),
+            ("error", "the block", "0 control points with marks and 1 GNSS position: the datum is not defined"),
             NO_CHECK,
         ],
     ),
     "a damaged photograph": (
         lambda s: (s[0], [*s[1][:5], None, *s[1][6:]]),
-        [("fault", "05.JPG", "photograph 05.JPG: cannot be decoded")],
+        [("error", "05.JPG", "photograph 05.JPG: cannot be decoded")],
     ),
 }
 
@@ -472,7 +475,7 @@ def test_what_is_wrong_is_found_and_nothing_else(kind: str) -> None:
         match = [f for f in rest if (f.severity, f.where) == (severity, where) and start in f.text]
         assert match, (where, start, "\n".join(map(str, rest)))
         assert all(f.remedy or f.severity == "note" or "decoded" in f.text for f in match)
-    order = [("fault", "warning", "note").index(f.severity) for f in findings]
+    order = [("error", "warning", "note").index(f.severity) for f in findings]
     assert order == sorted(order)
 
 
@@ -485,15 +488,15 @@ def test_a_fisheye_is_no_surprise_where_the_project_says_so() -> None:
 
 def test_tags_alone_show_what_nothing_can_be_placed_by() -> None:
     good, bad = a_survey(), without_gnss(keep_points(["G0"])(a_survey()))
-    assert [f for f in survey_findings(*good) if f.severity == "fault"] == []
-    assert [f.where for f in survey_findings(*bad) if f.severity == "fault"] == ["the block"]
+    assert [f for f in survey_findings(*good) if f.severity == "error"] == []
+    assert [f.where for f in survey_findings(*bad) if f.severity == "error"] == ["the block"]
 
 
 def test_twins_disk_and_memory() -> None:
     survey = a_survey()
     findings = found(survey, twins=[(0, 3)], free_disk_bytes=10**6, memory=10**8)
     assert [(f.severity, f.where) for f in findings[:-1]] == [
-        ("fault", "disk"),
+        ("error", "disk"),
         ("warning", "00.JPG, 03.JPG"),
         ("warning", "memory"),
     ]
@@ -504,10 +507,10 @@ def test_twins_disk_and_memory() -> None:
 
 def test_faults_of_the_project_file_become_findings(tmp_path: Path) -> None:
     path = tmp_path / "project.yaml"
-    several = ProjectError(f"{path} has 2 faults:\n{path}:3: crs: is missing: give it\n{path}:7: gnss.x: unknown: y")
+    several = ProjectError(f"{path} has 2 errors:\n{path}:3: crs: is missing: give it\n{path}:7: gnss.x: unknown: y")
     assert project_faults(path, several) == [
-        Finding("fault", "project.yaml:3", "crs: is missing: give it"),
-        Finding("fault", "project.yaml:7", "gnss.x: unknown: y"),
+        Finding("error", "project.yaml:3", "crs: is missing: give it"),
+        Finding("error", "project.yaml:7", "gnss.x: unknown: y"),
     ]
     (one,) = project_faults(path, ProjectError(f"{path}: cannot be read (No such file)"))
     assert (one.where, one.text) == ("project.yaml", "cannot be read (No such file)")
@@ -537,7 +540,7 @@ def test_headers_and_equal_files(tmp_path: Path) -> None:
     assert [h.tags is not None for h in read] == [True, True, True, False, False, False]
     assert read[0].tags == read_tags(paths[0])
     assert [h.name for h in read] == [p.name for p in paths]
-    for header, word in zip(read[3:], ("truncated", "8-bit", "no such file"), strict=True):
+    for header, word in zip(read[3:], ("truncated", "8-bit", "file not found"), strict=True):
         assert word in header.fault
 
 
@@ -576,7 +579,7 @@ def test_command_says_everything_at_once(
     outcome = photogram("check", survey / "project.yaml")
     assert outcome.code == 1
     assert "project.yaml:" in outcome.out
-    assert "'EPSG:99999' is no coordinate reference system" in flat(outcome.out)
+    assert "'EPSG:99999': not a CRS known to PROJ" in flat(outcome.out)
     assert "the same photograph twice" in outcome.out
     assert outcome.out.strip().splitlines()[-1].startswith("Not ready: 2 errors, 1 warning")
 

@@ -99,7 +99,7 @@ def faults(folder: Path) -> list[str]:
     with pytest.raises(ProjectError) as raised:
         read(folder)
     path = folder / "project.yaml"
-    lines = [line for line in str(raised.value).splitlines() if not line.endswith("faults:")]
+    lines = [line for line in str(raised.value).splitlines() if not line.endswith("errors:")]
     assert all(line.startswith(f"{path}:") for line in lines)
     return [line.removeprefix(f"{path}:") for line in lines]
 
@@ -185,8 +185,8 @@ def test_sheffield(tmp_path: Path, shared_data: SharedData) -> None:
     (fault,) = faults(tmp_path)
     assert fault.startswith("9: control_points.files[")
     assert fault.endswith(
-        "gcp_file.txt:2: 25 of 25 marks are outside their photographs, which are 800 × 600 px: they would fit "
-        "a picture of 4000 × 3000 px: give picture_size_px: [4000, 3000]"
+        "gcp_file.txt:2: 25 of 25 marks are outside their photographs, which are 800 × 600 px: they would "
+        "fit pictures of 4000 × 3000 px: give picture_size_px: [4000, 3000]"
     )
     (tmp_path / "project.yaml").write_text(text + "      picture_size_px: [4000, 3000]\n")
     project = read(tmp_path)
@@ -206,11 +206,10 @@ def test_marks_of_photographs_that_take_no_part_are_left_out_with_a_warning(fold
     first, second = project.warnings
     assert (first.severity, first.where) == ("warning", "project.yaml:19")
     assert first.text == (
-        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that take no part in the project and are left out: "
-        "a.JPG (1)"
+        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that are not in the project and are left out: a.JPG (1)"
     )
     assert first.remedy == "did you mean 'a.jpg'?"
-    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that take no part")
+    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that are not in the project")
     assert second.text.endswith("IMG_9.png (1)")
     assert second.remedy == "add the photographs to the project, or remove their marks"
 
@@ -251,15 +250,15 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
         [
             f"21: {C}: mark.csv:1: cannot be read (No such file or directory): check its name and folder",
             # nobody else has the points whose marks the other entry shares
-            f"25: {K}: marks.csv:2: there is no point 'C1' in check.csv",
-            f"25: {K}: marks.csv:5: there is no point 'C2' in check.csv",
+            f"25: {K}: marks.csv:2: no point 'C1' in check.csv",
+            f"25: {K}: marks.csv:5: no point 'C2' in check.csv",
         ],
     ),
     "every fault of a file, with its lines": (
         [("gcp_list.txt", "720000 6192010 61 2000", "720000 6192010 6l 2000"), ("gcp_list.txt", " b.jpg", "")],
         [
             f"19: {G}: gcp_list.txt:3: z must be a number, found '6l'",
-            f"19: {G}: gcp_list.txt:4: 5 fields, needed are x y z u v photograph [name]",
+            f"19: {G}: gcp_list.txt:4: 5 fields, expected x y z u v photograph [name]",
         ],
     ),
     "picture size": (
@@ -272,8 +271,10 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     "shape of the picture": (
         [("project.yaml", "[4000, 3000]", "[4000, 2250]")],
         [
-            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another shape than the photographs of camera b",
-            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another shape than the photographs of camera s",
+            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another aspect ratio than the "
+            "photographs of camera b",
+            f"20: {G}.picture_size_px: a picture of 4000 × 2250 px has another aspect ratio than the "
+            "photographs of camera s",
         ],
     ),
     "mark outside the picture": (
@@ -292,9 +293,9 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
         + [("gcp_list.txt", f" {name}", f" x_{name}") for name in ("a.jpg", "b.jpg", "c.jpg")]
         + [("marks.csv", f",{name}", f",x_{name}") for name in ("a.jpg", "a.jpg", "b.jpg", "c.jpg")],
         [
-            f"19: {G}: gcp_list.txt:2: 3 of 3 marks are in photographs that take no part in the project: x_a.jpg (1), ",
-            f"21: {C}: marks.csv:2: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
-            f"25: {K}: marks.csv:3: 2 of 2 marks are in photographs that take no part in the project: x_a.jpg (1), ",
+            f"19: {G}: gcp_list.txt:2: 3 of 3 marks are in photographs that are not in the project: x_a.jpg (1), ",
+            f"21: {C}: marks.csv:2: 2 of 2 marks are in photographs that are not in the project: x_a.jpg (1), ",
+            f"25: {K}: marks.csv:3: 2 of 2 marks are in photographs that are not in the project: x_a.jpg (1), ",
         ],
     ),
     "name of list and file": (
@@ -308,8 +309,8 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     "mark of no point": (
         [("marks.csv", "C1,a", "C11,a")],
         [
-            f"21: {C}: marks.csv:2: there is no point 'C11' in control.csv: did you mean 'C1'?",
-            f"25: {K}: marks.csv:2: there is no point 'C11' in check.csv",
+            f"21: {C}: marks.csv:2: no point 'C11' in control.csv: did you mean 'C1'?",
+            f"25: {K}: marks.csv:2: no point 'C11' in check.csv",
         ],
     ),
     "no sigma": (
@@ -329,11 +330,11 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "two crs": (
         [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      crs: EPSG:25833\n")],
-        [f"20: {G}.crs: gcp_list.txt says EPSG:25832 in its first line: keep one of the two"],
+        [f"20: {G}.crs: gcp_list.txt names EPSG:25832 in its first line: keep one of the two"],
     ),
     "crs that is none": (
         [("gcp_list.txt", "EPSG:25832", "UTM zone 32")],
-        [f"19: {G}: gcp_list.txt: 'UTM zone 32' is no coordinate reference system that PROJ knows"],
+        [f"19: {G}: gcp_list.txt: 'UTM zone 32': not a CRS known to PROJ"],
     ),
     "longitude in a grid": (
         [("project.yaml", "      crs: EPSG:4326\n", "")],
@@ -342,7 +343,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     "marks beside a gcp list": (
         [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      marks: marks.csv\n")],
         [
-            f"20: {G}.marks: gcp_list.txt holds its marks itself: remove this key",
+            f"20: {G}.marks: gcp_list.txt contains its own marks: remove this key",
         ],
     ),
     "swapped": (
@@ -360,7 +361,7 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     ),
     "height of another kind": (
         [("control.csv", "6192000,63", "6192000,-9999")],
-        [f"21: {C}: control.csv:2: C1: height -9999 m is no height on Earth or a placeholder"],
+        [f"21: {C}: control.csv:2: C1: height -9999 m is impossible on Earth or a placeholder"],
     ),
 }
 
@@ -408,12 +409,12 @@ def test_heights_go_through_but_for_their_unit() -> None:
 @pytest.mark.parametrize(
     ("source", "target", "point", "message"),
     [
-        ("EPSG:99999", "EPSG:25832", [1, 2, 3], "'EPSG:99999' is no coordinate reference system"),
+        ("EPSG:99999", "EPSG:25832", [1, 2, 3], "'EPSG:99999': not a CRS known to PROJ"),
         ("EPSG:4978", "EPSG:25832", [1, 2, 3], "has no easting and northing, nor longitude and latitude"),
         ("EPSG:5773", "EPSG:25832", [1, 2, 3], "has no easting and northing"),
-        ("EPSG:4326", "EPSG:4326", [1, 2, 3], "is not a map grid"),
-        ("EPSG:2229", "EPSG:32611", [6480000, 1840000, 300], "in US survey foot and says nothing of heights"),
-        ("EPSG:4326", "EPSG:25832", [12.5, 155.8, 3], "cannot be brought to EPSG:25832: check the CRS, and that"),
+        ("EPSG:4326", "EPSG:4326", [1, 2, 3], "is not a projected CRS"),
+        ("EPSG:2229", "EPSG:32611", [6480000, 1840000, 300], "in US survey foot and has no vertical part"),
+        ("EPSG:4326", "EPSG:25832", [12.5, 155.8, 3], "cannot be transformed to EPSG:25832: check the CRS, and that"),
     ],
 )
 def test_positions_that_cannot_be_moved(source: str, target: str, point: list[float], message: str) -> None:

@@ -24,10 +24,10 @@ from photogram.project.project import read_project
         (b"photogram: 1\n\tcrs: x\n", r":2: column 1: not valid YAML, .*'\\t'"),
         (b"photogram: 1\nworld: \xff\n", r":2: byte 0xff is not UTF-8: save the file as UTF-8"),
         (b"photogram: 1\nworld: \x07\n", r":2: the character U\+0007 is not allowed in YAML"),
-        (b"# nothing\n- a list\n", r":2: a project file is a block of keys, beginning with photogram: 1"),
+        (b"# nothing\n- a list\n", r":2: a project file is a mapping of keys that begins with photogram: 1"),
         (b"a: 1\n---\nb: 1\n", r":2: column 1: not valid YAML, .*another document"),
         (b"a: &x [*x]\n", r":1: a: unknown key"),
-        (b"? [a, b]\n: 1\n", r":1: a key must be plain text in one line"),
+        (b"? [a, b]\n: 1\n", r":1: a key must be plain text on one line"),
         (b"", r":1: photogram: is missing"),
     ],
 )
@@ -92,11 +92,11 @@ def test_settings_are_the_dataclass(document: Callable[[str], Document]) -> None
         ("s: {}", ["s.needed: is missing: give this setting, it has no default"]),
         ("t: 1", ["s.needed: is missing: give this setting, it has no default"]),
         ("s: {needed: 1, ratio: 2}", ["s.ratio: must lie between 0 and 1, found 2"]),
-        ("s: {needed: 1, derived: 2}", ["s.derived: unknown key: known here: "]),
+        ("s: {needed: 1, derived: 2}", ["s.derived: unknown key: allowed here: "]),
         ("s: {needed: 1, inner: {dept: 2}}", ["s.inner.dept: unknown key: did you mean 'depth'?"]),
-        ("s: {needed: 1, inner: 5}", ["s.inner: needs a block of keys, found 5"]),
+        ("s: {needed: 1, inner: 5}", ["s.inner: needs a mapping of keys, found 5"]),
         ("s: {needed: 1, sizes: [1, 2.5]}", ["s.sizes[#2]: must be a whole number, found 2.5"]),
-        ("s: {needed: 1, sizes: 3}", ["s.sizes: needs a list, found 3"]),
+        ("s: {needed: 1, sizes: 3}", ["s.sizes: must be a list, found 3"]),
         ("s: {needed: 1, either: some}", ["s.either: must be a number, found the text 'some', or must be all, found"]),
         (
             "s: {needed: '1', kind: hubber}",
@@ -109,7 +109,7 @@ def test_settings_faults(document: Callable[[str], Document], text: str, expecte
     assert read_settings(opened, "s", Settings) is None
     with pytest.raises(ProjectError) as raised:
         opened.raise_faults()
-    lines = [line for line in str(raised.value).splitlines() if "faults:" not in line]
+    lines = [line for line in str(raised.value).splitlines() if "errors:" not in line]
     assert len(lines) == len(expected)
     for start in expected:
         assert any(f"project.yaml:1: {start}" in line for line in lines), lines

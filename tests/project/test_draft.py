@@ -168,7 +168,7 @@ def test_odd_names_of_photographs_are_read_back(folder: Path, photogram: Run) ->
     assert outcome.code == 0
     names = {p.name for p in load_project(Path("project.yaml")).photographs}
     assert names == {*ODD_NAMES, "DJI_0001.JPG"}
-    assert "cannot be printed" in squeezed(outcome.out)
+    assert "unprintable" in squeezed(outcome.out)
 
 
 DRAFT = draft_project([TaggedPhotograph("a.jpg", DRONE)], [], Wishes())
@@ -186,12 +186,12 @@ def test_every_printable_name_is_read_back(name: str) -> None:
 @pytest.mark.parametrize(
     ("prepare", "options", "message"),
     [
-        (None, (), "no such folder"),
+        (None, (), "folder not found"),
         ([], (), "no photographs"),
         ([replace(DRONE, focal_35mm_mm=None)], (), "--focal-px"),
         ([replace(DRONE, longitude_deg=None, latitude_deg=None)], (), "--crs"),
-        ([DRONE], ("--crs", "EPSG:4326"), "not a map grid"),
-        ([DRONE], ("--crs", "EPSG:1"), "no coordinate reference system"),
+        ([DRONE], ("--crs", "EPSG:4326"), "not a projected CRS"),
+        ([DRONE], ("--crs", "EPSG:1"), "not a CRS known to PROJ"),
         ([DRONE], ("--crs", "EPSG:32615"), "EPSG:32632 for example"),
         ([replace(DRONE, kind="thermal")], (), "thermal"),
         ([DRONE], ("--control", "none.txt"), "none.txt"),
@@ -287,7 +287,7 @@ def test_xmp_that_is_not_xml_costs_neither_the_photograph_nor_its_marks(
     said = squeezed(outcome.out)
     assert "DJI_0002.JPG: the XMP tags are not valid XML" in said
     assert "1 of " in said
-    assert "marks are in photographs that take no part in the project and are left out: DJI_0005.JPG (1)" in said
+    assert "marks are in photographs that are not in the project and are left out: DJI_0005.JPG (1)" in said
     text = squeezed(Path("project.yaml").read_text())
     assert "Warning: DJI_0002.JPG: the XMP tags are not valid XML" in text
     project = load_project(Path("project.yaml"))
@@ -364,7 +364,7 @@ STD = (0.012, 0.014, 0.025)
         ({"rtk_flag": 50}, "RTK fix", (0.02, 0.02, 0.03)),
         ({"rtk_flag": 34, "gnss_sigma_m": (0.47686, 0.19651, 0.44847)}, "RTK float", (0.477, 0.2, 0.448)),
         ({"rtk_flag": 32, "gnss_sigma_m": STD}, "RTK float", (0.2, 0.2, 0.4)),
-        ({"rtk_flag": 16, "gnss_sigma_m": (1.2, 1.7, 2.5)}, "single receiver", (1.5, 1.7, 3.0)),
+        ({"rtk_flag": 16, "gnss_sigma_m": (1.2, 1.7, 2.5)}, "single (autonomous)", (1.5, 1.7, 3.0)),
         ({"rtk_flag": 0, "gnss_sigma_m": STD}, "without stated accuracy", (2.0, 2.0, 3.0)),
         ({}, "without stated accuracy", (2.0, 2.0, 3.0)),
         ({"gnss_sigma_m": (0.02, 0.02, 0.04)}, "with stated accuracy", (0.02, 0.02, 0.04)),
@@ -395,7 +395,7 @@ def test_sigmas_of_a_fix_a_float_and_a_single_solution_stay_apart_in_the_project
     values = values_of(Path("project.yaml"))["photographs"]
     assert values["gnss_sigma_m"] == [*STD]
     assert ["gnss_sigma_m" in p for p in values["list"]] == [False, False, True, True, True]
-    assert "3 RTK fix, 1 RTK float, 1 single receiver" in squeezed(outcome.out)
+    assert "3 RTK fix, 1 RTK float, 1 single (autonomous)" in squeezed(outcome.out)
     assert project.gnss_offset_sigma_m.tolist() == [0, 0, 0]
 
 
@@ -444,8 +444,8 @@ def test_an_mrk_that_does_not_belong_here_is_not_used_and_said_so(folder: Path, 
     (folder / "bad_Timestamp.MRK").write_text("rubbish\nmore\n")
     outcome = photogram("init", folder)
     assert outcome.code == 0
-    assert "far_Timestamp.MRK: not used: its numbers 700 to 701 are in the names of no" in squeezed(outcome.out)
-    assert "bad_Timestamp.MRK: not used: 1: is no line of a DJI MRK file" in squeezed(outcome.out)
+    assert "far_Timestamp.MRK: not used: its numbers 700 to 701 match no file name" in squeezed(outcome.out)
+    assert "bad_Timestamp.MRK: not used: 1: is not a line of a DJI MRK file" in squeezed(outcome.out)
     assert "positions" not in values_of(Path("project.yaml"))["photographs"]
 
 
@@ -515,7 +515,7 @@ def test_marks_that_do_not_fit_are_told_after_the_file_is_written(folder: Path, 
     gcp_list(tmp_path / "gcp.txt", "EPSG:32632", "EPSG:32632", 5.0)
     outcome = photogram("init", folder, "--control", "gcp.txt")
     assert outcome.code == 1
-    assert "project.yaml is written" in outcome.err
+    assert "project.yaml written" in outcome.err
     assert "picture_size_px" in outcome.err
     assert Path("project.yaml").exists()
 
@@ -557,7 +557,7 @@ PHOTOGRAPHS = [TaggedPhotograph(f"{i}.jpg", t) for i, t in enumerate(flown(3))]
 
 def test_points_of_an_unknown_map_grid_far_from_the_photographs_are_refused() -> None:
     far = ControlFile("c.csv", "control", PLACE)
-    with pytest.raises(ProjectError, match=r"c\.csv: the file does not say its map grid.*--crs"):
+    with pytest.raises(ProjectError, match=r"c\.csv: the file does not name its map grid.*--crs"):
         draft_project(PHOTOGRAPHS, [], Wishes(control=(far,)))
     assert draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:2056", control=(far,))).crs == "EPSG:2056"
     near = replace(far, position=map_from_geodetic("EPSG:32632", geodetic_from_map("EPSG:2056", PLACE)))
@@ -571,12 +571,12 @@ def test_control_in_degrees_leaves_the_map_grid_to_the_photographs() -> None:
 
 def test_control_elsewhere_is_refused() -> None:
     file = ControlFile("c.txt", "control", PLACE, crs="EPSG:32615")
-    with pytest.raises(ProjectError, match="is made for longitude"):
+    with pytest.raises(ProjectError, match="is valid for longitude"):
         draft_project(PHOTOGRAPHS, [], Wishes(control=(file,)))
 
 
 def test_a_map_grid_that_is_none_is_refused() -> None:
-    with pytest.raises(FrameError, match="not a map grid"):
+    with pytest.raises(FrameError, match="not a projected CRS"):
         draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:4258"))
 
 

@@ -189,10 +189,10 @@ def test_check_names_folders_that_may_not_be_written(survey: Path, photogram: Ru
     monkeypatch.setattr("os.access", lambda path, _: Path(path) != survey / "results")
     outcome = photogram("check", survey / "project.yaml")
     assert outcome.code == 1
-    assert "may not be written to" in " ".join(outcome.out.split())
+    assert "is not writable" in " ".join(outcome.out.split())
     outcome = photogram("adjust", survey / "project.yaml", "--no-check")
     assert outcome.code == 1
-    assert outcome.err.startswith(f"photogram: {survey / 'results'}: {survey / 'results'} may not be written to")
+    assert outcome.err.startswith(f"photogram: {survey / 'results'}: {survey / 'results'} is not writable")
     assert outcome.err.count("\n") == 1
 
 
@@ -201,7 +201,7 @@ def test_check_tells_of_folders_of_an_earlier_version(adjusted_survey: Path, pho
     shutil.copytree(work / "features.stage", work / "features")
     (work / "matches").mkdir()  # somebody's own
     said = " ".join(photogram("check", adjusted_survey / "project.yaml").out.split())
-    assert "an earlier version of photogram made are not used any more: features" in said.replace("│ ", "")
+    assert "an earlier version of photogram are no longer used: features" in said.replace("│ ", "")
     assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "features").code == 0
     assert (work / "features/00000.npz").is_file()
 
@@ -210,5 +210,5 @@ def test_a_demonstration_does_not_write_over_a_project(tmp_path: Path, photogram
     (tmp_path / "project.yaml").write_text("mine")
     outcome = photogram("demo", tmp_path)
     assert outcome.code == 1
-    assert "there is a project file of a survey already" in outcome.err
+    assert "a project file exists already" in outcome.err
     assert [p.name for p in tmp_path.iterdir()] == ["project.yaml"]

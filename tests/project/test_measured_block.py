@@ -107,5 +107,5 @@ def test_a_survey_that_lies_nowhere_is_refused(pristine_survey: Path) -> None:
     nowhere = replace(project, control_points=checks)
     assert survey_frame(nowhere, notes) is None
     assert not is_amid((0.0, 0.0, 0.0), nowhere, notes)
-    with pytest.raises(ProjectError, match="nothing says where the survey is"):
+    with pytest.raises(ProjectError, match="the survey cannot be georeferenced"):
         measured_photographs(nowhere, notes)

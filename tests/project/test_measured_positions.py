@@ -129,8 +129,8 @@ def test_centimetres_claimed_of_a_float_are_warned_of_by_name(folder: Path) -> N
     tags: list[PhotographTags | None] = [TAGS, replace(TAGS, rtk_flag=34), replace(TAGS, rtk_flag=16)]
     found = warnings(project, tags)
     assert [(f.where, f.severity) for f in found] == [("DJI_0002.JPG", "warning"), ("DJI_0003.JPG", "warning")]
-    assert "1 float solution stated with 0.02, 0.02, 0.03 m: weighed with 0.2, 0.2, 0.4 m or more" in found[0].text
-    assert "single receiver" in found[1].text
+    assert "1 float solution stated with 0.02, 0.02, 0.03 m: weighted with 0.2, 0.2, 0.4 m or more" in found[0].text
+    assert "single (autonomous)" in found[1].text
     assert warnings(project, [TAGS] * 3) == []
 
 
@@ -229,7 +229,7 @@ def test_without_an_attitude_the_arm_of_an_aircraft_is_a_fault_and_the_cameras_i
     project = project_of(folder, "", "gnss: {lever_arm_m: [0.3, 0.1, 0.2]}\n")
     with pytest.raises(ProjectError, match=r"gnss\.lever_arm_axes: camera"):
         measured_position(project, project.photographs[0], bare)
-    assert "fault" in [f.severity for f in gnss_findings(project, [bare] * 3)]
+    assert "error" in [f.severity for f in gnss_findings(project, [bare] * 3)]
     fixed = project_of(folder, "", "gnss: {lever_arm_m: [0.3, 0.1, 0.2], lever_arm_axes: camera}\n")
     found = measured_position(fixed, fixed.photographs[0], bare)
     assert found is not None
@@ -244,7 +244,7 @@ def test_flights_may_have_arms_of_their_own(folder: Path) -> None:
     project = project_of(folder, listed, gnss)
     downs = [p.lever_arm_m[2] for p in project.photographs if p.lever_arm_m is not None]
     assert downs == [0.1, 0.3]
-    assert "there is no flight '3'" in faults(folder, listed, gnss.replace('"2"', '"3"'))
+    assert "unknown flight '3'" in faults(folder, listed, gnss.replace('"2"', '"3"'))
 
 
 def test_cameras_positions_need_no_arm_and_antennas_are_asked_for_one(folder: Path) -> None:
@@ -265,7 +265,7 @@ def test_cameras_positions_need_no_arm_and_antennas_are_asked_for_one(folder: Pa
 
 def test_an_arm_beside_djis_own_compensation_is_warned_of(folder: Path) -> None:
     project = project_of(folder, "", "gnss: {lever_arm_m: [0, 0, 0.2]}\n")
-    assert any("would count it twice" in f.text for f in warnings(project, [TAGS] * 3))
+    assert any("would apply it twice" in f.text for f in warnings(project, [TAGS] * 3))
     assert warnings(project, [replace(TAGS, make="senseFly")] * 3) == []
 
 
@@ -283,9 +283,9 @@ def test_events_of_rtklib_are_matched_in_order_and_their_times_checked(folder: P
     assert found is not None
     assert found.of_antenna
     late: list[PhotographTags | None] = [*tags[:2], replace(TAGS, time=NOON + timedelta(seconds=60))]
-    assert [(f.severity, f.where) for f in warnings(project, late)] == [("fault", "events.pos")]
+    assert [(f.severity, f.where) for f in warnings(project, late)] == [("error", "events.pos")]
     taken = [tag.time for tag in late if tag is not None]
-    assert [f.severity for f in time_findings(list(zip(project.photographs, taken, strict=True)))] == ["fault"]
+    assert [f.severity for f in time_findings(list(zip(project.photographs, taken, strict=True)))] == ["error"]
     (folder / "images" / "DJI_0004.JPG").touch()
     assert "3 positions for 4 photographs" in faults(folder, "  positions: [{path: events.pos}]\n")
 
@@ -295,7 +295,7 @@ def test_photographs_that_a_file_leaves_out_are_named(folder: Path) -> None:
     project = project_of(folder, "  positions: [{path: images/100_0001_Timestamp.MRK}]\n")
     found = warnings(project, [TAGS] * 3)
     assert [(f.where, f.severity) for f in found] == [("DJI_0003.JPG", "warning")]
-    assert "in no file of positions" in found[0].text
+    assert "in no position file" in found[0].text
 
 
 def test_easting_and_northing_are_of_the_projects_grid_or_the_files(folder: Path) -> None:
@@ -317,16 +317,16 @@ def test_easting_and_northing_are_of_the_projects_grid_or_the_files(folder: Path
 @pytest.mark.parametrize(
     ("text", "entry", "expected"),
     [
-        (PPK, "{path: ppk.csv}", "whose positions are these? give position_of: camera, or position_of: antenna"),
-        (PPK.replace("DJI_", "IMG_"), "{path: ppk.csv, position_of: camera}", "is one of the project (DJI_0001.JPG"),
+        (PPK, "{path: ppk.csv}", "positions of camera or antenna? give position_of: camera, or position_of: antenna"),
+        (PPK.replace("DJI_", "IMG_"), "{path: ppk.csv, position_of: camera}", "is in the project (DJI_0001.JPG"),
         (PPK.replace("9.0,", "abc,", 1), "{path: ppk.csv, position_of: camera}", "ppk.csv:2: longitude must be"),
         (PPK, "{path: nothing.csv, position_of: camera}", "nothing.csv:1: cannot be read"),
         (PPK, "{path: ppk.csv, position_of: camera, lever_arms: a.MRK}", "are for positions of the antenna"),
-        (PPK, "{path: ppk.csv, position_of: antenna, lever_arms: a.csv}", "a.csv is no MRK file"),
+        (PPK, "{path: ppk.csv, position_of: antenna, lever_arms: a.csv}", "a.csv is not an MRK file"),
         (PPK, "{path: ppk.csv, position_of: drone}", "must be 'camera' or 'antenna'"),
-        (PPK, "{path: ppk.csv, position_of: camera, crs: EPSG:1}", "no coordinate reference system"),
+        (PPK, "{path: ppk.csv, position_of: camera, crs: EPSG:1}", "not a CRS known to PROJ"),
         (PPK.replace("longitude,latitude", "latitude,longitude"), "{path: ppk.csv, position_of: camera}", "swapped"),
-        (PPK, "{path: ppk.csv, position_of: camera, flight: two}", "no photograph that it could be about"),
+        (PPK, "{path: ppk.csv, position_of: camera, flight: two}", "no photograph matches it"),
     ],
 )  # fmt: skip
 def test_faults_of_a_file_name_its_line_and_the_key(folder: Path, text: str, entry: str, expected: str) -> None:

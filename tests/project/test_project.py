@@ -109,7 +109,7 @@ def faults(survey: Path, text: str) -> list[str]:
     path = survey / "project.yaml"
     lines = str(raised.value).splitlines()
     if len(lines) > 1:
-        assert lines[0] == f"{path} has {len(lines) - 1} faults:"
+        assert lines[0] == f"{path} has {len(lines) - 1} errors:"
         lines = lines[1:]
     assert all(line.startswith(f"{path}:") for line in lines)
     return [line.removeprefix(f"{path}:") for line in lines]
@@ -392,7 +392,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "unknown key far from all": (
         ("  offset_sigma_m: [0.2, 0.2, 0]", "  zzz: 3"),
         "zzz: 3",
-        "gnss.zzz: unknown key: known here: lever_arm_axes, lever_arm_m, lever_arm_per_flight_m, offset_sigma_m",
+        "gnss.zzz: unknown key: allowed here: lever_arm_axes, lever_arm_m, lever_arm_per_flight_m, offset_sigma_m",
     ),
     "unknown key in a list item": (
         ('flight: "7"', 'fligth: "7"'),
@@ -442,17 +442,17 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "another format": (
         ("photogram: 1", "photogram: 2"),
         "photogram: 2",
-        "photogram: format 2 is not known: this version reads photogram: 1",
+        "photogram: format 2 is not supported: this version reads photogram: 1",
     ),
     "block where a word stands": (
         ("gnss:\n  offset_sigma_m: [0.2, 0.2, 0]", "gnss: none"),
         "gnss: none",
-        "gnss: needs a block of keys, found the text 'none'",
+        "gnss: needs a mapping of keys, found the text 'none'",
     ),
     "settings are no block": (
         ("adjustment: {robust_loss: cauchy, maximum_rounds: 3}", "adjustment: fast"),
         "adjustment: fast",
-        "adjustment: needs a block of keys, found the text 'fast'",
+        "adjustment: needs a mapping of keys, found the text 'fast'",
     ),
     "settings that contradict each other": (
         ("maximum_rounds: 3}", "maximum_rounds: 3}\ndense:\n  large_step: 5\n  small_step: 9"),
@@ -519,7 +519,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "number for a name": (
         ("name: 003", "name: 1.10"),
         "name: 1.10",
-        'control_points.list[#3].name: must be a text, found 1.1: write it in quotes, "1.10" for example',
+        'control_points.list[#3].name: must be text, found 1.1: write it in quotes, "1.10" for example',
     ),
     "principal point": (
         ("[499.5, 399.5]", "[499.5, 3990.5]"),
@@ -565,7 +565,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "mark in an unknown photograph": (
         ("        a.jpg: [3745, 1239]", "        a.JPG: [3745, 1239]"),
         "a.JPG",
-        "control_points.list[2].marks.a.JPG: there is no photograph 'a.JPG' in the list: did you mean 'a.jpg'?",
+        "control_points.list[2].marks.a.JPG: photograph 'a.JPG' is not in the list: did you mean 'a.jpg'?",
     ),
     "mark outside": (
         ("a.jpg: [3745, 1239]", "a.jpg: [3745, 3649]"),
@@ -576,12 +576,12 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "unknown crs": (
         ("EPSG:25832", "EPSG:99999"),
         "EPSG:99999",
-        "crs: 'EPSG:99999' is no coordinate reference system",
+        "crs: 'EPSG:99999': not a CRS known to PROJ",
     ),
     "geographic crs": (
         ("EPSG:25832", "EPSG:4326"),
         "EPSG:4326",
-        "crs: 'EPSG:4326' (WGS 84) is not a map grid",
+        "crs: 'EPSG:4326' (WGS 84) is not a projected CRS",
     ),
     "swapped": (
         ("[719970.70, 6191955.16, 69.59]", "[6191955.16, 719970.70, 69.59]"),
@@ -592,7 +592,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "far away": (
         ("[719978.34, 6191972.15", "[719978.34, 6161972.15"),
         "6161972.15",
-        "control_points.list[003].position_m: more than 20 km from the middle of all positions: found easting "
+        "control_points.list[003].position_m: more than 20 km from the centre of all positions: found easting "
         "719978.34, northing 6161972.15",
     ),
     "outside the crs": (
@@ -603,17 +603,17 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "height 9999": (
         ("69.27]", "9999]"),
         " 9999]",
-        "control_points.list[2].position_m: height 9999 m is no height on Earth or a placeholder",
+        "control_points.list[2].position_m: height 9999 m is impossible on Earth or a placeholder",
     ),
     "height -9999 of gnss": (
         ("124.520072]", "-9999.0]"),
         "-9999.0]",
-        "photographs.list[b.jpg].gnss_m: height -9999 m is no height on Earth or a placeholder",
+        "photographs.list[b.jpg].gnss_m: height -9999 m is impossible on Earth or a placeholder",
     ),
     "height 999": (
         ("69.27]", "999.0]"),
         " 999.0]",
-        "control_points.list[2].position_m: height 999 m is no height on Earth or a placeholder",
+        "control_points.list[2].position_m: height 999 m is impossible on Earth or a placeholder",
     ),
     "height with a digit too many": (
         ("69.27]", "6927]"),
@@ -638,22 +638,22 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "alias": (
         ("{a.jpg: [1622, 1321], b.jpg: [1292, 1309]}", "{a.jpg: &m [1622, 1321], b.jpg: *m}"),
         "*m}",
-        "control_points.list[P1].marks.b.jpg: anchors and aliases (& and *) are not read here",
+        "control_points.list[P1].marks.b.jpg: anchors and aliases (& and *) are not supported",
     ),
     "tag": (
         ("world: grid", "world: !!python/name:os.system grid"),
         "os.system",
-        "world: the tag tag:yaml.org,2002:python/name:os.system is not read here",
+        "world: the tag tag:yaml.org,2002:python/name:os.system is not supported",
     ),
     "unprintable": (
         ("name: P1", 'name: "P\\0 1"'),
         "P\\0 1",
-        "control_points.list[#1].name: holds a line break or a character that cannot be printed",
+        "control_points.list[#1].name: contains a line break or an unprintable character",
     ),
     "no reference": (
         ("reference: reference.txt", "reference: lost.txt"),
         "lost.txt",
-        "comparison.reference: there is no file ",
+        "comparison.reference: file ",
     ),
     "work among results": (
         ("work: out/work", "work: out/./results"),
@@ -743,10 +743,10 @@ def test_missing_photographs_are_all_named_with_folder_and_option(survey: Path) 
     (fault,) = faults(survey, GOOD)
     assert fault == (
         f"{line_of(GOOD, 'folder: images')}: photographs.folder: 2 of 3 photographs are not in {survey / 'images'}: "
-        "a.jpg, c.jpg: put them there, or say where they are with --photographs DIR"
+        "a.jpg, c.jpg: put them there, or give their folder with --photographs DIR"
     )
     (fault,) = faults(survey, GOOD.replace("folder: images", "folder: pictures"))
-    assert f"the folder {survey / 'pictures'} does not exist: a.jpg, b.jpg, c.jpg" in fault
+    assert f"folder {survey / 'pictures'} not found: a.jpg, b.jpg, c.jpg" in fault
 
 
 def swap(text: str) -> str:
@@ -778,7 +778,7 @@ def test_only_a_grid_that_cannot_be_meant_is_refused(survey: Path, crs: str) -> 
 
 
 def test_matlab_faults(survey: Path) -> None:
-    assert faults(survey, MATLAB) == [f"8: cameras.phantom4.matlab: there is no file {survey / 'cam.mat'}"]
+    assert faults(survey, MATLAB) == [f"8: cameras.phantom4.matlab: file {survey / 'cam.mat'} not found"]
     (survey / "cam.mat").touch()
     (fault,) = faults(survey, MATLAB.replace("    pixel_origin: matlab\n", ""))
     assert fault.startswith("8: cameras.phantom4.matlab: pixel_origin is missing: matlab if the calibration counts")

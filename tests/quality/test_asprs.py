@@ -180,7 +180,7 @@ def test_sentence_says_why_nothing_is_stated() -> None:
     points = [point(f"C{i}", "check", (0.01, 0.0, 0.04)) for i in range(5)]
     found = asprs_numbers(points, ReportSettings(target_rmse_v_m=0.01))
     assert found["statements"] == []
-    assert "write report.target_rmse_h_m" in found["not_stated"][0]
+    assert "set report.target_rmse_h_m" in found["not_stated"][0]
     assert "0.045 m (n = 5) does not meet the class of 0.010 m" in found["not_stated"][1]
     assert all("not tested" in s for s in asprs_numbers([], ReportSettings())["not_stated"])
 

@@ -1,4 +1,4 @@
-"""Blunders in control points and marks of simulated surveys: found, named, and not blamed on others."""
+"""Blunders in control points and marks of simulated surveys: found, named, and not rejected on others."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_survey_without_blunders_is_left_as_it_is() -> None:
     assert verdict.check_before == verdict.check_after
     sentence = control_verdict(verdict.result, 0, [])
     assert sentence is not None
-    assert sentence.startswith("agrees with everything else (|w| at most ")
+    assert sentence.startswith("agrees with all other observations (|w| at most ")
     assert control_verdict(verdict.result, 8, []) is None
 
 
@@ -80,11 +80,11 @@ def test_a_height_is_named_and_the_check_points_gain_without_it() -> None:
     verdict = judged(with_surveyed(survey(), place))
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.points) == ("height", ("G03",))
-    assert "predicts another height, -0.5" in blunder.sentence
+    assert "predict a different height, -0.5" in blunder.sentence
     assert verdict.check_after.rmse_v_m < 0.5 * verdict.check_before.rmse_v_m
     effect = effect_sentence(vars(verdict.check_before), vars(verdict.check_after))
     assert effect is not None
-    assert "with that in the adjustment, the RMSE of 3 check points would be" in effect
+    assert "with them in the adjustment, the RMSE of 3 check points would be" in effect
 
 
 def test_a_mark_is_named_with_its_photograph() -> None:
@@ -163,9 +163,9 @@ def test_an_innocent_that_was_accused_beforehand_is_taken_back() -> None:
     mark = unmeasured("mark", points.name[points.mark_point[0]], photographs[points.mark_photograph[0]].name)
     position, attitude = (unmeasured(kind, photographs[3].name) for kind in ("GNSS position", "attitude"))
     focal = unmeasured("focal length", survey().cameras[0].name)
-    for accused in ([whole], [mark], [whole, mark], [position], [attitude], [focal], [whole, position, focal]):
-        found = search(survey(), adjusted(without(survey(), accused)), adjusted, accused)
-        assert found.accused == ()
+    for rejected in ([whole], [mark], [whole, mark], [position], [attitude], [focal], [whole, position, focal]):
+        found = search(survey(), adjusted(without(survey(), rejected)), adjusted, rejected)
+        assert found.rejected == ()
         np.testing.assert_array_equal(found.result.ground_world_m, adjusted(survey()).ground_world_m)
 
 
@@ -186,4 +186,4 @@ def test_no_statement_is_made_where_only_the_point_itself_determines() -> None:
     redundancy[0] = (0.5, 0.5, 0.0)
     sentence = control_verdict(replace(result, reliability=replace(r, ground_redundancy=redundancy)), 0, [])
     assert sentence is not None
-    assert sentence.startswith("no statement possible in height: only this point determines it; agrees with")
+    assert sentence.startswith("no statement possible in height: this point alone determines it; agrees with")

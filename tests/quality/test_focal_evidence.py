@@ -54,12 +54,11 @@ def test_what_is_settled_lies_near_the_source_and_its_sigma_counts() -> None:
     assert height_m > 0.7 * sigma / camera.focal_px * PLAN.flying_height_m
     given = (replace(camera, focal_px=PLAN.focal_px),)
     assert (
-        "parts of the pictures disagree"
-        in held_parameters(given, result, verdict.focal_lengths)["simulated"]["focal_px"]
+        "parts of the images disagree" in held_parameters(given, result, verdict.focal_lengths)["simulated"]["focal_px"]
     )
 
 
 def test_with_the_lens_in_the_model_there_is_nothing_to_settle() -> None:
     right = replace(PLAN, calibration_sigmas=(0.02 * 800 / 1.2, 2.0, 2.0, 0.5, 0.1, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert judged(right).focal_lengths == {}
-    assert judged(right).accused == ()
+    assert judged(right).rejected == ()

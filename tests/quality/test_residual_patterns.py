@@ -84,7 +84,7 @@ def test_residuals_without_any_scatter_are_no_pattern() -> None:
 
 
 def adjusted(pattern_px: float) -> Adjustment:
-    """Adjust a simulated block whose pictures have a pattern that no parameter of its camera can follow."""
+    """Adjust a simulated block whose pictures share a pattern that no parameter of its camera can follow."""
     plan = SurveyPlan(strips=4, photographs_per_strip=6, control_points=5, check_points=0)
     block = simulate_block(plan, 5, tie_points=3000).block
     tie, camera = block.tie_points, block.cameras[0]
@@ -98,18 +98,18 @@ def test_a_camera_that_the_model_does_not_fit_is_named() -> None:
     found = residual_patterns(wrong)["simulated"]
     assert found.significant
     assert 0.2 < found.pattern_px < 0.4
-    sentence = next(w for w in diagnose(wrong).warnings if "have a pattern" in w)
+    sentence = next(w for w in diagnose(wrong).warnings if "share a pattern" in w)
     assert f"{found.pattern_px:.2g} px" in sentence
-    assert "px: more than chance." in residual_caption("simulated", found)
+    assert "px: significant." in residual_caption("simulated", found)
 
 
 def test_a_camera_that_the_model_fits_is_not() -> None:
     right = adjusted(0.0)
     found = residual_patterns(right)["simulated"]
     assert not found.significant
-    assert not [w for w in diagnose(right).warnings if "have a pattern" in w]
-    assert "px: too little to be told." in residual_caption("simulated", found)
-    assert "in common" not in residual_caption("simulated", None)
+    assert not [w for w in diagnose(right).warnings if "share a pattern" in w]
+    assert "px: not significant." in residual_caption("simulated", found)
+    assert "systematic part" not in residual_caption("simulated", None)
 
 
 # ---- what a pattern does to heights --------------------------------------------------------------------------------
@@ -179,5 +179,5 @@ def test_predicted_tilt_and_bend_are_what_patterns_do() -> None:
     np.testing.assert_allclose(np.sqrt(np.mean(made**2, axis=0)), sigma_m, rtol=0.2)
     known = block_deformation(first, SETTINGS, [camera.parameters for camera in first.block.cameras])
     np.testing.assert_allclose(known.pattern_sigma_m, sigma_m, rtol=1e-6)
-    (sentence,) = [w for w in diagnose(replace(first, deformation=known)).warnings if "have a pattern" in w]
-    assert f"bend it to a dome of {sigma_m[2]:.3f} m" in sentence
+    (sentence,) = [w for w in diagnose(replace(first, deformation=known)).warnings if "share a pattern" in w]
+    assert f"domes it by {sigma_m[2]:.3f} m" in sentence

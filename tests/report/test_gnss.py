@@ -53,10 +53,10 @@ def test_solutions_and_sources_are_counted(result: Adjustment) -> None:
     assert numbers["sources"] == {"tags": 5, "ppk.csv": 1}
     claimed = [w for w in numbers["warnings"] if "stated with" in w]
     assert claimed == [
-        "2 float solutions (sim_0001.JPG, sim_0002.JPG) stated with 0.02, 0.02, 0.03 m, weighed with 0.2, 0.3, 0.5 m "
-        "or more: no centimetres without fixed ambiguities."
+        "2 float solutions (sim_0001.JPG, sim_0002.JPG) stated with 0.02, 0.02, 0.03 m, weighted with 0.2, 0.3, 0.5 m "
+        "or more: centimetres need fixed ambiguities."
     ]
-    assert any("5 photographs" in w and "in no file of positions" in w for w in numbers["warnings"])
+    assert any("5 photographs" in w and "in no position file" in w for w in numbers["warnings"])
 
 
 def test_lever_arms_are_told_by_flight(result: Adjustment) -> None:
@@ -99,7 +99,7 @@ def test_the_terminal_shows_sentences_and_warnings(result: Adjustment) -> None:
     with console.capture() as captured:
         show_gnss(numbers)
     shown = " ".join(captured.get().split())
-    assert "6 GNSS positions and 6 control points took part together" in shown
+    assert "6 GNSS positions and 6 control points were adjusted together" in shown
     assert "5 fix, 1 float" in shown
     assert "Warning: 1 float solution (sim_0001.JPG)" in shown
 
@@ -171,5 +171,5 @@ def test_events_that_contradict_the_clocks_stop_the_work(survey: Path, edit: Edi
     )
     (survey / "events.pos").write_text(header + rows, encoding="utf-8")
     edit(survey / "project.yaml", lambda v: v["photographs"].update(positions=[{"path": "events.pos"}]))
-    with pytest.raises(ProjectError, match=r"events\.pos: 4 of 4 photographs .* at another time"):
+    with pytest.raises(ProjectError, match=r"events\.pos: 4 of 4 photographs .* at other times"):
         run_pipeline(load_project(survey / "project.yaml"), until="photographs")

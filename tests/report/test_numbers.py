@@ -412,7 +412,7 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     datum = dsm["datum_sigma_m"]
     assert all(0 < datum[axis] < 1 for axis in ("easting", "northing", "height"))
     assert 0 < dsm["relative_sigma_m"]["median"] < dsm["sigma_m"]["median"]
-    # the two parts, over all cells: they correlate little, and not at all on the average over the places
+    # the two parts, over all cells: they correlate little, and not at all on average over the places
     both = np.hypot(dsm["relative_sigma_m"]["median"], datum["height"])
     assert both == pytest.approx(dsm["sigma_m"]["median"], rel=0.3)
 
@@ -494,7 +494,7 @@ def numbers_of_broken(broken: tuple[Adjustment, Orientation, Block], tmp_path_fa
     overlap = ground_overlap(result, result.block.frame.map_from_world(result.block.tie_points.position_world_m))
     value = report_numbers(
         result, orientation, {}, {}, overlap, version="1", seconds={"adjustment": 1.0},
-        held={"simulated": {"k3": "held at its given value"}}, sources=("the laboratory",),
+        held={"simulated": {"k3": "fixed at its given value"}}, sources=("the laboratory",),
     )  # fmt: skip
     path = tmp_path_factory.mktemp("broken") / "report.json"
     write_json(path, value)
@@ -553,7 +553,7 @@ def test_marks_in_photographs_that_are_left_out_have_no_residual(numbers_of_brok
 
 def test_cameras_say_what_was_held_and_where_they_come_from(numbers_of_broken: Json) -> None:
     camera = numbers_of_broken["cameras"]["simulated"]
-    assert camera["held"] == {"k3": "held at its given value"}
+    assert camera["held"] == {"k3": "fixed at its given value"}
     assert camera["source"] == "the laboratory"
     assert camera["prior_sigma"]["focal_px"] == 5.0
     assert camera["prior_sigma"]["k3"] == 0.0

@@ -77,7 +77,7 @@ def test_verdict_of_a_survey_that_nothing_tests_tells_the_datum_from_the_shape(b
         "Accuracy predicted, not tested: ± 2.0 cm in plan and ± 3.1 cm in height relative to each other, ± 2.1 m in "
         "plan and ± 10 m in height absolute (1 sigma)."
     )
-    assert "survey five check points or more, best thirty" in verdict["to_do"]
+    assert "survey at least five check points, ideally thirty" in verdict["to_do"]
     report["diagnosis"]["placing"] = {**GNSS_ONLY, "absolute_plan_m": 0.021, "absolute_height_m": 0.033}
     assert "relative" not in checked(report, 0.0, 0)["verdict"]["sentence"]
 
@@ -88,7 +88,7 @@ def test_red_beside_good_check_points_is_said(bare: Json) -> None:
     verdict = checked(report, 0.04, 30, **TARGETS)["verdict"]
     assert verdict["grade"] == "attention"
     assert "Blunders" in verdict["also"]
-    assert verdict["to_do"][0] == "it is left out: check it where it was measured"
+    assert verdict["to_do"][0] == "it is rejected: check the measurement"
 
 
 def test_a_survey_that_did_not_converge_is_bad_whatever_its_check_points(bare: Json) -> None:
@@ -145,14 +145,14 @@ def test_what_changes_nothing_is_no_warning(bare: Json) -> None:
 def test_a_focal_length_that_the_photographs_contradict_comes_first(bare: Json) -> None:
     report = deepcopy(bare)
     report["cameras"]["simulated"]["focal_length"] = (
-        "its source gives 2311.3 ± 118.0 px, the photographs want 2827.0 ± 7.5 px: calibrate the camera, or add "
+        "its source gives 2311.3 ± 118.0 px, the photographs give 2827.0 ± 7.5 px: calibrate the camera, or add "
         "oblique photographs"
     )
     report["diagnosis"]["warnings"] = ["The focal length of simulated is known to 191 px only", "another"]
     completed = checked(report, 0.01, 30, **TARGETS)
     first = completed["warnings"][0]
     assert first["severity"] == "bad"
-    assert "the photographs want 2827.0" in first["sentence"]
+    assert "the photographs give 2827.0" in first["sentence"]
     assert first["remedy"] == "calibrate the camera, or add oblique photographs"
     assert "another" in said(completed)
     assert not [s for s in said(completed) if "191 px" in s]
@@ -170,7 +170,7 @@ def test_the_datum_comes_before_what_follows_from_it_and_says_what_helps(bare: J
     completed = checked(report, 0.01, 30, **TARGETS)
     geometry = [w for w in completed["warnings"] if w["part"] == "geometry"]
     assert geometry[0]["sentence"].startswith("The block as a whole")
-    assert geometry[0]["remedy"] == "RTK instead of these would bring sigma of heights from 10.000 to 0.080 m"
+    assert geometry[0]["remedy"] == "RTK instead of these would reduce the sigma of heights from 10.000 to 0.080 m"
     text = report_page(completed, [])
     assert "RTK instead of these" in text
     assert "One strip more" not in text

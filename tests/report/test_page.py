@@ -120,7 +120,7 @@ def test_control_points_that_nothing_else_determines_are_not_left_out_one_by_one
     for point in report["control_points"]:
         point["left_out_m"] = point["left_out_sigma_m"] = None
     text = report_page(complete(report, ReportSettings()), [])
-    assert "nothing determines any of the control points" in text
+    assert "no control point is determined" in text
     assert "table-leave-one-out" not in text
 
 
@@ -178,9 +178,9 @@ def test_a_dense_surface_that_nothing_tests_says_so(full_report: Json) -> None:
     text = report_page(report, [])
     assert "no check point lies on it." in text
     assert not {"table-dense-accuracy", "table-dense-check"} & set(Page(text).ids)
-    assert "Orthophoto left out: the project makes none." in text
-    text = report_page(report | {"orthophoto": {"left_out": "the photographs look sideways"}}, [])
-    assert "Orthophoto left out: the photographs look sideways." in text
+    assert "No orthophoto: disabled in the project." in text
+    text = report_page(report | {"orthophoto": {"left_out": "the photographs are oblique"}}, [])
+    assert "No orthophoto: the photographs are oblique." in text
     assert "Surface and orthophoto" not in text
 
 
@@ -285,10 +285,10 @@ def test_the_dense_surface_is_judged_like_check_points_in_height(
         ("Stated sigmas", {"adjustment": {"sigma0": None}}, "unknown"),
         ("Adjustment", {"adjustment": {"converged": False}}, "bad"),
         ("Adjustment", {}, "good"),
-        ("Photographs registered", {"block": {"registered": 98, "photographs": 100}}, "good"),
-        ("Photographs registered", {"block": {"registered": 97, "photographs": 100}}, "attention"),
-        ("Photographs registered", {"block": {"component_sizes": [3, 1]}}, "attention"),
-        ("Photographs registered", {"block": {"registered": 89, "photographs": 100}}, "bad"),
+        ("Photographs oriented", {"block": {"registered": 98, "photographs": 100}}, "good"),
+        ("Photographs oriented", {"block": {"registered": 97, "photographs": 100}}, "attention"),
+        ("Photographs oriented", {"block": {"component_sizes": [3, 1]}}, "attention"),
+        ("Photographs oriented", {"block": {"registered": 89, "photographs": 100}}, "bad"),
         ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.61}}}, "good"),
         ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.5}}}, "attention"),
         ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.3}}}, "bad"),
@@ -340,7 +340,7 @@ def test_reliability_is_that_of_the_weakest_coordinate(bare: Json, least: float,
     for point in report["control_points"]:
         point["redundancy"] = [0.9, 0.9, 0.8] if point["role"] == "control" else None
     report["control_points"][3]["redundancy"][2] = least
-    assert grade(report, "Would a blunder show?") == expected
+    assert grade(report, "Are blunders detectable?") == expected
 
 
 # ---- warnings, and what was discarded ------------------------------------------------------------------------------
@@ -364,7 +364,7 @@ def test_heights_that_nobody_declares_are_warned_of(bare: Json) -> None:
 
 def test_survey_without_check_points_is_warned_of(bare: Json) -> None:
     report = complete(with_check_points(bare, 0.0, 0), ReportSettings())
-    sentence = "no check points: the accuracy of this survey is predicted, not tested"
+    sentence = "no check points: the accuracy is predicted, not tested"
     assert ("check points", sentence) in {(w["part"], w["sentence"]) for w in report["warnings"]}
 
 
@@ -372,7 +372,7 @@ def test_everything_discarded_is_listed_with_its_reason(full_report: Json) -> No
     found = {entry["what"]: entry for entry in discarded(full_report)}
     assert found["photograph sim_0099.JPG"]["reason"] == "shares too few tie points"
     assert found["GNSS position of sim_0004.JPG"]["reason"] == "single-point solution (RtkFlag 16)"
-    assert found["check point C04"]["reason"].startswith("fewer than two marks")
+    assert found["check point C04"]["reason"].startswith("fewer than two intersecting marks")
     assert found["tie-point observations"]["count"] == full_report["adjustment"]["discarded_observations"]
     assert all(entry["count"] > 0 for entry in found.values())
 
@@ -456,7 +456,7 @@ def test_page_without_the_work_folder_says_what_is_left_out(
 def test_report_before_the_survey_says_what_to_run(survey: Path, photogram: Callable[..., Any]) -> None:
     said = photogram("report", survey / "project.yaml")
     assert said.code == 1
-    assert "report.json: there are no results yet: run photogram adjust" in said.err
+    assert "report.json: no results yet: run photogram adjust" in said.err
 
 
 def test_wrong_block_of_the_project_file_is_named(

@@ -96,7 +96,7 @@ def test_captions_say_the_datum_once_where_sigmas_are_without_it() -> None:
     numbers = dense_numbers(dense, POINTS)
     captions = {d.key: d.caption for d in drawn_surface(dense, POINTS, numbers, None, 9.7)}
     for key in ("dense sigma", "dense profiles"):
-        assert "the datum, ± 9.7 m, is the same for all heights and left out here" in captions[key]
+        assert "the datum, ± 9.7 m, is common to all heights and excluded here" in captions[key]
     assert not any("datum, ±" in d.caption for d in drawn_surface(dense, POINTS, numbers))
 
 
@@ -238,7 +238,7 @@ def test_every_figure_has_a_caption_that_says_what_is_seen(drawn: list[DrawnFigu
     assert all(d.caption.endswith(".") and d.alternative for d in drawn)
     assert "1000 × 600 cells of 5 cm" in captions["orthophoto"]
     assert "are filled from their neighbours (dsm_filled.tif)" in captions["dense surface"]
-    assert "does not contain wrong matches" in captions["dense sigma"]
+    assert "does not include mismatches" in captions["dense sigma"]
     assert "100\u202f% of the measured cells lie within it" in captions["dense sigma"]
     assert "A runs along the site; B runs across the site; C runs over a sharp edge" in captions["dense profiles"]
 

@@ -358,7 +358,7 @@ def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:
     broken.write_bytes(b"LASF, but no more")
     laspy.LasData(laspy.LasHeader(version="1.4", point_format=7)).write(empty)
     for path, said in (
-        (broken, "damaged or cut off"),
+        (broken, "damaged or truncated"),
         (empty, "no points"),
         (tmp_path / "absent.laz", "cannot be read"),
     ):
@@ -411,18 +411,18 @@ def test_pictures_come_from_the_project_or_from_the_folder_that_is_named(
     assert sorted(pictures_of(alone)) == [n for n in names if n != "sim_0003.JPG"]
     wrong = photogram("view", alone, "--photographs", tmp_path / "nowhere")
     assert wrong.code == 1
-    assert "nowhere: there is no such folder" in wrong.err
+    assert "nowhere: folder not found" in wrong.err
 
 
 def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: Path) -> None:
     absent = photogram("view", tmp_path / "nowhere")
     assert absent.code == 1
-    assert "nowhere: there is no such folder" in absent.err
+    assert "nowhere: folder not found" in absent.err
     above = photogram("view", finished_survey)
     assert above.code == 1
-    assert f"say photogram view {finished_survey / 'results'}" in above.err
+    assert f"run photogram view {finished_survey / 'results'}" in above.err
     empty = photogram("view", tmp_path)
-    assert "no report.json in it" in empty.err
+    assert "report.json is missing" in empty.err
     shutil.copy(finished_survey / "results/report.json", tmp_path)
     assert "neither dense.laz nor points_adjusted.laz" in photogram("view", tmp_path).err
     (tmp_path / "report.json").write_text("{", encoding="utf-8")

@@ -139,7 +139,7 @@ def test_key_points_spread_over_a_picture_whose_texture_does_not() -> None:
 @pytest.mark.parametrize("grey", [0, 128, 255])
 def test_a_blank_photograph_is_refused_by_name(grey: int) -> None:
     blank = np.full((120, 170, 3), grey, dtype=np.uint8)
-    with pytest.raises(ImageError, match=r"DJI_0007\.JPG: only 0 key points found in 170 x 120 px: .*leave it out"):
+    with pytest.raises(ImageError, match=r"DJI_0007\.JPG: only 0 key points found in 170 x 120 px: .*remove it"):
         find_features("DJI_0007.JPG", blank, FeatureSettings())
 
 

@@ -393,7 +393,9 @@ def test_two_sites_are_two_components_and_the_larger_is_the_block() -> None:
     assert oriented.component.tolist() == [1] * 8 + [0] * COUNT
     assert oriented.poses[:8] == (None,) * 8
     assert all(pose is not None for pose in oriented.poses[8:])
-    assert set(oriented.reason[:8]) == {"shares no tie points with the block: one of 8 photographs by themselves"}
+    assert set(oriented.reason[:8]) == {
+        "shares no tie points with the block: part of a separate component of 8 photographs"
+    }
     pairs = zip(oriented.poses[8:], simulated(1).truth.poses, strict=True)
     error = [np.linalg.norm(p.position_world_m - t.position_world_m - [500, 0, 0]) for p, t in pairs if p is not None]
     assert max(error) < 4.0
@@ -469,8 +471,8 @@ def test_attitudes_hold_the_tilt_of_a_small_block(settings: OrientationSettings)
 def test_what_is_missing_is_told() -> None:
     block = simulated(1)
     expected = (
-        r"the block of 15 photographs cannot be placed in EPSG:25832: 0 control points are marked in two of them, "
-        r"0 have a GNSS position; give three of either, not in one line"
+        r"the block of 15 photographs cannot be georeferenced in EPSG:25832: 0 control points are marked in two of "
+        r"them, 0 have a GNSS position; give at least three of either, not collinear"
     )
     with pytest.raises(OrientationError, match=expected):
         orient(bare(block, no_tags, control=False), AUTO)
@@ -479,7 +481,7 @@ def test_what_is_missing_is_told() -> None:
     with pytest.raises(OrientationError, match="2 control points are marked in two of them, 1 have a GNSS position"):
         orient(replace(bare(block, lambda i, p: no_tags(i, p) if i else no_attitude(i, p)), control_points=two), AUTO)
     straight = simulated(1, replace(STRIP, position_noise_m=0.05, gnss_sigma_m=(0.02, 0.02, 0.02)))
-    with pytest.raises(OrientationError, match="10 have a GNSS position; give three of either, not in one line"):
+    with pytest.raises(OrientationError, match="10 have a GNSS position; give at least three of either, not collinear"):
         orient(bare(straight, no_attitude), AUTO)
 
 

@@ -79,8 +79,8 @@ def test_what_helps() -> None:
     now = found.typical_m(found.sigma_m[:, 2])[0]
     assert list(best.values()) == sorted(best.values())
     assert best["RTK"] < 0.8 * now
-    assert best["one control point more, in the middle"] < 0.9 * now
-    assert best["one oblique strip more"] < 0.9 * now
+    assert best["one more control point, in the middle"] < 0.9 * now
+    assert best["one more oblique strip"] < 0.9 * now
     middle = int(np.argmin(np.linalg.norm(found.place_m, axis=1)))
     corner = int(np.argmin(np.linalg.norm(found.place_m - found.control_m[0, :2], axis=1)))
     assert found.sigma_m[middle, 2] > found.sigma_m[corner, 2]  # the dome of four corners
@@ -197,7 +197,7 @@ def test_every_fault_of_the_file_at_once(tmp_path: Path) -> None:
     with pytest.raises(ProjectError) as fault:
         plan_settings(path)
     text = str(fault.value)
-    assert "4 faults" not in text
+    assert "4 errors" not in text
     for said in (
         f"{path}:1: site.width_m", f"{path}:2: flight.forward_overlop: unknown key", "did you mean",
         f"{path}:2: flight.side_overlap", f"{path}:3: gnss.kind", f"{path}:4: control.positions_m",
@@ -216,7 +216,7 @@ def test_the_command(photogram: Callable[..., Any], tmp_path: Path) -> None:
     )
     outcome = photogram("plan", path, "--control", 4, "--gnss", "consumer", "--picture", picture)
     assert outcome.code == 0, outcome.err
-    for said in ("photographs, strips", "ground points in height", "What a single change would bring", "RTK"):
+    for said in ("photographs, strips", "ground points in height", "Effect of single changes", "RTK"):
         assert said in outcome.out
     with Image.open(picture) as image:
         assert image.size[0] > 1000
@@ -235,7 +235,7 @@ def test_changes_that_cannot_be_flown_are_left_out() -> None:
     plan = FlightPlan(width_m=900, length_m=800, gsd_m=0.02, relief_m=1.0)
     assert plan.photographs > 1200
     assert not any("overlaps" in what for what in changes(plan))
-    assert "one oblique strip more" in changes(plan)
+    assert "one more oblique strip" in changes(plan)
 
 
 @pytest.mark.parametrize(

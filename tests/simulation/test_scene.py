@@ -142,7 +142,7 @@ def test_targets_that_cannot_be_painted(scene: Scene) -> None:
     with pytest.raises(ValueError, match="open ground"):
         paint_targets(scene, tree[None], 0.35)
     place = open_places(scene, 1, 4.0)[0]
-    with pytest.raises(ValueError, match="too near"):
+    with pytest.raises(ValueError, match="too close"):
         paint_targets(scene, np.array([place, place + 0.8]), 0.35)
 
 

@@ -163,7 +163,7 @@ def test_lines_survive_the_geopackage(tmp_path: Path) -> None:
 
 def test_no_lines_make_an_empty_layer_and_faults_leave_nothing(tmp_path: Path) -> None:
     flat = contour_lines(Raster(np.full((9, 9), 7.5, np.float32), WEST, NORTH, CELL))
-    with pytest.raises(FrameError, match="not a map grid"):
+    with pytest.raises(FrameError, match="not a projected CRS"):
         write_contours(tmp_path / "contours.gpkg", flat, "EPSG:4326")
     with pytest.raises(WorkspaceError, match="cannot be written"):
         write_contours(tmp_path / "nowhere" / "contours.gpkg", flat, MAP)

@@ -73,7 +73,7 @@ def test_wide_gaps_stay_open(site: tuple[Raster, np.ndarray, np.ndarray, Terrain
 
 
 def test_what_cannot_be_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(PhotogramError, match="holds no ground"):
+    with pytest.raises(PhotogramError, match="no ground found"):
         terrain_from_surface(Raster(np.full((9, 9), np.nan, np.float32), 0.0, 0.0, 0.5))
     with pytest.raises(PhotogramError, match=r"rigidness: must be 1 \(steep\)"):
         TerrainSettings(rigidness=4)

@@ -326,7 +326,7 @@ def test_a_surface_above_the_photographs_is_refused(flat: Flat) -> None:
 
 def test_a_surface_without_heights_is_refused(flat: Flat) -> None:
     empty = Raster(np.full((50, 50), np.nan, np.float32), EAST - 5.0, NORTH + 5.0, 0.2)
-    with pytest.raises(PhotogramError, match=r"no height anywhere: set orthophoto\.enabled to false"):
+    with pytest.raises(PhotogramError, match=r"no heights: set orthophoto\.enabled to false"):
         planned(flat.views, empty, flat.pictures, None, OrthophotoSettings())
 
 
@@ -352,7 +352,7 @@ def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest
     report = run_pipeline(load_project(adjusted_survey / "project.yaml"), start="orthophoto")
     reason = dict(report["orthophoto"])["left_out"]
     assert isinstance(reason, str)
-    assert reason.startswith("the photographs look sideways (median optical axis 8")
+    assert reason.startswith("the photographs are oblique (median optical axis 8")
     assert not (adjusted_survey / "results/orthophoto.tif").exists()
-    assert f"Orthophoto left out: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    assert f"No orthophoto: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
     assert json.loads((adjusted_survey / "work/orthophoto.stage/stage.json").read_text())["left_out"] == reason

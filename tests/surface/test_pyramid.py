@@ -93,7 +93,7 @@ def test_too_little_to_start_from_is_named(made: SimulatedSurvey) -> None:
     with pytest.raises(PhotogramError, match="2 in 6 photographs are too few"):
         known_ground(points, points, views_of(made), 6)
     above = tie_points(made) + np.array([0.0, 0.0, 500.0])
-    with pytest.raises(PhotogramError, match="looks down"):
+    with pytest.raises(PhotogramError, match="above the ground they show"):
         known_ground(above, above, views_of(made), 6)
 
 

@@ -73,14 +73,17 @@ FILE_FAULTS: dict[str, tuple[Callable[[Values], object], tuple[str, ...]]] = {
     "unknown key": (lambda v: v["features"].update(maximun=800), ("features.maximun: unknown key", "'maximum'?")),
     "mark outside": (mark_outside, ("[G02].marks.sim_0003.JPG", "(170, 301)", "400 × 300 px", "check the order")),
     "one name twice": (name_twice, ("'G03' is used twice, first in line", "give each its own name")),
-    "geographic CRS": (lambda v: v.update(crs="EPSG:4326"), ("'EPSG:4326' (WGS 84) is not a map grid", "UTM zone")),
+    "geographic CRS": (
+        lambda v: v.update(crs="EPSG:4326"),
+        ("'EPSG:4326' (WGS 84) is not a projected CRS", "UTM zone"),
+    ),
     "unknown CRS": (lambda v: v.update(crs="EPSG:99999"), ("crs: 'EPSG:99999'", "write EPSG:25832, for example")),
     "far zone": (lambda v: v.update(crs="EPSG:2193"), ("outside the area of use of EPSG:2193", "check crs")),
     "no CRS": (lambda v: v.pop("crs"), ("crs: ",)),
     "swapped": (swap_one, ("[G05].position_m: easting and northing look swapped", "write [easting, northing")),
     "all swapped": (swap_all, ("easting and northing look swapped in all 12", "write [easting, northing, height]")),
     "height 9999": (placeholder, ("[G06].position_m: height 9999 m", "give the surveyed height")),
-    "no reference": (wrong_reference, ("comparison.reference: there is no file", "not_there.tif")),
+    "no reference": (wrong_reference, ("comparison.reference: file", "not_there.tif")),
     "missing photograph": (absent_photograph, ("1 of 5 photographs are not in", "sim_0009.JPG", "--photographs DIR")),
 }
 
@@ -105,7 +108,7 @@ def test_every_fault_of_one_file_at_once(survey: Path, photogram: Run, edit: Edi
     outcome = photogram("adjust", survey / "project.yaml")
     # the misspelt focal length is an unknown key, and a missing one
     faults = len(changes) + 2
-    check_fault(outcome, f"project.yaml has {faults} faults:", lines=faults + 1)
+    check_fault(outcome, f"project.yaml has {faults} errors:", lines=faults + 1)
     for fragment in ("focal_lenght_px", "give focal_px", "(170, 301)", "'G03'", "swapped", "9999", "not_there", "0002"):
         assert fragment in outcome.err
     numbers = [int(line.split("project.yaml:")[1].split(":")[0]) for line in outcome.err.splitlines()[1:]]
@@ -157,7 +160,7 @@ def repaint(survey: Path, name: str, pixels: np.ndarray[Any, np.dtype[np.uint8]]
 def test_blank_photograph(survey: Path, photogram: Run) -> None:
     repaint(survey, "sim_0003.JPG", np.full((300, 400, 3), 127, np.uint8))
     outcome = photogram("adjust", survey / "project.yaml")
-    check_fault(outcome, "sim_0003.JPG: only 0 key points", "blank, blurred or black", "leave it out")
+    check_fault(outcome, "sim_0003.JPG: only 0 key points", "blank, blurred or black", "remove it")
 
 
 def test_photographs_that_show_nothing_in_common(survey: Path, photogram: Run) -> None:
@@ -191,7 +194,9 @@ def test_too_few_control_points_and_nothing_else(survey: Path, photogram: Run, e
     strip_tags(survey)
     edit(survey / "project.yaml", leave_two)
     outcome = photogram("adjust", survey / "project.yaml", "--no-check")
-    check_fault(outcome, "cannot be placed in EPSG:25832", "control points are marked", "give three of either")
+    check_fault(
+        outcome, "cannot be georeferenced in EPSG:25832", "control points are marked", "give at least three of either"
+    )
 
 
 def test_check_points_do_not_stand_in_for_control(survey: Path, photogram: Run, edit: Edit) -> None:
@@ -212,7 +217,7 @@ def test_collinear_control(survey: Path, photogram: Run, edit: Edit) -> None:
     strip_tags(survey)
     edit(survey / "project.yaml", line_up)
     outcome = photogram("adjust", survey / "project.yaml", "--no-check")
-    check_fault(outcome, "cannot be placed in EPSG:25832", "control points are marked", "not in one line")
+    check_fault(outcome, "cannot be georeferenced in EPSG:25832", "control points are marked", "not collinear")
 
 
 def test_no_control_and_no_positions(survey: Path, photogram: Run, edit: Edit) -> None:

@@ -116,8 +116,8 @@ def test_damage_is_found_named_and_only_its_stage_made_again(damaged_survey: Pat
         path.write_bytes(content)
     witness = run(damaged_survey)
     assert witness.ran == [stage]
-    what = "is missing" if content is None else "was changed since it was written"
-    assert witness.warnings == [f"{path}: {what}: the stage {stage} is made again"]
+    what = "is missing" if content is None else "was modified since it was written"
+    assert witness.warnings == [f"{path}: {what}: the stage {stage} is run again"]
     assert contents(damaged_survey) == before
     assert run(damaged_survey).ran == []
 
@@ -131,7 +131,7 @@ def test_damage_that_keeps_length_and_time_is_found_where_it_is_read(adjusted_su
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
     witness = run(adjusted_survey, start="orientation", until="orientation")
     assert witness.ran == ["photographs", "orientation"]
-    assert witness.warnings == [f"{path}: was changed since it was written: the stage photographs is made again"]
+    assert witness.warnings == [f"{path}: was modified since it was written: the stage photographs is run again"]
     assert path.read_text() == text
 
 
@@ -145,7 +145,9 @@ def test_damage_that_comes_back_ends_the_run(adjusted_survey: Path, monkeypatch:
             path.write_bytes(b"nothing")
 
     monkeypatch.setattr(Workspace, "finish", damaging)
-    with pytest.raises(WorkspaceError, match=r"tie_points\.npz: was changed .*again after it was made anew: check the"):
+    with pytest.raises(
+        WorkspaceError, match=r"tie_points\.npz: was modified .*again after it was recomputed: check the"
+    ):
         run(adjusted_survey, start="tie_points", until="orientation")
 
 
@@ -154,7 +156,7 @@ def test_the_terminal_names_the_file(adjusted_survey: Path, photogram: Run) -> N
     path.unlink()
     outcome = photogram("adjust", adjusted_survey / "project.yaml", "--until", "dense")
     assert outcome.code == 0
-    assert f"Warning: {path}: is missing: the stage dense is made again" in " ".join(outcome.out.split())
+    assert f"Warning: {path}: is missing: the stage dense is run again" in " ".join(outcome.out.split())
     assert path.is_file()
 
 
@@ -165,7 +167,7 @@ def test_other_commands_use_nothing_damaged(adjusted_survey: Path, photogram: Ru
     outcome = photogram("report", adjusted_survey / "project.yaml")
     assert outcome.code == 1
     assert outcome.err == (
-        f"photogram: {path}: was changed since it was written: run photogram adjust, which makes the stage results "
+        f"photogram: {path}: was modified since it was written: run photogram adjust, which runs the stage results "
         "again\n"
     )
     assert (adjusted_survey / "results/report.html").read_bytes() == page
@@ -181,7 +183,7 @@ def test_a_photograph_that_changes_while_the_run_goes_on(survey: Path, photogram
             shutil.copyfile(second, first)
 
     witness.begin = swap  # type: ignore[method-assign]
-    with pytest.raises(ImageError, match=r"sim_0001\.JPG: was changed since the run began: leave"):
+    with pytest.raises(ImageError, match=r"sim_0001\.JPG: was modified since the run began: do not change"):
         run_pipeline(project, watcher=witness)
     outcome = photogram("adjust", survey / "project.yaml", "--until", "features")
     assert outcome.code == 0
@@ -245,7 +247,8 @@ def test_an_interrupted_stage_keeps_what_is_whole_and_names_what_is_damaged(tmp_
     times = {name: (partial / name).stat().st_mtime_ns for name in ("0.json", "2.json", "inner/deep.json")}
     assert workspace.begin("features", "m", said.append) == partial
     assert said == [
-        f"{partial / name}: was changed since it was written: it is made again" for name in ("1.json", "foreign.json")
+        f"{partial / name}: was modified since it was written: it will be computed again"
+        for name in ("1.json", "foreign.json")
     ]
     assert {p.relative_to(partial).as_posix() for p in partial.rglob("*") if p.is_file()} == {
         *times, "stage.json", "files.sha256", "made-by-photogram.txt",
@@ -273,7 +276,7 @@ def test_what_photogram_did_not_make_is_refused_and_left(tmp_path: Path, suffix:
         workspace.begin("features", mark)
         workspace.finish("features", mark, {})
 
-    with pytest.raises(WorkspaceError, match=rf"features{suffix}: .*(link|is no folder|did not make)") as fault:
+    with pytest.raises(WorkspaceError, match=rf"features{suffix}: .*(link|is not a folder|did not make)") as fault:
         whole("m1")
     assert "move it away" in str(fault.value)
     with pytest.raises(WorkspaceError):

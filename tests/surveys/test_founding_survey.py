@@ -26,7 +26,7 @@ P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_00
 NEXT_MARK_PX = {"100_0002_0067.JPG": 1.1, "100_0002_0068.JPG": 4.8, "100_0002_0100.JPG": 3.0}
 
 DOCUMENTS = {
-    "README.md": ("focal", "p3p"),
+    "docs/figures.md": ("focal", "p3p"),
     "examples/dtu_phantom4/README.md": ("focal", "counts", "sigma0", "p3p"),
     "docs/assignment.md": ("focal", "counts", "sigma0"),
 }
@@ -72,7 +72,7 @@ def check_explanation(diagnosis: Json) -> None:
     for axis, way in (("easting", "east"), ("northing", "north")):
         together = next(line for line in said.splitlines() if f"GNSS offset in {axis}" in line)
         assert f"tilt of the block to the {way}" in together
-    assert "held at the given values, which nothing tests: principal point in x" in said
+    assert "fixed at the given values, which nothing tests: principal point in x" in said
 
 
 def test_founding_survey(

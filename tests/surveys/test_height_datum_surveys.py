@@ -51,15 +51,15 @@ def found(path: Path, **changed: Any) -> list[Finding]:
 @pytest.mark.parametrize(
     ("heights", "words"),
     [
-        ("orthometric", "needs a block of keys, output: orthometric and geoid: EGM96 for example"),
-        ("sea level", "needs ellipsoidal, or a block of keys"),
+        ("orthometric", "needs a mapping of keys, output: orthometric and geoid: EGM96 for example"),
+        ("sea level", "needs ellipsoidal, or a mapping of keys"),
         ({"gnss": "ellipsoidal"}, r"heights\.output: is missing"),
         ({"output": "orthometric"}, "orthometric needs a geoid"),
         ({"output": "ellipsoidal", "control_points": "orthometric"}, r"control_points: orthometric needs a geoid"),
         ({"output": "elipsoidal"}, "did you mean 'ellipsoidal'"),
-        ({"output": "orthometric", "geoid": "EGM1996"}, "no geoid that PROJ knows"),
-        ({"output": "orthometric", "geoid": "EPSG:25832"}, "no vertical CRS"),
-        ({"output": "orthometric", "geoid": "gone.gtx"}, r"there is no file .*gone\.gtx"),
+        ({"output": "orthometric", "geoid": "EGM1996"}, "not a geoid known to PROJ"),
+        ({"output": "orthometric", "geoid": "EPSG:25832"}, "not a vertical CRS"),
+        ({"output": "orthometric", "geoid": "gone.gtx"}, r"file .*gone\.gtx"),
         ({"output": "orthometric", "geoid": "a.gtx", "grid": "b.gtx"}, "keep one of the two"),
         ({"output": "orthometric", "geoid": "EPSG:5773", "datum": 1}, "unknown key"),
     ],
@@ -187,7 +187,7 @@ def test_orthometric_control_declared_ellipsoidal_stops_check_and_adjust(
     assert checked.code == 1
     table = " ".join(checked.out.replace("│", " ").split())
     (finding,) = [f for f in found(path) if f.text.startswith("control")]
-    assert finding.severity == "fault"
+    assert finding.severity == "error"
     assert finding.text.startswith("control heights look orthometric although declared ellipsoidal: they lie 4")
     assert "m below where their marks and the GNSS heights put them" in finding.text
     assert finding.remedy.startswith("write heights.control_points: orthometric with the geoid")
@@ -224,7 +224,7 @@ def test_the_geoid_of_the_site_says_who_is_wrong(survey: Path, edit: Edit, slopi
     assert "control heights look ellipsoidal although declared orthometric" in told
     assert told.endswith("write heights.control_points: ellipsoidal, or heights.gnss: orthometric if those are")
     told = text(25.0)
-    assert "which is no matter of height systems: the geoid lies 43.9 m above" in told
+    assert "which no height system explains: the geoid lies 43.9 m above" in told
 
 
 def test_positions_that_prove_nothing_raise_no_alarm(survey: Path, edit: Edit) -> None:
@@ -240,7 +240,7 @@ def test_what_nobody_declares_is_asked_for(survey: Path, edit: Edit) -> None:
     edit(path, lambda v: v.pop("heights"))
     (asked,) = found(path)
     assert (asked.severity, asked.where) == ("warning", "heights")  # the marks show that the two agree
-    assert "nothing says whether those of the control points, the check points are above" in asked.text
+    assert "not declared whether the heights of the control points, the check points are above" in asked.text
     assert "control and GNSS agree to" in asked.text
     assert "write heights: ellipsoidal if all are" in asked.remedy
 
@@ -250,7 +250,7 @@ def test_what_nobody_declares_is_asked_for(survey: Path, edit: Edit) -> None:
 
     edit(path, bare)
     (asked,) = found(path)
-    assert asked.severity == "fault"  # nothing shows it, and RTK holds the heights as well
+    assert asked.severity == "error"  # nothing shows it, and RTK holds the heights as well
     assert "agree" not in asked.text
     edit(path, lambda v: v["photographs"].update(gnss_sigma_m=[2.0, 2.0, 5.0]))
     (asked,) = found(path)
@@ -260,7 +260,9 @@ def test_what_nobody_declares_is_asked_for(survey: Path, edit: Edit) -> None:
 def test_tags_that_say_otherwise_are_named(survey: Path) -> None:
     (said,) = found(survey / "project.yaml", height_is_ellipsoidal=False)
     assert said.severity == "warning"
-    assert "the tags say that their heights are near sea level, but heights.gnss declares them ellipsoidal" in said.text
+    assert (
+        "according to the tags the heights are near sea level, but heights.gnss declares them ellipsoidal"
+    ) in said.text
 
 
 # ---- a whole survey over a geoid -----------------------------------------------------------------------------------
@@ -298,7 +300,7 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     assert heights["inputs"]["gnss"] == {"ellipsoidal": 4, "orthometric": 0, "undeclared": 0}
     assert heights["inputs"]["control_points"] == {"ellipsoidal": 0, "orthometric": 12, "undeclared": 0}
     assert heights["sentence"].startswith("All heights are above the geoid EGM96 (EPSG:5773) (ETRS89 / UTM zone 32N + ")
-    assert "4 GNSS heights were given above the ellipsoid and brought to them" in heights["sentence"]
+    assert "4 GNSS heights were given above the ellipsoid and transformed to it" in heights["sentence"]
     for name, cloud in report["clouds"].items():  # the reference is above the ellipsoid still
         assert cloud["median_m"] == pytest.approx(plain["clouds"][name]["median_m"], abs=0.005)
     words = '"EPSG:25832, heights above the geoid EGM96 (EPSG:5773)"'

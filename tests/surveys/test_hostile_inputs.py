@@ -91,7 +91,7 @@ def test_a_postscript_file_called_jpg_starts_no_ghostscript(tmp_path: Path, monk
     monkeypatch.setattr(subprocess, "Popen", refuse)
     (tmp_path / "x.JPG").write_bytes(EPS)
     for read in (read_grey, inspect_photograph, read_tags):
-        with pytest.raises(ImageError, match="in no known picture format"):
+        with pytest.raises(ImageError, match="in no known image format"):
             read(tmp_path / "x.JPG")
 
 
@@ -99,7 +99,7 @@ def test_a_postscript_file_called_jpg_starts_no_ghostscript(tmp_path: Path, monk
 def test_only_the_formats_of_photographs_are_opened(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "x.JPG"
     Image.fromarray(pixels()).save(path, kind)
-    with pytest.raises(ImageError, match="in no known picture format"):
+    with pytest.raises(ImageError, match="in no known image format"):
         inspect_photograph(path)
 
 
@@ -133,7 +133,7 @@ DAMAGE = {
     "one bit of EXIF": (one_bit_of_exif, "the EXIF tags are damaged"),
     "XMP in no encoding": (xmp_of_no_encoding, "the XMP tags are not valid XML"),
     "altitude of 1e308": (altitude, "the tags give a height of 1e+308 m"),
-    "height of 1e3088": (take_off, "the tags give a height above take off that cannot be (inf)"),
+    "height of 1e3088": (take_off, "the tags give an impossible height above take off (inf)"),
 }
 
 
@@ -197,7 +197,7 @@ READERS: dict[str, tuple[Callable[[Path], object], type[PhotogramError]]] = {
 def test_pipes_are_not_waited_for(tmp_path: Path, what: str) -> None:
     os.mkfifo(tmp_path / "file.csv")
     read, error = READERS[what]
-    with pytest.raises(error, match=r"a named pipe, not a file|no such file"):
+    with pytest.raises(error, match=r"a named pipe, not a file|file not found"):
         read(tmp_path / "file.csv")
 
 
@@ -227,7 +227,7 @@ def test_files_that_are_far_too_large(tmp_path: Path, what: str) -> None:
 def test_yaml_of_a_thousand_levels(tmp_path: Path, begin: str, end: str) -> None:
     path = tmp_path / "project.yaml"
     path.write_text("photogram: 1\na:\n  " + begin * 1000 + end * 1000)
-    with pytest.raises(ProjectError, match="blocks within blocks, more than 20 deep"):
+    with pytest.raises(ProjectError, match="nested deeper than 20 deep"):
         Document(path)
 
 
@@ -238,7 +238,7 @@ def test_whole_numbers_of_hundreds_of_digits(tmp_path: Path, digits: int) -> Non
     path.write_text(f"photogram: 1\ngnss: {{lever_arm_m: [0, 0, {'9' * digits}]}}\n")
     document = Document(path)
     read_entry(document, ProjectFile)
-    with pytest.raises(ProjectError, match=f"a number of {digits} characters is no measurement"):
+    with pytest.raises(ProjectError, match=f"a number of {digits} characters is not a number photogram reads"):
         document.raise_faults()
 
 
@@ -261,7 +261,7 @@ def test_a_header_that_claims_two_thousand_million_points(tmp_path: Path, suffix
     content = bytearray(path.read_bytes())
     struct.pack_into("<Q", content, 247, 2**31)
     path.write_bytes(content)
-    with pytest.raises(ProjectError, match=r"damaged or cut off \(2147483648 points"):
+    with pytest.raises(ProjectError, match=r"damaged or truncated \(2147483648 points"):
         read_cloud(path)
 
 
@@ -364,13 +364,13 @@ def test_npz_comes_back_as_written(tmp_path: Path) -> None:
 def test_gps_weeks_of_many_digits(tmp_path: Path, week: str) -> None:
     path = tmp_path / "a_Timestamp.MRK"
     path.write_text(f"1\t256434.1\t[{week}]\t12,N\t-3,E\t85,V\t55.1,Lat\t12.1,Lon\t98.1,Ellh\t0.01, 0.01, 0.02\t50,Q\n")
-    with pytest.raises(ProjectError, match=r"are no GPS time|is no line of a DJI MRK file"):
+    with pytest.raises(ProjectError, match=r"is not a GPS time|is not a line of a DJI MRK file"):
         read_positions(path)
     (tmp_path / "b.pos").write_text(
         "% GPST latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m)\n"
         f"{week} 256436.1 55.1 12.1 98.1 1 12 0.01 0.01 0.02\n"
     )
-    with pytest.raises(ProjectError, match="is no time"):
+    with pytest.raises(ProjectError, match="is not a time"):
         read_positions(tmp_path / "b.pos")
 
 
@@ -387,7 +387,7 @@ def test_sigmas_that_nothing_has(tmp_path: Path, sigma: str) -> None:
 @pytest.mark.usefixtures("within_a_second")
 def test_a_line_that_would_keep_a_pattern_busy(tmp_path: Path) -> None:
     (tmp_path / "a.MRK").write_text("1" + " " * 9000 + "x\n")
-    with pytest.raises(ProjectError, match="is no line of a DJI MRK file"):
+    with pytest.raises(ProjectError, match="is not a line of a DJI MRK file"):
         read_positions(tmp_path / "a.MRK")
     (tmp_path / "b.MRK").write_text("1" + " " * 900_000 + "x\n")
     with pytest.raises(ProjectError, match="characters long"):
@@ -424,7 +424,7 @@ def test_another_programs_report(tmp_path: Path, photogram: Run, kind: str) -> N
     assert outcome.code == 1
     assert outcome.err.startswith(f"photogram: {tmp_path}/report.json: ")
     assert outcome.err.count("\n") == 1
-    assert "make it again with photogram adjust" in outcome.err
+    assert "run photogram adjust again" in outcome.err
 
 
 def test_a_figure_of_the_report_that_is_none(tmp_path: Path, full_report: dict[str, Any]) -> None:

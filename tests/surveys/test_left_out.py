@@ -39,7 +39,7 @@ def test_a_survey_with_a_wrong_mark_and_a_mistyped_height(
     strict = photogram("adjust", project, "--no-check", "--strict")
     assert strict.code == 1, strict.err
     assert strict.err == "", "it has a result: nothing failed"
-    assert strict.out.count("Left out:") == 2
+    assert strict.out.count("Rejected:") == 2
     again = photogram("adjust", project, "--no-check")
     assert again.code == 0
     report = report_of(adjusted_survey)
@@ -55,7 +55,7 @@ def test_a_survey_with_a_wrong_mark_and_a_mistyped_height(
     assert report["check_points"]["rmse_h_m"] < before["check_points"]["rmse_h_m"] + 0.05
     assert report["check_points"]["rmse_v_m"] < before["check_points"]["rmse_v_m"] + 0.15
     page = (adjusted_survey / "results" / "report.html").read_text(encoding="utf-8")
-    assert "Left out of the adjustment, because everything else contradicts it" in page
+    assert "Rejected, because they contradict all other observations" in page
     reasons = [d["what"] for d in report["discarded"]]
     assert "height of control point G05" in reasons
     assert any(what.startswith("mark of G03 in ") for what in reasons)

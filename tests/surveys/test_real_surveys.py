@@ -39,8 +39,8 @@ def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
     assert block["gnss_residual_rms_m"]["three_d"] <= 0.75
     assert adjustment["discarded_observations"] <= 0.15 * adjustment["observations"]
     camera = next(iter(report["cameras"].values()))
-    # the photographs want a fifth more, but parts of the pictures disagree: near the tags, and not sure of it
-    assert "parts of the pictures disagree by" in camera["held"]["focal_px"]
+    # the photographs give a fifth more, but parts of the images disagree: near the tags, and not sure of it
+    assert "parts of the images disagree by" in camera["held"]["focal_px"]
     assert camera["focal_px"] == pytest.approx(2340.0, rel=0.08)
     assert 80.0 < camera["sigma"]["focal_px"] < 400.0
     assert report["blunders"] == []

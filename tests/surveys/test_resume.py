@@ -193,7 +193,7 @@ def test_killed_from_outside_at_random_moments(survey: Path, finished_survey: Pa
 def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
     adjusted_survey: Path, edit: Edit, photogram: Run
 ) -> None:
-    """The old surface is gone, the new one is not in its place: it is made again, and belongs to the new setting."""
+    """The old surface is gone, the new one is not yet in place: the next run makes it, with the new setting."""
     edit(adjusted_survey / "project.yaml", lambda v: v.update(surface={"cell_m": 0.5}))
     killed_at(adjusted_survey, "work/surface.stage.partial:rename")
     assert not (adjusted_survey / "work/surface.stage").exists()
@@ -352,5 +352,7 @@ def test_two_at_once(adjusted_survey: Path) -> None:
     with Workspace(adjusted_survey / "work").locked():
         second = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert second.returncode == 1
-    assert second.stderr.startswith(f"photogram: {adjusted_survey / 'work'}: another photogram works here; wait for it")
+    assert second.stderr.startswith(
+        f"photogram: {adjusted_survey / 'work'}: another photogram is running here; wait for it"
+    )
     assert second.stderr.count("\n") == 1

@@ -76,7 +76,7 @@ def assert_as_good_as_clean(verdict: Verdict, plan: SurveyPlan = RTK) -> None:
 
 def test_a_clean_survey_is_accused_of_nothing() -> None:
     for plan in (RTK, NO_GNSS):
-        assert clean(plan).accused == ()
+        assert clean(plan).rejected == ()
         assert grossly_off(survey(plan), SETTINGS) == []
 
 
@@ -87,7 +87,7 @@ def test_a_wrong_gnss_position_is_named_and_no_control_point(off_m: Sequence[flo
     verdict = adjust_and_judge(moved(survey(), 7, off_m), SETTINGS)
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.photograph) == ("GNSS position", survey().photographs[7].name)
-    predicted_m = float(blunder.sentence.split("predicts it ")[1].split()[0])
+    predicted_m = float(blunder.sentence.split("predict it ")[1].split()[0])
     assert predicted_m == pytest.approx(float(np.linalg.norm(off_m)), abs=0.1)
     assert_as_good_as_clean(verdict)
     assert verdict.result.block.photographs[7].gnss_world_m is None
@@ -125,7 +125,7 @@ def test_two_wrong_inputs_at_once_do_not_hide_each_other() -> None:
     both = with_focal(moved(with_pixels(survey(), pixel), 9, (5.0, 5.0, 0.0)), 1.15)
     verdict = adjust_and_judge(both, SETTINGS)
     assert {b.kind for b in verdict.blunders} <= {"mark", "wrong target", "GNSS position", "focal length"}
-    assert {a.what for a in verdict.accused} == {
+    assert {a.what for a in verdict.rejected} == {
         ("mark", points.name[2], survey().photographs[points.mark_photograph[m]].name),
         ("GNSS position", survey().photographs[9].name, None),
         ("focal length", "simulated", None),
@@ -141,7 +141,7 @@ def test_a_mistyped_point_is_named_whatever_its_size(plan: SurveyPlan, off_m: fl
     position[3, 1] += off_m
     spoilt = replace(survey(plan), control_points=replace(points, position_world_m=position))
     verdict = adjust_and_judge(spoilt, SETTINGS)
-    assert {a.what for a in verdict.accused} == {("control point", points.name[3], None)}
+    assert {a.what for a in verdict.rejected} == {("control point", points.name[3], None)}
     assert_as_good_as_clean(verdict, plan)
 
 
@@ -166,7 +166,7 @@ def test_a_mark_of_a_check_point_far_from_the_others_is_named() -> None:
     pixel = points.mark_pixel.copy()
     pixel[own[1]] += (250.0, -180.0)
     verdict = adjust_and_judge(with_pixels(survey(), pixel), SETTINGS)
-    assert {a.what for a in verdict.accused} == {
+    assert {a.what for a in verdict.rejected} == {
         ("mark", points.name[g], survey().photographs[points.mark_photograph[own[1]]].name)
     }
     assert_as_good_as_clean(verdict)
@@ -179,7 +179,7 @@ def test_sigmas_that_are_too_small_for_all_accuse_nobody() -> None:
         assert photograph.gnss_sigma_m is not None
         block = with_photograph(block, i, gnss_sigma_m=0.25 * photograph.gnss_sigma_m)
     verdict = adjust_and_judge(block, SETTINGS)
-    assert not [a for a in verdict.accused if a.kind == "GNSS position"]
+    assert not [a for a in verdict.rejected if a.kind == "GNSS position"]
     assert scatter(verdict.result)["GNSS position"] > 1.2
 
 
@@ -250,6 +250,6 @@ def test_where_too_little_is_left_every_culprit_is_named() -> None:
     pixel[wrong] = rng.uniform([0.0, 0.0], [plan.width_px - 1.0, plan.height_px - 1.0], (int(wrong.sum()), 2))
     with pytest.raises(AdjustmentError) as fault:
         adjust_and_judge(with_pixels(survey(plan), pixel), SETTINGS)
-    assert "without that too little is left" in str(fault.value)
+    assert "too few are left without it" in str(fault.value)
     for name in points.name[:2]:
         assert f"mark of {name} in sim_" in str(fault.value)

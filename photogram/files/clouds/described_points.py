@@ -54,10 +54,10 @@ def read_described(path: Path) -> DescribedCloud:
     """
     points = read_las(path)
     if len(points) == 0:
-        raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+        raise ProjectError(f"point cloud {path}: it contains no points: export it again")
     position = np.asarray(points.xyz, dtype=np.float64)
     if not np.isfinite(position).all():
-        raise ProjectError(f"point cloud {path}: positions in it are not finite, it is damaged: export it again")
+        raise ProjectError(f"point cloud {path}: it has non-finite positions, it is damaged: export it again")
     known = {name.casefold().replace("_", " "): name for name in points.point_format.extra_dimension_names}
     figures = {name: np.asarray(points[known[name]]) for name in FIGURES if name in known}
     if "confidence" in figures and np.issubdtype(figures["confidence"].dtype, np.integer):

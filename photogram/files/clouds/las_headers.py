@@ -1,4 +1,4 @@
-"""The header of a LAS or LAZ file held against the file itself, before a decoder believes it.
+"""The header of a LAS or LAZ file compared with the file itself, before a decoder trusts it.
 
 A header may claim two thousand million points in a file of a kilobyte, and a file that was cut between two points reads
 as a smaller cloud. What cannot be is refused here, by the tables of the ASPRS LAS specification 1.4, section 2.4.
@@ -96,7 +96,7 @@ def _chunks(path: Path, header: _Header) -> str:
         records = stream.read(header.data_offset - header.size)
         chunk_points = _chunk_points(records, header.vlrs)
         if chunk_points is None:
-            return "compressed points without the record that says how"
+            return "compressed points without the LASzip record"
         stream.seek(header.data_offset)
         (table,) = struct.unpack("<q", stream.read(8))
         size = ordinary_size(path)
@@ -136,13 +136,13 @@ def check_las(path: Path) -> None:
         data = stream.read(375)
     try:
         if data[:4] != b"LASF":
-            fault = "it does not begin with LASF"
+            fault = "not a LAS file (no LASF signature)"
         else:
             header = _read(data)
             fault = _faults(header, size)
             if not fault and header.compressed and header.points:
                 fault = _chunks(path, header)
     except (struct.error, IndexError):
-        fault = f"its header is cut off, the file has {size} bytes"
+        fault = f"truncated header, the file has {size} bytes"
     if fault:
-        raise ProjectError(f"point cloud {path}: damaged or cut off ({fault}): copy or export it again")
+        raise ProjectError(f"point cloud {path}: damaged or truncated ({fault}): copy or export it again")

@@ -88,7 +88,7 @@ class _Layout:
 
 def _finite(path: Path, cloud: PointCloud) -> FloatArray:
     if not np.all(np.isfinite(cloud.position_map_m)):
-        raise ValueError(f"{path}: a point cloud holds positions that are not finite")
+        raise ValueError(f"{path}: a point cloud has non-finite positions")
     return cloud.position_map_m
 
 
@@ -170,10 +170,10 @@ def read_cloud(path: Path | str) -> PointCloud:
             "convert it, with CloudCompare for example"
         )
     if not isfile(path):
-        raise ProjectError(f"point cloud {path}: there is no such file: check its path")
+        raise ProjectError(f"point cloud {path}: file not found: check its path")
     cloud = _read_las(path) if suffix in LAS_SUFFIXES else _read_text(path)
     if len(cloud) == 0:
-        raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+        raise ProjectError(f"point cloud {path}: it contains no points: export it again")
     return cloud
 
 
@@ -194,7 +194,7 @@ def read_las(path: Path) -> laspy.LasData:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
     if damaged:
         raise ProjectError(
-            f"point cloud {path}: {len(points)} points of the {reader.header.point_count} that its header names: "
+            f"point cloud {path}: {len(points)} of the {reader.header.point_count} points in its header: "
             "copy or export it again"
         )
     if not extent <= LARGEST_EXTENT:
@@ -250,7 +250,7 @@ def _layout(path: Path, lines: list[str]) -> _Layout:
     """Find out from its first lines how a text file is laid out. Raises ProjectError where they hold no point."""
     content = [n for n, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not content:
-        raise ProjectError(f"point cloud {path}: it holds no points: export it again")
+        raise ProjectError(f"point cloud {path}: it contains no points: export it again")
     first = content[0]
     separator = _separator(lines[first])
     fields = _split(lines[first].split("#")[0], separator)
@@ -262,10 +262,10 @@ def _layout(path: Path, lines: list[str]) -> _Layout:
     if missing:
         raise ProjectError(
             f"point cloud {path}, line {first + 1}: no column {', '.join(missing)} in {lines[first].strip()[:60]!r}: "
-            "name the columns x y z, or leave the header out"
+            "name the columns x y z, or remove the header"
         )
     if len(content) == 1:
-        raise ProjectError(f"point cloud {path}: it holds no points, only a header: export it again")
+        raise ProjectError(f"point cloud {path}: it contains no points, only a header: export it again")
     colours = [columns[name] for name in ("red", "green", "blue") if name in columns]
     position = (columns["x"], columns["y"], columns["z"])
     return _Layout(first + 1, _separator(lines[content[1]]), position, tuple(colours) if len(colours) == 3 else ())
@@ -284,7 +284,8 @@ def _bad_line(path: Path, layout: _Layout, columns: tuple[int, ...]) -> ProjectE
                 continue
             hint = "use a decimal point" if "," in line and layout.separator != "," else "correct or delete the line"
             return ProjectError(
-                f"point cloud {path}, line {number}: {text[:60]!r} is no point, expected at least {max(columns) + 1} "
+                f"point cloud {path}, line {number}: {text[:60]!r} is not a point, expected at least "
+                f"{max(columns) + 1} "
                 f"numbers separated by {layout.separator or 'blanks'!r}: {hint}"
             )
     return ProjectError(f"point cloud {path}: cannot be read as text: export it again")
@@ -314,13 +315,13 @@ def _read_text(path: Path) -> PointCloud:
         with path.open(encoding="utf-8-sig") as stream:
             lines = list(islice(iter(lambda: stream.readline(_LONGEST_LINE + 1), ""), _HEAD_LINES))
     except UnicodeDecodeError as fault:
-        raise ProjectError(f"point cloud {path}: it is no UTF-8 text: export it again as text") from fault
+        raise ProjectError(f"point cloud {path}: not UTF-8 text: export it again as text") from fault
     except OSError as fault:
         raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror}): check its permissions") from fault
     longest = max(range(len(lines)), key=lambda n: len(lines[n]), default=0)
     if lines and len(lines[longest]) > _LONGEST_LINE:
         raise ProjectError(
-            f"point cloud {path}, line {longest + 1}: more than {_LONGEST_LINE} characters, this is no text of points: "
+            f"point cloud {path}, line {longest + 1}: more than {_LONGEST_LINE} characters, not a text file of points: "
             "export it again"
         )
     layout = _layout(path, lines)

@@ -236,7 +236,7 @@ def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
             for row in range(0, copy.height, BLOCK_CELLS):
                 strip = rasterio.windows.Window(0, row, copy.width, min(BLOCK_CELLS, copy.height - row))
                 if not np.array_equal(copy.read(window=strip), source.read(window=strip)) and _lossless(options):
-                    raise OSError(f"rows from {row} do not come back as written")
+                    raise OSError(f"rows from {row} differ from what was written")
     except CPLE_BaseError as fault:
         raise OSError(str(fault)) from fault
 

@@ -70,7 +70,7 @@ def read_raster(path: Path | str) -> tuple[Raster, str]:
     """
     path = Path(path)
     if not isfile(path):
-        raise ProjectError(f"raster {path}: there is no such file: check its path")
+        raise ProjectError(f"raster {path}: file not found: check its path")
     try:
         size = ordinary_size(path)
         with rasterio.open(path, driver="GTiff") as dataset:
@@ -94,7 +94,7 @@ def read_raster(path: Path | str) -> tuple[Raster, str]:
     values[np.isinf(values)] = np.nan  # as many programs write a cell without data
     cell_m = _cell_size(path, transform, *values.shape)
     if not crs:
-        raise FrameError(f"raster {path}: it has no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
+        raise FrameError(f"raster {path}: no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
     epsg = crs.to_epsg()
     # the first edition of WKT knows no third axis of a map grid
     name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt(version="WKT2_2019"))
@@ -118,7 +118,7 @@ def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
         )
     if cells * np.dtype(dataset.dtypes[0]).itemsize > LARGEST_RATIO * size:
         raise ProjectError(
-            f"{what} do not fit into a file of {size} bytes, it is damaged or sparse: write it anew (gdal_translate)"
+            f"{what} do not fit into a file of {size} bytes, it is damaged or sparse: write it again (gdal_translate)"
         )
 
 

@@ -97,12 +97,10 @@ def _read(path: Path) -> bytes:
         with path.open("rb") as stream:
             head = stream.read(16)
             if not head.startswith(_SIGNATURES):
-                raise _damaged(path, f"{size} bytes in no known picture format")
+                raise _damaged(path, f"{size} bytes in no known image format")
             return head + stream.read(MOST_BYTES)
     except FileNotFoundError as fault:
-        raise ImageError(
-            f"photograph {path}: there is no such file: check the folder of photographs and the name"
-        ) from fault
+        raise ImageError(f"photograph {path}: file not found: check the folder of photographs and the name") from fault
     except OSError as fault:
         raise ImageError(f"photograph {path}: cannot be read ({fault.strerror}): check its permissions") from fault
 
@@ -112,14 +110,14 @@ def _identify(path: Path, data: bytes) -> Image.Image:
         with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
             picture = Image.open(io.BytesIO(data), formats=FORMATS)
     except UnidentifiedImageError as fault:
-        raise _damaged(path, f"{len(data)} bytes in no known picture format") from fault
+        raise _damaged(path, f"{len(data)} bytes in no known image format") from fault
     except DAMAGE as fault:
         raise _damaged(path, fault) from fault
     if picture.width * picture.height > LARGEST_PIXELS:
         raise ImageError(
             f"photograph {path}: {picture.width} × {picture.height} px are {picture.width * picture.height / 1e6:.0f} "
-            f"megapixels, photogram reads up to {LARGEST_PIXELS / 1e6:.0f}: give single photographs as taken, not a "
-            "mosaic, or make them smaller and their calibration with them"
+            f"megapixels, photogram reads up to {LARGEST_PIXELS / 1e6:.0f}: give single photographs as taken, "
+            "not a mosaic, or downsample them and scale their calibration"
         )
     return picture
 
@@ -129,22 +127,22 @@ def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None
     data = _read(path)
     if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
         raise ImageError(
-            f"photograph {path}: was changed since the run began: leave the photographs alone while photogram works, "
-            "and run it again"
+            f"photograph {path}: was modified since the run began: do not change photographs during a run, "
+            "and run again"
         )
     picture = _identify(path, data)
     if size_px is not None and picture.size != size_px:
         raise ImageError(
             f"photograph {path}: {picture.width} × {picture.height} px, but its camera has "
-            f"{size_px[0]} × {size_px[1]} px: use the photograph as taken, or the camera that took it"
+            f"{size_px[0]} × {size_px[1]} px: use the original photograph, or the camera that took it"
         )
     if picture.mode not in _MODES:
         raise ImageError(
-            f"photograph {path}: pixels of kind {picture.mode}, photogram reads 8-bit colour or grey: "
+            f"photograph {path}: pixel type {picture.mode}, photogram reads 8-bit colour or grey: "
             "export it as an 8-bit JPEG or TIFF"
         )
     if picture.format in ("JPEG", "MPO") and not _jpeg_is_whole(data):
-        raise _damaged(path, "its picture has no end")
+        raise _damaged(path, "its image data is truncated")
     return picture
 
 

@@ -95,48 +95,70 @@ class Dewarp:
 
 @dataclass(frozen=True)
 class PhotographTags:
-    """What a photograph's EXIF and XMP say; None where they say nothing.
-
-    ``kind`` and ``band`` tell other pictures from ordinary ones. ``pixels_per_mm`` is the resolution on the sensor,
-    ``calibrated_focal_mm`` and ``calibrated_radial`` the maker's calibration in the Camera name space. ``time`` is the
-    camera's clock, with a zone only where the tags give one. ``height_is_ellipsoidal``: above the ellipsoid, or else
-    near sea level, often from a barometer. ``gnss_sigma_m`` is east, north, up, ``gnss_horizontal_error_m`` EXIF's
-    positioning error. ``rtk_flag``: 0 none, 16 single, 32–49 float, 50 fixed. Gimbal and flight angles as in
-    camera.rotation_from_gimbal, whatever the maker's own convention is. ``damage`` says in words which tags could not
-    be read, empty where all could.
-    """
+    """EXIF and XMP of a photograph; None for absent tags."""
 
     make: str | None = None
+    """Maker of the camera."""
     model: str | None = None
+    """Camera model."""
     serial: str | None = None
+    """Serial number of the camera."""
     lens: str | None = None
+    """Lens model."""
     lens_serial: str | None = None
+    """Serial number of the lens."""
     kind: Kind = "frame"
+    """Frame photograph, or another kind of picture."""
     band: str | None = None
+    """Spectral band of a multispectral picture."""
     width_px: int | None = None
+    """Width."""
     height_px: int | None = None
+    """Height."""
     focal_mm: float | None = None
+    """Focal length."""
     focal_35mm_mm: float | None = None
+    """35 mm equivalent focal length."""
     pixels_per_mm: float | None = None
+    """Resolution on the sensor."""
     calibrated_focal_mm: float | None = None
+    """The maker's calibrated focal length (Camera name space)."""
     calibrated_radial: tuple[float, float, float] | None = None
+    """The maker's radial distortion (Camera name space)."""
     time: datetime | None = None
+    """The camera's clock, with a zone only where the tags give one."""
     longitude_deg: float | None = None
+    """Longitude."""
     latitude_deg: float | None = None
+    """Latitude."""
     height_m: float | None = None
+    """Height of the GNSS position."""
     height_is_ellipsoidal: bool | None = None
+    """True: above the ellipsoid; False: near sea level, often barometric."""
     height_above_take_off_m: float | None = None
+    """Height above take-off."""
     gnss_sigma_m: tuple[float, float, float] | None = None
+    """Standard deviations: east, north, up."""
     gnss_horizontal_error_m: float | None = None
+    """EXIF's horizontal positioning error."""
     rtk_flag: int | None = None
+    """0 none, 16 single, 32–49 float, 50 fixed."""
     gimbal_yaw_deg: float | None = None
+    """Gimbal yaw, converted to the convention of rotation_from_gimbal."""
     gimbal_pitch_deg: float | None = None
+    """Gimbal pitch."""
     gimbal_roll_deg: float | None = None
+    """Gimbal roll."""
     flight_yaw_deg: float | None = None
+    """Yaw of the aircraft."""
     flight_pitch_deg: float | None = None
+    """Pitch of the aircraft."""
     flight_roll_deg: float | None = None
+    """Roll of the aircraft."""
     dewarp: Dewarp | None = None
+    """DJI's DewarpData."""
     damage: tuple[str, ...] = ()
+    """Tags that could not be read, in words."""
 
 
 def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str, list[str]]]:
@@ -235,7 +257,7 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
         return None  # as EXIF writes a value that is not known
     except ValueError as fault:
         raise ImageError(
-            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, no number: correct or remove the tag"
+            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, not a number: correct or remove the tag"
         ) from fault
     return number
 
@@ -254,7 +276,7 @@ def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
         ) from fault
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (fx, fy, cx, cy, k1, k2, p1, p2, k3)):
         raise ImageError(
-            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, which is no calibration: correct or remove "
+            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, not a calibration: correct or remove "
             "the tag"
         )
     centre_x, centre_y = (_xmp_number(xmp, f"CalibratedOpticalCenter{axis}", path) for axis in "XY")
@@ -281,8 +303,8 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
         ) from fault
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (r1, r2, r3)):
         raise ImageError(
-            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, which is no distortion: "
-            "correct or remove the tag"
+            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, not a "
+            "distortion: correct or remove the tag"
         )
     return {"calibrated_focal_mm": focal_mm, "calibrated_radial": (r1, r2, r3)}
 
@@ -354,11 +376,11 @@ def _position(
         longitude = latitude = height = None
     elif not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
         raise ImageError(
-            f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which lie on no globe: "
-            "correct or remove the tags"
+            f"photograph {path}: its tags give longitude {longitude}, latitude {latitude}, which are "
+            "impossible: correct or remove the tags"
         )
     elif height is not None and not abs(height) <= HIGHEST_M:
-        damage = (f"the tags give a height of {height:.6g} m (no aircraft flies there), the position is not used",)
+        damage = (f"the tags give a height of {height:.6g} m (above any aircraft), the position is not used",)
         longitude = latitude = height = None
     return {"longitude_deg": longitude, "latitude_deg": latitude, "height_m": height}, damage
 
@@ -376,7 +398,7 @@ def _gnss_sigma(xmp: Mapping[str, str], path: Path) -> tuple[tuple[float, float,
     if all(SMALLEST_SIGMA_M <= s <= LARGEST_SIGMA_M for s in sigma):
         return sigma, ()
     text = ", ".join(f"{s:.6g}" for s in sigma)
-    return None, (f"the tags give standard deviations ({text} m) that no receiver has, they are not used",)
+    return None, (f"the tags give standard deviations ({text} m) that no receiver achieves; they are not used",)
 
 
 def _whole(value: object) -> int | None:
@@ -421,7 +443,7 @@ def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, 
         if isinstance(value, int | float) and not low <= value <= high:
             values[name] = None
             words = re.sub(r"_(?:deg|m|mm)$", "", name).replace("_", " ")
-            damage.append(f"the tags give a {words} that cannot be ({value:.6g}), it is not used")
+            damage.append(f"the tags give an impossible {words} ({value:.6g}); it is not used")
     return values, tuple(damage)
 
 

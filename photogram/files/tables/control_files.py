@@ -137,7 +137,7 @@ def _observation(line: int, text: str, faults: Faults) -> _Observation | None:
     if len(fields) < 6:
         fields = text.split()
     if len(fields) < 6:
-        faults.note(line, f"{len(fields)} fields, needed are {_GCP_LIST}, separated by blanks or tabs")
+        faults.note(line, f"{len(fields)} fields, expected {_GCP_LIST}, separated by spaces or tabs")
         return None
     numbers = _numbers(fields[:5], ("x", "y", "z", "u", "v"), line, faults)
     if numbers is None:
@@ -227,7 +227,7 @@ def _columns(
         if meaning is None:
             if column and not column.startswith("#") and _plain(column) not in _PASSED_OVER:
                 near = difflib.get_close_matches(_plain(column), [w for words in known.values() for w in words], n=1)
-                hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to pass it over"
+                hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to skip it"
                 faults.note(line, f"unknown column {shortened(column)!r}: {hint}")
         elif meaning in places:
             faults.note(line, f"columns {header[places[meaning]]!r} and {column!r} are the same: keep one of the two")
@@ -269,7 +269,7 @@ def _fields(text: str, separator: str, line: int, faults: Faults) -> list[str]:
     try:
         return [field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
     except csv.Error as fault:
-        faults.note(line, f"is no row of a table ({fault}): check separators and quotes")
+        faults.note(line, f"is not a table row ({fault}): check separators and quotes")
         return []
 
 

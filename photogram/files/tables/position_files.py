@@ -38,23 +38,26 @@ _MRK_FORM = (
 
 @dataclass(frozen=True)
 class PositionRow:
-    """One position as its file gives it.
-
-    ``photograph`` is the name that the file gives, ``number`` the sequence number in the photograph's name, None where
-    the file has none. ``gps_time`` is GPS time, without zone. ``position`` is longitude, latitude or easting, northing,
-    and height; ``sigma_m`` along easting, northing and height; ``attitude_deg`` yaw, pitch and roll of the aircraft;
-    ``lever_arm_m`` from the antenna to the camera along east, north and up.
-    """
+    """One position of a position file; None for what the file does not give."""
 
     line: int
+    """Line in the file."""
     position: Triple
+    """Longitude, latitude or easting, northing; height."""
     photograph: str | None = None
+    """Name of the photograph."""
     number: int | None = None
+    """Sequence number in the photograph's name."""
     gps_time: datetime | None = None
+    """GPS time, without zone."""
     sigma_m: Sigma3 | None = None
+    """Standard deviations along easting, northing and height."""
     solution: Solution = "unknown"
+    """Kind of the GNSS solution."""
     attitude_deg: Triple | None = None
+    """Yaw, pitch and roll of the aircraft."""
     lever_arm_m: Triple | None = None
+    """Lever arm from antenna to camera along east, north and up."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def check_on_globe(row: PositionRow, faults: Faults) -> None:
     if abs(longitude) > 180.0 or abs(latitude) > 90.0:
         faults.note(
             row.line,
-            f"longitude {longitude:.10g}, latitude {latitude:.10g} lie on no globe: check the order of the columns",
+            f"longitude {longitude:.10g}, latitude {latitude:.10g} are impossible: check the order of the columns",
         )
 
 
@@ -99,7 +102,7 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     found = _MRK_LINE.fullmatch(" ".join(text.split()))
     numbers = [] if found is None else [faults.number(found[k], "each value", line) for k in (2, *range(4, 13))]
     if found is None:
-        faults.note(line, f"is no line of a DJI MRK file: expected {_MRK_FORM}")
+        faults.note(line, f"is not a line of a DJI MRK file: expected {_MRK_FORM}")
         return None
     known = [n for n in numbers if n is not None]
     if len(known) < len(numbers):
@@ -107,7 +110,7 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     seconds, north_mm, east_mm, down_mm, latitude, longitude, height, *sigma = known
     time = gps_time(int(found[3]), seconds)
     if time is None:
-        faults.note(line, f"week {found[3]} and {seconds:.10g} s of it are no GPS time: correct the line")
+        faults.note(line, f"week {found[3]} and {seconds:.10g} s is not a GPS time: correct the line")
         return None
     check_sigmas(line, sigma, faults)
     row = PositionRow(
@@ -139,7 +142,7 @@ def read_mrk(path: Path) -> PositionFile:
     for row in rows:
         if first.setdefault(row.number, row.line) != row.line:
             faults.note(
-                row.line, f"number {row.number} is there twice, first in line {first[row.number]}: keep one of the two"
+                row.line, f"number {row.number} is given twice, first in line {first[row.number]}: keep one of the two"
             )
     faults.raise_all()
     return PositionFile(path, "mrk", True, tuple(rows))

@@ -231,7 +231,7 @@ def _file(
             row = {meaning: fields[i] if i < len(fields) else "" for meaning, i in places.items()}
             table.append((line, row))
             if "photograph" in places and not row["photograph"]:
-                faults.note(line, "names no photograph: give its file name")
+                faults.note(line, "has no photograph: give its file name")
             faults.name(row.get("photograph", ""), "the photograph", line)
     if not lines:
         faults.note(number, "no rows after the first line")
@@ -257,7 +257,7 @@ def read_table(path: Path) -> PositionFile:
         try:
             split.append((line, [f.strip() for f in next(csv.reader([text], delimiter=separator))]))
         except csv.Error as fault:
-            raise ProjectError(f"{path}:{line}: is no row of a table ({fault}): check separators and quotes") from fault
+            raise ProjectError(f"{path}:{line}: is not a table row ({fault}): check separators and quotes") from fault
     return _file(path, "csv", split[0], [row for row in split[1:] if not row[1][0].startswith("#")], {})
 
 
@@ -286,7 +286,11 @@ def read_pos(path: Path) -> PositionFile:
             times[n] = time
         elif fields:
             faults.note(
-                n, f"{shortened(' '.join(fields[:2]))!r} is no time: expected date and clock, or GPS week and seconds"
+                n,
+                (
+                    f"{shortened(' '.join(fields[:2]))!r} is not a time: expected date and clock, or GPS week "
+                    "and seconds"
+                ),
             )
     faults.raise_all()
     return _file(path, "pos", (number, names), split, times)

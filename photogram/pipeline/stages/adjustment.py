@@ -71,7 +71,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_json(
         folder / "verdict.json",
         {
-            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.accused],
+            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
             "blunders": blunders,
             "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
             "check_points": verdict.check_before,

@@ -40,8 +40,8 @@ def left_out_reason(poses: Sequence[Pose | None]) -> str:
         return ""
     side = f"{depression_deg:.0f}° below" if depression_deg >= 0 else f"{-depression_deg:.0f}° above"
     return (
-        f"the photographs look sideways (median optical axis {side} the horizon): an orthophoto in plan would show "
-        "nothing of what they show"
+        f"the photographs are oblique (median optical axis {side} the horizon): an orthophoto would not show "
+        "what they show"
     )
 
 

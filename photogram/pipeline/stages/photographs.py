@@ -78,7 +78,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     if faults:
         raise ImageError("\n".join(faults))
     times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
-    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "fault"]
+    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "error"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
     copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)

@@ -123,7 +123,7 @@ def remake_report(project: Project) -> Path:
     """
     path, workspace = project.results / NUMBERS, Workspace(project.work)
     if not path.is_file():
-        raise ReportError(f"{path}: there are no results yet: run photogram adjust {project.path} first")
+        raise ReportError(f"{path}: no results yet: run photogram adjust {project.path} first")
     drawn = read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else []
     numbers = read_report(path)
     former = numbers["report_id"]

@@ -119,7 +119,7 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
     if not len(joined.tie_points):
         raise ImageError(
             f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
-            "in common, so nothing can be intersected: give photographs of one site that overlap by 60 % or more"
+            "in common: give photographs of one site that overlap by 60 % or more"
         )
     write_record(folder / "tie_points.npz", joined.tie_points)
     progress(1, 1, f"{len(joined.tie_points)} tie points")

@@ -35,7 +35,7 @@ from photogram.project.measured_block import block_of
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured
+from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.results import Adjustment, Deformation
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -148,14 +148,14 @@ class Run:
         out. Needs the stage `adjustment`, of which no covariance is read."""
         arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
         tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
-        return adjusted_block_from(self.block(), arrays, tie_points, self._accused())
+        return adjusted_block_from(self.block(), arrays, tie_points, self._rejected())
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
         `adjustment`."""
         return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
 
-    def _accused(self) -> list[Accusation]:
+    def _rejected(self) -> list[Hypothesis]:
         return [
             replace(unmeasured(kind, name, photograph), axes=tuple(axes))
             for kind, name, photograph, axes in self.verdict()["accused"]

@@ -99,7 +99,7 @@ def journalled(folder: Path) -> Iterator[None]:
             descriptor = os.open(folder / JOURNAL, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
             try:
                 if os.write(descriptor, line) != len(line):
-                    raise OSError(f"the line of {path.name} was not written whole: is the disk full?")
+                    raise OSError(f"the line of {path.name} was not written completely: is the disk full?")
             finally:
                 os.close(descriptor)
 

@@ -17,7 +17,7 @@ from photogram.frames import LocalFrame
 from photogram.project.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
-from photogram.quality.gross_errors.data_snooping import Accusation, without
+from photogram.quality.gross_errors.data_snooping import Hypothesis, without
 from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -193,9 +193,9 @@ def write_adjustment(folder: Path, result: Adjustment) -> None:
 
 
 def adjusted_block_from(
-    block: Block, arrays: Mapping[str, NDArray[Any]], tie_points: TiePoints, accused: Sequence[Accusation] = ()
+    block: Block, arrays: Mapping[str, NDArray[Any]], tie_points: TiePoints, rejected: Sequence[Hypothesis] = ()
 ) -> Block:
-    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``accused`` took no part."""
+    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``rejected`` took no part."""
     parameters, rotation, position = (arrays[name] for name in _OF_BLOCK)
     adjusted = replace(
         block,
@@ -203,7 +203,7 @@ def adjusted_block_from(
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=tie_points,
     )
-    return without(adjusted, [a for a in accused if a.kind != "focal length"])
+    return without(adjusted, [a for a in rejected if a.kind != "focal length"])
 
 
 def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:

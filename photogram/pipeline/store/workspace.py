@@ -40,7 +40,7 @@ from photogram.pipeline.store.stage_files import (
     looks_unchanged,
 )
 
-_MISSING, _CHANGED = "is missing", "was changed since it was written"
+_MISSING, _CHANGED = "is missing", "was modified since it was written"
 _UNKNOWN = "was not written by the stage"
 
 
@@ -162,13 +162,13 @@ class Workspace:
         """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept,
         but for what has been damaged since, of which ``warn`` is told.
 
-        Raises WorkspaceError where the folder cannot be made, or somebody else's has its place.
+        Raises WorkspaceError where the folder cannot be created, or somebody else's has its place.
         """
         partial, note = self.partial(name), {"stage": name, "fingerprint": mark, "format": FORMAT}
         is_made_here(self.stage(name))  # else hours of work could not take their place
         if is_made_here(partial) and _is_note(partial / NOTE, note):
             for path in keep_whole_files(partial):
-                warn(f"{path}: {_CHANGED}: it is made again")
+                warn(f"{path}: {_CHANGED}: it will be computed again")
         else:
             remove_stage_folder(partial)
             make_stage_folder(partial)
@@ -205,7 +205,7 @@ class Workspace:
     def locked(self) -> Iterator[None]:
         """Hold the workspace for this process; the lock goes with the process, however it ends.
 
-        Raises WorkspaceError when another process holds it, or the folder cannot be made.
+        Raises WorkspaceError when another process holds it, or the folder cannot be created.
         """
         with faults_of(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -216,12 +216,12 @@ class Workspace:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as fault:
                 raise WorkspaceError(
-                    f"{self.folder}: another photogram works here; wait for it, "
+                    f"{self.folder}: another photogram is running here; wait for it, "
                     "or give each project file its own 'work' folder"
                 ) from fault
             except OSError as fault:
                 raise WorkspaceError(
-                    f"{self.folder}: its file system knows no locks ({fault.strerror}): "
+                    f"{self.folder}: its file system does not support locks ({fault.strerror}): "
                     "put the 'work' folder on a local disk"
                 ) from fault
             yield

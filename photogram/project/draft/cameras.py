@@ -174,8 +174,8 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
         focal_px,
         f"{lens}35 mm equivalent {equivalent:g} mm",
         f"{equivalent:g} / {DIAGONAL_35MM_MM:g} of the diagonal of {of} {diagonal:.0f} px; the equivalent is a whole "
-        f"number, so 3 %.{covers} The distortion is not known at all: its sigmas are what lenses have; those of b1 and "
-        "b2 are what a rolling shutter does.",
+        f"number, so 3 %.{covers} The distortion is unknown: its sigmas are typical of lenses; those of b1 "
+        "and b2 cover a rolling shutter.",
         tuple(others.values()),
     )
 
@@ -186,8 +186,8 @@ def _from_resolution(tags: PhotographTags) -> _Interior | None:
     return _undistorted(
         tags.focal_mm * tags.pixels_per_mm,
         f"EXIF focal length {tags.focal_mm:g} mm, {tags.pixels_per_mm:.1f} pixels per mm on the sensor",
-        "right if the photographs are as large as they were taken: smaller copies often keep the resolution of the "
-        "original. The distortion is not known at all.",
+        "correct for photographs of original size: resized copies often keep the resolution of the original. "
+        "The distortion is unknown.",
     )
 
 
@@ -238,8 +238,8 @@ def _from_dewarp(tags: Sequence[PhotographTags], width: int, height: int) -> _In
             (0.0, 0.0),
             (0.01, 0.005, 0.01, 0.01, 0.01, 0.001, 0.001),
             f"{source}, distortion removed by the camera",
-            f"the camera has taken the distortion out of the pictures (DewarpFlag 1),{scaled} so none is left but what "
-            f"the maker's model missed.{others}",
+            f"the camera has taken the distortion out of the pictures (DewarpFlag 1),{scaled} so only "
+            f"residual distortion is left.{others}",
         )
     spread = 0.5 * abs(fx - fy) / focal
     apart = f" Focal length {fx:.1f} px across and {fy:.1f} px down: the mean is taken." if spread > 0.0005 else ""
@@ -250,7 +250,7 @@ def _from_dewarp(tags: Sequence[PhotographTags], width: int, height: int) -> _In
         dewarp.tangential,
         (max(0.002, spread), 0.001, 0.01, 0.01, 0.01, 0.001, 0.001),
         source,
-        f"the maker's calibration of this lens,{scaled} some time and shocks ago.{apart}{others}",
+        f"the maker's calibration of this lens,{scaled} which ages with time and shocks.{apart}{others}",
     )
 
 
@@ -262,7 +262,7 @@ def _given(focal_px: float) -> _Interior:
         (0.0, 0.0),
         (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_OTHERS),
         "focal length given on the command line",
-        "3 % of the focal length; make it smaller if you know it better.",
+        "3 % of the focal length; reduce it if you know it better.",
     )
 
 

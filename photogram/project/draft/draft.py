@@ -186,7 +186,7 @@ def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
         or not area.south - margin <= latitude <= area.north + margin
     ):
         raise ProjectError(
-            f"crs: {crs} ({projected_crs(crs).name}) is made for longitude {area.west:g} to {area.east:g}, latitude "
+            f"crs: {crs} ({projected_crs(crs).name}) is valid for longitude {area.west:g} to {area.east:g}, latitude "
             f"{area.south:g} to {area.north:g}; the photographs lie at {longitude:.4f}, {latitude:.4f}: "
             f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
         )
@@ -200,8 +200,8 @@ def _check_control(file: ControlFile, crs: str, middle: tuple[float, float]) -> 
     distance = float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
     if distance > NEAR_M:
         raise ProjectError(
-            f"{file.path}: the file does not say its map grid, and {crs}, which the photographs suggest, would put its "
-            f"points {distance / 1000:.0f} km from them: give the file's map grid with --crs EPSG:…"
+            f"{file.path}: the file does not name its map grid, and {crs}, proposed from the photographs, "
+            f"would put its points {distance / 1000:.0f} km from them: give the file's map grid with --crs EPSG:…"
         )
 
 
@@ -222,7 +222,8 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
         return crs, name, f"the one of {file.path}"
     if middle is None:
         raise ProjectError(
-            "the tags of the photographs give no position, so no map grid can be proposed: give one with --crs EPSG:…"
+            "the photographs have no positions in their tags, so no map grid can be proposed: give one with "
+            "--crs EPSG:…"
         )
     crs, name = _named(utm_crs(*middle))
     for file in wishes.control:
@@ -254,7 +255,7 @@ _KINDS = {"thermal": "a thermal picture", "panorama": "a panorama", "fisheye": "
 
 def _usable(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     left_out = [
-        LeftOut(p.name, f"{_KINDS[p.tags.kind]}, photogram needs ordinary photographs")
+        LeftOut(p.name, f"{_KINDS[p.tags.kind]}, photogram processes frame photographs only")
         for p in photographs
         if p.tags.kind != "frame"
     ]
@@ -305,7 +306,7 @@ def _cameras(
         LeftOut(
             p.name,
             f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px by {p.tags.model or 'a camera'}, "
-            "too few to find out the camera's calibration",
+            "too few for a self-calibration",
         )
         for key, group in members.items()
         if key in rare
@@ -316,7 +317,7 @@ def _cameras(
         # damaged tags make a camera of their own, which must not end the draft of all others
         if len(members[key]) < _RARE and tagged_camera("", [p.tags for p in members[key]], given_focal_px) is None:
             rare.add(key)
-            reason = "its tags do not give a focal length, and too few photographs are of its camera to find it out"
+            reason = "its tags give no focal length, and its camera has too few photographs to estimate it"
             left_out += [LeftOut(p.name, reason) for p in members[key]]
     keys = [key for key in keys if key not in rare]
     names = camera_names(keys, [members[key][0].tags for key in keys])
@@ -330,8 +331,8 @@ def _cameras(
         ]
     elif given_focal_px is not None:
         raise ProjectError(
-            f"--focal-px: the tags give the focal lengths of all {len(cameras)} cameras ({', '.join(names)}): leave "
-            "the option out and change the focal length of one in the project file"
+            f"--focal-px: the tags give the focal lengths of all {len(cameras)} cameras ({', '.join(names)}): "
+            "omit the option and change the focal length of one in the project file"
         )
     unknown = [
         f"{name} ({members[key][0].name})" for key, name, c in zip(keys, names, cameras, strict=True) if c is None
@@ -362,8 +363,8 @@ def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) ->
     words = [f"{some(names)}: {text}" for text, names in damaged]
     if frozen:
         words.append(
-            f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, which is "
-            "not used: the receiver had stopped"
+            f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, "
+            "which is not used: the receiver had stopped updating updating updating"
         )
     return tuple(words)
 
@@ -395,7 +396,9 @@ def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositi
         twice = sorted(name for name in rows if claims[name] > 1)
         fault = file.fault
         if twice:
-            fault = f"{twice[0]} and others would have a position in another such file too: put each flight in a folder"
+            fault = (
+                f"{twice[0]} and others also have a position in another such file: put each flight in its own folder"
+            )
         elif not rows and not fault:
             fault = "none of its photographs is used"
         used.append(DraftPositions(file.path, {} if fault else rows, fault))

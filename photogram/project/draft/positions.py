@@ -10,7 +10,7 @@ from typing import Literal
 from photogram.files.photographs.tags import PhotographTags
 from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 
-GnssKind = Literal["RTK fix", "RTK float", "single receiver", "with stated accuracy", "without stated accuracy"]
+GnssKind = Literal["RTK fix", "RTK float", "single (autonomous)", "with stated accuracy", "without stated accuracy"]
 
 RTK_SIGMA_M = 0.1
 """Positions whose stated plan accuracy is this good come from RTK or PPK, whatever their tags call it."""
@@ -19,7 +19,7 @@ _AUTONOMOUS: Sigma3 = (2.0, 2.0, 3.0)
 _ASSUMED: Mapping[Solution, tuple[GnssKind, Sigma3]] = {
     "fix": ("RTK fix", (0.02, 0.02, 0.03)),
     "float": ("RTK float", (0.5, 0.5, 1.0)),
-    "single": ("single receiver", _AUTONOMOUS),
+    "single": ("single (autonomous)", _AUTONOMOUS),
 }
 
 
@@ -77,20 +77,20 @@ def offset_prior(gnss: Sequence[Gnss | None], has_control: bool) -> tuple[Sigma3
     if has_control and precise:
         return (0.1, 0.1, 0.15), (
             "RTK positions against the control points: the base's coordinates, the lever arm between antenna and lens. "
-            "Heights above a geoid differ from those of RTK by tens of metres: that is no offset, declare the systems "
-            "under heights."
+            "Heights above a geoid differ from those of RTK by tens of metres: that is not an offset: "
+            "declare the systems under heights."
         )
     if has_control:
         return (3.0, 3.0, 30.0), (
-            "Without RTK a whole flight is off by metres in plan, and its heights, from a barometer, by tens of "
-            "metres. The control points find these offsets, one for each flight."
+            "Without RTK a whole flight is off by metres in plan and, with barometric heights, by tens of "
+            "metres in height. The control points determine these offsets, one per flight."
         )
     if precise:
-        reason = "RTK and no control points: the positions are taken as they are, without a common offset."
+        reason = "RTK and no control points: the positions are used as they are, without a common offset."
         return (0.0, 0.0, 0.0), reason
     return (2.0, 2.0, 10.0), (
-        "Without RTK and without control points a whole flight may be off by this much; nothing can find it, so the "
-        "report's absolute accuracies contain it."
+        "Without RTK and without control points a whole flight may be off by this much, undetected; the "
+        "absolute accuracies of the report include it."
     )
 
 
@@ -101,8 +101,8 @@ def height_reference(tags: Sequence[PhotographTags]) -> str:
         return ""
     texts: dict[bool | None, str] = {
         True: "above the ellipsoid",
-        False: "near sea level, as the tags say",
-        None: "near sea level or of a barometer, the tags do not say",
+        False: "near sea level, according to the tags",
+        None: "near sea level or barometric: the tags do not say",
     }
     return "Their heights are " + "; ".join(
         texts[kind] + (f" ({count} photographs)" if len(kinds) > 1 else "") for kind, count in kinds.most_common()

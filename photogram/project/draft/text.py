@@ -70,7 +70,7 @@ def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
         f"    radial: {_numbers(camera.radial, '.9g')} # k1, k2, k3",
         f"    tangential: {_numbers(camera.tangential, '.9g')} # p1, p2",
         f"    source: {_scalar(camera.source)}",
-        "    calibration: auto # what the geometry of the photographs can tell is estimated, the rest is held",
+        "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed",
         *_flow("    sigmas", figures),
     ]
 
@@ -104,7 +104,9 @@ def _other_site(site: OtherSite) -> list[str]:
 def _gnss_comment(draft: ProjectDraft) -> list[str]:
     without = sum(p.gnss is None for p in draft.photographs)
     if without == len(draft.photographs):
-        return _comment("The tags give no position that can be used: the photographs are joined by what they show.", 2)
+        return _comment(
+            "The tags give no position that can be used: the photographs are related by image matching alone.", 2
+        )
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
     where = "the photographs' own tags"
     if any(file.rows for file in draft.positions):
@@ -126,8 +128,8 @@ def _positions(draft: ProjectDraft) -> list[str]:
         return []
     return [
         *_comment(
-            "Files of positions come before the tags. DJI's MRK gives the camera's position, the lever arm from the "
-            "antenna counted; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
+            "Position files take precedence over the tags. DJI's MRK gives the camera's position, lever arm "
+            "applied; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
             "lever_arms.",
             2,
         ),
@@ -156,7 +158,7 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     else:
         lines += _comment("The tags give no attitude.", 2)
     if draft.flights > 1:
-        text = f"{draft.flights} flights, told by pauses of more than ten minutes; each has its own GNSS offset."
+        text = f"{draft.flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
         lines += _comment(text, 2)
     for warning in draft.warnings:
         lines += _comment(f"Warning: {warning}.", 2)
@@ -172,7 +174,7 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     if file.crs is None and file.geographic:
         lines.append("      crs: EPSG:4326 # longitude and latitude; WGS 84 is assumed")
     elif file.crs is None:
-        lines.append(f"      crs: {_scalar(crs)} # the file itself does not say")
+        lines.append(f"      crs: {_scalar(crs)} # not stated in the file")
     if file.marks is not None:
         lines.append(f"      marks: {_scalar(file.marks)}")
     if not file.has_marks and file.marks is None:
@@ -183,7 +185,7 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     if file.sigma_m is not None:
         lines.append(f"      sigma_m: {_sigma3(file.sigma_m)} # easting, northing, height, where the file gives none")
     elif not file.has_sigmas:
-        lines += _comment("The file gives no accuracy; this is assumed, write down what your survey has:", 6)
+        lines += _comment("The file gives no accuracy; these are assumed; enter those of your survey:", 6)
         lines.append(f"      sigma_m: {_sigma3(DEFAULT_CONTROL_SIGMA_M)}")
     lines.append(f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the file gives none")
     return lines
@@ -192,7 +194,7 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
 def _control(draft: ProjectDraft) -> list[str]:
     if not draft.control:
         return [
-            "# Ground points are named so:",
+            "# Ground points are given like this:",
             "#",
             "# control_points:",
             "#   files:",
@@ -205,8 +207,8 @@ def _heights(draft: ProjectDraft) -> list[str]:
     """Return the block of height systems; as a comment where somebody must fill it in."""
     said = draft.height_systems
     if said.known and said.output is not None:
-        lines = ["heights:", f"  output: {said.output} # of all results"]
-        lines += [f"  gnss: {said.gnss} # as the tags say"] if said.gnss is not None else []
+        lines = ["heights:", f"  output: {said.output} # vertical reference of all results"]
+        lines += [f"  gnss: {said.gnss} # from the tags"] if said.gnss is not None else []
         lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
         lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
         return [*lines, ""] if len(lines) > 2 else []
@@ -214,8 +216,8 @@ def _heights(draft: ProjectDraft) -> list[str]:
         return []
     whose = "of the ground points" if draft.control else "in the tags"
     text = (
-        f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a geoid. Say "
-        "it here and remove the # signs; photogram check asks for it."
+        f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a "
+        "geoid. Declare it here and remove the # signs; photogram check asks for it."
     )
     return [
         *_comment(text),
@@ -232,11 +234,11 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
     """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
     members = Counter(p.camera for p in draft.photographs)
     left = sum(len(site.names) for site in draft.other_sites) + len(draft.left_out)
-    head = f"Made by photogram init from {things(len(draft.photographs), 'photograph')}" + (
+    head = f"Written by photogram init from {things(len(draft.photographs), 'photograph')}" + (
         f", {left} left out" if left else ""
     )
     lines = [
-        *_comment(f"{head}. Everything may be changed."),
+        *_comment(f"{head}. Edit as needed."),
         "photogram: 1",
         "",
         *_comment(f"{draft.crs_name}: {draft.crs_reason}."),

@@ -32,25 +32,28 @@ WGS84 = "EPSG:4326"
 
 @dataclass(frozen=True, eq=False)
 class FilePosition:
-    """The position of one photograph as a file gives it, ``position_map_m`` (3,) in the project's CRS.
-
-    ``source`` is the file as the project names it, ``heights`` the system that its heights were given in,
-    ``position_of`` whether it is the camera's or the antenna's;
-    ``lever_arm_m`` from the antenna to the camera along true east, true north and up, ``attitude_deg`` yaw, pitch and
-    roll of the aircraft, None where no file gives them. ``by_order`` says that nothing but the order of the file told
-    which photograph it is of.
-    """
+    """The position of one photograph from a position file."""
 
     source: str
+    """The file as the project names it."""
     position_map_m: FloatArray
+    """Position (3,) in the project's CRS."""
     heights: HeightSystem | None
+    """Height system it was given in."""
     sigma_m: Sigma3 | None
+    """Standard deviations."""
     solution: Solution
+    """Kind of the GNSS solution."""
     position_of: PositionOf
+    """Whether it is that of the camera or the antenna."""
     gps_time: datetime | None = None
+    """GPS time."""
     attitude_deg: Triple | None = None
+    """Yaw, pitch and roll of the aircraft, None if not given."""
     lever_arm_m: Triple | None = None
+    """Lever arm from antenna to camera along true east, true north and up, None if not given."""
     by_order: bool = False
+    """True if only the order of the file assigns it to the photograph."""
 
 
 def read_position_files(
@@ -129,8 +132,9 @@ def _check_entry(document: Document, key: Key, entry: PositionFileEntry) -> None
     if kind == "csv" and entry.position_of is None:
         document.fault(
             key,
-            "whose positions are these? give position_of: camera, or position_of: antenna where the program that wrote "
-            f"{entry.path} left the lever arm out",
+            "positions of camera or antenna? give position_of: camera, or position_of: antenna where the "
+            "program that wrote "
+            f"{entry.path} did not apply the lever arm",
         )
     if entry.lever_arms is not None and (kind == "mrk" or entry.position_of == "camera"):
         document.fault(
@@ -174,7 +178,9 @@ def _lever_arms(
         return {}
     place: Key = (*key, "lever_arms")
     if format_of(Path(entry.lever_arms)) != "mrk":
-        document.fault(place, f"{entry.lever_arms} is no MRK file: only these hold a lever arm for each photograph")
+        document.fault(
+            place, (f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph")
+        )
         return {}
     read = _read(document, place, entry.lever_arms, base)
     if read is None:

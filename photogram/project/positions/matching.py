@@ -54,8 +54,8 @@ def _by_number(file: PositionFile, names: Sequence[str]) -> Matching:
     numbers = sorted(k for k in rows if k is not None)
     return Matching(
         {}, left,
-        f"its numbers {numbers[0]} to {numbers[-1]} are in the names of no photograph of the project "
-        f"({_shown(names)}): give the file that was written with these photographs",
+        f"its numbers {numbers[0]} to {numbers[-1]} match no file name of the project "
+        f"({_shown(names)}): give the file of these photographs",
     )  # fmt: skip
 
 
@@ -74,15 +74,15 @@ def _by_name(file: PositionFile, names: Sequence[str]) -> Matching:
         if found is None:
             left.append(row)
         elif matched.setdefault(found, row) is not row:
-            twice.append(f"{found} is there twice, in lines {matched[found].line} and {row.line}: keep one of the two")
+            twice.append(f"{found} is given twice, in lines {matched[found].line} and {row.line}: keep one of the two")
     if twice:
         return Matching(matched, tuple(left), "; ".join(twice[:5]))
     if matched:
         return Matching(matched, tuple(left))
     return Matching(
         {}, tuple(left),
-        f"none of its {len(file.rows)} photographs ({_shown([str(r.photograph) for r in file.rows])}) is one of the "
-        f"project ({_shown(names)}): give the file of these photographs, with their file names",
+        f"none of its {len(file.rows)} photographs ({_shown([str(r.photograph) for r in file.rows])}) is in "
+        f"the project ({_shown(names)}): give the file of these photographs, with their file names",
     )  # fmt: skip
 
 
@@ -90,8 +90,8 @@ def _by_order(file: PositionFile, names: Sequence[str]) -> Matching:
     if len(file.rows) != len(names):
         return Matching(
             {}, file.rows,
-            f"it has {len(file.rows)} positions for {len(names)} photographs ({_shown(names)}), and names none of "
-            "them: give a table with the names of the photographs, or limit it with flight",
+            f"it has {len(file.rows)} positions for {len(names)} photographs ({_shown(names)}), and no file "
+            "names: give a table with the file names of the photographs, or limit it with flight",
         )  # fmt: skip
     return Matching(dict(zip(sorted(names), file.rows, strict=True)))
 
@@ -102,7 +102,7 @@ def match_rows(file: PositionFile, names: Sequence[str]) -> Matching:
     An MRK's rows by the number in the name, a table's by the name, those of RTKLIB in the order of the names.
     """
     if not names:
-        return Matching({}, file.rows, "there is no photograph that it could be about")
+        return Matching({}, file.rows, "no photograph matches it")
     if file.format == "mrk":
         return _by_number(file, names)
     return _by_order(file, names) if file.format == "pos" else _by_name(file, names)

@@ -28,14 +28,14 @@ _MOST_LINES = 10
 
 
 def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
-    """Return the faults that reading the project file ``path`` has raised, one finding for each line."""
+    """Return the errors raised by reading the project file ``path``, one finding per line."""
     findings = []
     for line in str(fault).splitlines():
         place = re.match(rf"{re.escape(str(path))}:(\d+): (.*)", line)
         if place:
-            findings.append(Finding("fault", f"{path.name}:{place[1]}", place[2]))
-        elif not line.endswith("faults:"):
-            findings.append(Finding("fault", path.name, line.removeprefix(f"{path}: ")))
+            findings.append(Finding("error", f"{path.name}:{place[1]}", place[2]))
+        elif not line.endswith("errors:"):
+            findings.append(Finding("error", path.name, line.removeprefix(f"{path}: ")))
     return findings
 
 
@@ -51,10 +51,10 @@ def header_findings(
     a fisheye as camera, empty where there is no project.
     """
     unreadable = [h for h in headers if h.tags is None]
-    findings = [Finding("fault", h.name, h.fault) for h in unreadable[:_MOST_LINES]]
+    findings = [Finding("error", h.name, h.fault) for h in unreadable[:_MOST_LINES]]
     if len(unreadable) > _MOST_LINES:
         rest = [h.name for h in unreadable[_MOST_LINES:]]
-        findings.append(Finding("fault", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
+        findings.append(Finding("error", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
     for group in twins:
         names = some([headers[i].name for i in group])
         text = f"the same photograph {'twice' if len(group) == 2 else f'{len(group)} times'}: the first is used"
@@ -67,17 +67,15 @@ def header_findings(
                 continue
             kinds[header.tags.kind].append(header.name)
     for kind, names_of_kind in kinds.items():
-        text = f"{things(len(names_of_kind), 'picture')} of the kind {kind}, which is not an ordinary photograph's"
-        findings.append(
-            Finding("warning", some(names_of_kind), text, "leave out what the camera model cannot describe")
-        )
+        text = f"{things(len(names_of_kind), 'picture')} of the kind {kind}, not ordinary photographs"
+        findings.append(Finding("warning", some(names_of_kind), text, "remove what the camera model cannot describe"))
     return findings
 
 
 def _damage_findings(headers: Sequence[PhotographHeader]) -> list[Finding]:
     """Return which photographs have tags that cannot be read, one finding for each kind of damage."""
     damaged = damage_by_kind([(h.name, h.tags.damage) for h in headers if h.tags is not None])
-    remedy = "take the photographs as they left the camera, if RTK standard deviations or gimbal angles are missed"
+    remedy = "use the original files of the camera if RTK standard deviations or gimbal angles are missing"
     return [Finding("warning", some(names), text, remedy) for text, names in damaged]
 
 
@@ -102,8 +100,8 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
                 f"{len(other)} of {things(len(own), 'photograph')} ({some([n for n, _ in other])}) have {found} px, "
                 f"the camera {size[0]} × {size[1]} px"
             )
-            remedy = "give these photographs the camera that took them, as they were taken"
-            findings.append(Finding("fault", where, text, remedy))
+            remedy = "give these photographs the camera that took them, or use the originals"
+            findings.append(Finding("error", where, text, remedy))
         models = Counter(" ".join(filter(None, (t.make, t.model))) for _, t in own if t.model)
         focal = Counter(f"{t.focal_mm:g} mm" for _, t in own if t.focal_mm)
         bodies = Counter(f"serial number {t.serial}" for _, t in own if t.serial)
@@ -113,7 +111,7 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
             if len(values) > 1:
                 counts = ", ".join(f"{value} ({n})" for value, n in values.most_common(4))
                 text = f"its photographs were taken with different {what}: {counts}"
-                findings.append(Finding("warning", where, text, "give each its own block under cameras"))
+                findings.append(Finding("warning", where, text, "give each its own entry under cameras"))
     return findings
 
 
@@ -130,12 +128,12 @@ def _same_moment(
             moments[place].append(photograph.name)
     groups = [names for names in moments.values() if len(names) > 1]
     findings = [
-        Finding("warning", some(names), "same camera, time and position", "leave out all but one if they are the same")
+        Finding("warning", some(names), "same camera, time and position", "remove all but one if they are the same")
         for names in groups[:_MOST_LINES]
     ]
     if len(groups) > _MOST_LINES:
         text = f"{len(groups) - _MOST_LINES} more groups of photographs have the same camera, time and position"
-        findings.append(Finding("warning", "photographs", text, "leave out all but one of each"))
+        findings.append(Finding("warning", "photographs", text, "remove all but one of each"))
     return findings
 
 
@@ -153,7 +151,7 @@ def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: Ma
         f"{max(positions, given)} with GNSS",
         things(roles["control"], "control point"),
         things(roles["check"], "check point"),
-        f"{gigabytes(needs.disk_bytes)} of disk",
+        f"{gigabytes(needs.disk_bytes)} of disk space",
         f"{gigabytes(needs.memory_bytes)} of memory",
     ]
     if heights:
@@ -168,8 +166,8 @@ def survey_findings(
     a photograph cannot be read, ``copies`` groups of photographs that are the same."""
     findings = []
     if len(project.photographs) - sum(len(group) - 1 for group in copies) < 2:
-        text = "a survey needs two photographs at least"
-        findings.append(Finding("fault", "photographs", text, "give all photographs of the flight"))
+        text = "a survey needs at least two photographs"
+        findings.append(Finding("error", "photographs", text, "give all photographs of the flight"))
     return [
         *findings,
         *camera_findings(project, tags),
@@ -188,7 +186,7 @@ def check_survey(
     memory: int | None = None,
     workers: int = 1,
 ) -> list[Finding]:
-    """Return everything that can be known before the work starts: faults, then warnings, then notes.
+    """Return all findings before processing: errors, then warnings, then notes.
 
     ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph;
     ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
@@ -207,6 +205,6 @@ def check_survey(
 
 
 def by_severity(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings with the faults first and the notes last."""
-    order = ("fault", "warning", "note")
+    """Return findings with the errors first and the notes last."""
+    order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: order.index(finding.severity))

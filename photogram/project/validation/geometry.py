@@ -69,11 +69,11 @@ def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
     if len(foreign) == len(known):
         reading = other_reading(project.crs, gnss_map_m[known], control_positions(project))
         if reading is None:
-            return [Finding("fault", "crs", text, "give the CRS of the site")]
+            return [Finding("error", "crs", text, "give the CRS of the site")]
         text += f"; {reading[0]} they would lie among the control points"
-        return [Finding("fault", "GNSS positions", text, reading[1])]
+        return [Finding("error", "GNSS positions", text, reading[1])]
     names = some([project.photographs[i].name for i in foreign])
-    return [Finding("fault", names, text, "leave these photographs out, or correct their positions")]
+    return [Finding("error", names, text, "remove these photographs, or correct their positions")]
 
 
 def base_findings(survey: MeasuredSurvey) -> list[Finding]:
@@ -85,8 +85,8 @@ def base_findings(survey: MeasuredSurvey) -> list[Finding]:
     known_m = height_m[np.isfinite(height_m)]
     if reach_m == 0.0 or reach_m > max(NO_BASE * float(np.median(known_m)) if len(known_m) else 0.0, NO_BASE_M):
         return []
-    text = f"all {len(place)} GNSS positions lie within {reach_m:.1f} m: rays from one place intersect nowhere"
-    remedy = "a panorama gives no heights: move between photographs, by a tenth of the distance to what they show"
+    text = f"all {len(place)} GNSS positions lie within {reach_m:.1f} m: rays from one place do not intersect"
+    remedy = "a panorama gives no depth: move between exposures by at least a tenth of the object distance"
     return [Finding("warning", "photographs", text, remedy)]
 
 
@@ -118,9 +118,9 @@ def site_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
             Finding(
                 "warning",
                 some(list(names[own])),
-                f"{things(int(own.sum()), 'photograph')} {distance_m:.0f} m from the nearest of the others, which is "
-                "more than they can have in common",
-                "leave out what belongs to another site, or correct the position",
+                f"{things(int(own.sum()), 'photograph')} {distance_m:.0f} m from the nearest of the others, "
+                "too far to overlap",
+                "remove what belongs to another site, or correct the position",
             )
         )
     return findings
@@ -147,7 +147,7 @@ def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[
         Finding(
             "warning",
             f"point {points.name[i]}",
-            f"{distance_m[i]:.0f} m from the nearest photograph, whose picture is about {footprint_m[i]:.0f} m wide",
+            f"{distance_m[i]:.0f} m from the nearest photograph, whose footprint is about {footprint_m[i]:.0f} m wide",
             "check its coordinates",
         )
         for i in np.flatnonzero(distance_m > limit_m)
@@ -164,8 +164,10 @@ def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
         if reading is not None:
             lie = "the control points" if who else "them"
             text += f"; {who or ''}{reading[0]} they would lie among {lie}"
-            return Finding("fault", "control_points", text, reading[1])
-    return Finding("fault", "control_points", text, "check crs, the points' own CRS, and that both are of one site")
+            return Finding("error", "control_points", text, reading[1])
+    return Finding(
+        "error", "control_points", text, ("check crs, the points' own CRS, and that both are from the same site")
+    )
 
 
 def frozen_findings(
@@ -176,10 +178,13 @@ def frozen_findings(
     if not len(frozen):
         return []
     placed = survey is not None and max(survey.positioned.sum(), _placing(survey).sum()) >= 3
-    text = f"{len(frozen)} photographs taken at different times have the same GNSS position: it is not used"
-    remedy = "the receiver had stopped: give positions of the flight under photographs.positions, or control points"
+    text = f"{len(frozen)} photographs taken at different times have the same GNSS position, which is not used"
+    remedy = (
+        "the receiver had stopped updating: give the positions of the flight under photographs.positions, or "
+        "control points"
+    )
     names = some([project.photographs[i].name for i in frozen])
-    return [Finding("warning" if placed else "fault", names, text, remedy)]
+    return [Finding("warning" if placed else "error", names, text, remedy)]
 
 
 # ---- number and arrangement of control -----------------------------------------------------------------------------
@@ -202,22 +207,27 @@ def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
     points, positions = survey.control, int(survey.positioned.sum())
     control = _placing(survey)
     count = int(control.sum())
-    remedy = "mark at least three control points, not in one line, or give photographs with GNSS tags"
+    remedy = "mark at least three control points that are not collinear, or give photographs with GNSS tags"
     if positions < 3 and count < 3:
-        text = f"{things(count, 'control point')} with marks and {things(positions, 'GNSS position')}: nothing fixes it"
-        return [Finding("fault", "the block", text, remedy)]
+        text = (
+            f"{things(count, 'control point')} with marks and {things(positions, 'GNSS position')}: the datum is "
+            "not defined"
+        )
+        return [Finding("error", "the block", text, remedy)]
     findings = []
     in_line = count >= 3 and straight(points.position_world_m[control])
     gnss_in_line = positions >= 3 and straight(survey.gnss_world_m[survey.positioned])
     if in_line and positions < 3:
-        text = "lie in one line: the block can turn about it"
-        findings.append(Finding("fault", "control points", text, remedy))
+        text = "are collinear: rotation of the block about their line is not determined"
+        findings.append(Finding("error", "control points", text, remedy))
     elif in_line:
-        text = "lie in one line: across it the block rests on GNSS alone"
-        findings.append(Finding("warning", "control points", text, "add a control point to the side"))
+        text = "are collinear: rotation about their line is determined by GNSS alone"
+        findings.append(Finding("warning", "control points", text, "add a control point off the line"))
     if gnss_in_line and (count < 3 or in_line) and not np.isfinite(survey.rotation).any():
-        text = "lie in one line and there is no attitude: the block can turn about the strip"
-        findings.append(Finding("warning", "GNSS positions", text, "add control points to the side, or a second strip"))
+        text = "are collinear and there are no attitudes: rotation about the strip is not determined"
+        findings.append(
+            Finding("warning", "GNSS positions", text, ("add control points off the line, or a second strip"))
+        )
     return findings
 
 
@@ -229,8 +239,8 @@ def mark_findings(survey: MeasuredSurvey) -> list[Finding]:
     names = np.array(points.name, dtype=object)
     findings = []
     for mask, number, text, remedy in (
-        (~check, 0, "without any mark: they take no part", "mark them in three photographs or more"),
-        (~check, 1, "with a single mark: nothing shows a wrong one", "mark each in three photographs or more"),
+        (~check, 0, "without any mark: they are not used", "mark them in three photographs or more"),
+        (~check, 1, "with a single mark, which nothing checks", "mark each in three photographs or more"),
         (check, 0, "without any mark: they test nothing", "mark them in two photographs or more"),
         (check, 1, "with a single mark: they test nothing", "mark them in two photographs or more"),
     ):
@@ -239,7 +249,7 @@ def mark_findings(survey: MeasuredSurvey) -> list[Finding]:
         if few:
             findings.append(Finding("warning", some(few), f"{things(len(few), kind)} {text}", remedy))
     if not np.any(check & (marks >= 2)):
-        text = "none with two marks or more: nothing will prove the result, its accuracy is only predicted"
+        text = "none with two marks or more: accuracy will be predicted, not tested"
         findings.append(Finding("warning", "check points", text, "give some surveyed points the role check"))
     return findings
 
@@ -266,13 +276,13 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
         names = list(dict.fromkeys(points.name[i] for i in point[above]))
         worst = int(np.argmin(drop_m))
         camera = project.photographs[photograph[worst]].name
-        text = f"{points.name[point[worst]]} is {-drop_m[worst]:.1f} m above {camera}, which shows it, by their heights"
+        text = f"{points.name[point[worst]]} is {-drop_m[worst]:.1f} m above {camera}, which shows it"
         remedy = (
-            "declare the height systems under heights; heights without RTK err by tens of metres: then give "
-            "gnss.offset_sigma_m a height such as 50"
+            "declare the height systems under heights; without RTK, heights are off by tens of metres: give "
+            "gnss.offset_sigma_m a height component such as 50"
         )
         where = f"{'points' if len(names) > 1 else 'point'} {some(names)}"
-        return [Finding("fault" if sure.any() else "warning", where, text, remedy)]
+        return [Finding("error" if sure.any() else "warning", where, text, remedy)]
     difference_m = drop_m - survey.flying_height_m[photograph]
     limit_m = np.maximum(HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION * survey.flying_height_m[photograph])
     middle_m = float(np.nanmedian(difference_m)) if np.isfinite(difference_m).any() else 0.0
@@ -281,7 +291,10 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
             f"GNSS positions are {np.median(drop_m):.0f} m above the control points, but the photographs were taken "
             f"{np.nanmedian(survey.flying_height_m[photograph]):.0f} m above ground or take-off"
         )
-        remedy = "declare the height systems under heights; without RTK give gnss.offset_sigma_m a height such as 50"
+        remedy = (
+            "declare the height systems under heights; without RTK give gnss.offset_sigma_m a height component "
+            "such as 50"
+        )
         return [Finding("warning", "heights", text, remedy)]
     return []
 
@@ -291,7 +304,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
 
 def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return of each mark (M,) the angle between its ray and the way to its point, how far the point is outside the
-    picture, and the limit of what is believed; NaN where it cannot be known. Raises ImageError as unproject does."""
+    picture, and the accepted limit; NaN where it cannot be known. Raises ImageError as unproject does."""
     points = survey.control
     count = len(points.mark_photograph)
     angle, outside, limit = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
@@ -328,25 +341,23 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     try:
         angle, outside, limit = _deviations_deg(project, survey)
     except ImageError as fault:
-        return [Finding("fault", "cameras", str(fault))]
+        return [Finding("error", "cameras", str(fault))]
     judged = np.isfinite(angle)
     wrong = np.zeros(len(angle), dtype=bool)
     wrong[judged] = angle[judged] > limit[judged]
     several = min(len(np.unique(points.mark_point[wrong])), len(np.unique(points.mark_photograph[wrong]))) >= 3
     if wrong.sum() >= 4 and wrong.sum() * (3 if several else 2) > judged.sum():
         text = (
-            f"{int(wrong.sum())} of {int(judged.sum())} point elsewhere than GNSS positions and attitudes say, by "
-            f"{np.median(angle[wrong]):.0f}° in the middle"
+            f"{int(wrong.sum())} of {int(judged.sum())} disagree with GNSS positions and attitudes by "
+            f"{np.median(angle[wrong]):.0f}° (median)"
         )
-        remedy = "check attitudes, pixel sizes, and that points and photographs are of one site"
+        remedy = "check attitudes, the pixel size of the marks, and that points and photographs are from the same site"
         return [Finding("warning", "marks", text, remedy)]
     findings = []
     for p in np.unique(points.mark_point[wrong]):
         own = judged & (points.mark_point == p)
         if own.sum() >= 2 and wrong[own].all():
-            text = (
-                f"all its {int(own.sum())} marks point elsewhere than to its position, by {np.median(angle[own]):.0f}°"
-            )
+            text = f"all its {int(own.sum())} marks disagree with its position, by {np.median(angle[own]):.0f}°"
             findings.append(Finding("warning", f"point {points.name[p]}", text, "check its position and its name"))
             wrong[own] = False
     for i in np.unique(points.mark_photograph[wrong]):
@@ -355,13 +366,13 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
         bad = own & wrong
         if bad.sum() >= 2 and bad.sum() >= MOST_MARKS * own.sum():
             count = f"all its {own.sum()}" if bad.sum() == own.sum() else f"{bad.sum()} of its {own.sum()}"
-            text = f"{count} marks point elsewhere than to their points, by {np.median(angle[bad]):.0f}°"
+            text = f"{count} marks disagree with their points, by {np.median(angle[bad]):.0f}°"
             findings.append(Finding("warning", name, text, "check its position, its attitude and its marks"))
             continue
         for m in np.flatnonzero(own & wrong):
-            text = f"its mark points elsewhere than to its position, by {angle[m]:.0f}°"
+            text = f"its mark disagrees with its position, by {angle[m]:.0f}°"
             if outside[m] > limit[m]:
-                text = f"cannot be in the picture: it lies {outside[m]:.0f}° outside, by GNSS position and attitude"
+                text = f"cannot be in the photograph: it lies {outside[m]:.0f}° outside, by GNSS position and attitude"
             where = f"point {points.name[points.mark_point[m]]} in {name}"
             findings.append(Finding("warning", where, text, "check the mark, or the photograph"))
     return findings
@@ -373,13 +384,13 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         findings = area_findings(project, gnss_positions(project, tags))
         survey = usable_survey(project, tags)
     except FrameError as fault:
-        return [Finding("fault", "crs", str(fault).removeprefix("crs: "))]
+        return [Finding("error", "crs", str(fault).removeprefix("crs: "))]
     if survey is None:
         if findings:
             return findings
-        text = "neither control points nor GNSS positions: nothing says where the survey is"
+        text = "neither control points nor GNSS positions: the survey cannot be georeferenced"
         remedy = "give control_points, or photographs with GNSS tags"
-        return [*frozen_findings(project, tags, None), Finding("fault", "the block", text, remedy)]
+        return [*frozen_findings(project, tags, None), Finding("error", "the block", text, remedy)]
     distance = control_distance_findings(project, survey)
     findings += [
         *frozen_findings(project, tags, survey),
@@ -389,6 +400,6 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         *arrangement_findings(survey),
         *mark_findings(survey),
     ]
-    if any(finding.severity == "fault" for finding in distance):
+    if any(finding.severity == "error" for finding in distance):
         return findings  # heights and directions to points of another place mean nothing
     return [*findings, *height_findings(project, survey), *view_findings(project, survey)]

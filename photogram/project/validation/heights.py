@@ -145,13 +145,13 @@ def _contradiction(
         likely = possible
         why = "tens of metres, as between ellipsoidal and orthometric heights"
     if not likely:
-        text = f"{noun} lie {fact}, which is no matter of height systems: {why}"
-        return Finding("fault", "heights", text, "check the heights of the control points and of the GNSS base"), False
+        text = f"{noun} lie {fact}, which no height system explains: {why}"
+        return Finding("error", "heights", text, "check the heights of the control points and of the GNSS base"), False
     who, declared, looks, _ = likely[0]
     named = project.heights.geoid.name if project.heights.geoid is not None else "of the survey under heights.geoid"
     key = "heights.control_points" if who == "control" else "heights.gnss"
     remedy = f"write {key}: {looks}" + (f" with the geoid {named}" if looks == "orthometric" else "")
-    although = f"although declared {declared}" if declared is not None else "and nothing declares them"
+    although = f"although declared {declared}" if declared is not None else "and are not declared"
     if who == "control":
         text = f"{noun} look {looks} {although}: they lie {fact}; {why}"
     else:
@@ -159,7 +159,7 @@ def _contradiction(
     if len(likely) > 1:
         other, _, looks, _ = likely[1]
         remedy += f", or {'heights.gnss' if other == 'GNSS' else 'heights.control_points'}: {looks} if those are"
-    return Finding("fault", "heights", text, remedy), geoid_m is not None
+    return Finding("error", "heights", text, remedy), geoid_m is not None
 
 
 # ---- scales that look like a shift ---------------------------------------------------------------------------------
@@ -194,10 +194,10 @@ def _in_words(evidence: HeightEvidence, fit: ScaleFit) -> str:
             f"a focal length of about {fit.scale * cameras[0].focal_px:.0f} px, stated are {cameras[0].focal_px:.0f} px"
         )
     if len({(c.width_px, c.height_px) for c in cameras}) > 1:
-        return f"marks measured in pictures of {fit.scale:.2f} times the size of the photographs"
+        return f"marks measured in images of {fit.scale:.2f} times the size of the photographs"
     width, height = cameras[0].width_px, cameras[0].height_px
     size = f"{fit.scale * width:.0f} × {fit.scale * height:.0f} px"
-    return f"marks measured in pictures of about {size}, the photographs have {width} × {height} px"
+    return f"marks measured in images of about {size}, the photographs are {width} × {height} px"
 
 
 def _scale_finding(
@@ -210,7 +210,7 @@ def _scale_finding(
         readings.append(f"heights that are {abs(shift.shift_m):.1f} m {side}")
     text = f"the marks of the {role} points agree with the GNSS positions only with {'; or '.join(readings)}"
     remedy = "check picture_size_px of the marks, and focal_px of the camera"
-    return Finding("warning", "marks", text, remedy + (", and what heights are counted from" if shift else ""))
+    return Finding("warning", "marks", text, remedy + (", and the height systems" if shift else ""))
 
 
 def _of_role(
@@ -257,7 +257,7 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mappin
     said = [t["height_is_ellipsoidal"] for t in tags]
     evidence = {role: _evidence_of_block(block, role) for role in _ROLES}
     for finding in _of_both_roles(project, evidence, block.frame, said)[1]:
-        if finding.severity == "fault":
+        if finding.severity == "error":
             raise ProjectError(f"{project.path}: {finding}")
 
 
@@ -265,7 +265,7 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mappin
 
 
 def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Sequence[bool]) -> list[str]:
-    """Return in words whose heights nobody has declared."""
+    """Return in words whose height system is not declared."""
     missing = []
     systems = [s for s, known in zip(project.gnss_systems(tags), positioned, strict=True) if known]
     if None in systems:
@@ -282,13 +282,13 @@ def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Seque
 def _declaration_findings(
     project: Project, survey: MeasuredSurvey, tags: Sequence[bool | None], shift: HeightShift | None
 ) -> list[Finding]:
-    """Return what nobody has declared; a fault where GNSS and control hold the heights together and nothing shows that
-    they agree."""
+    """Return what is not declared; an error where GNSS and control both fix the heights and nothing shows that they
+    agree."""
     missing = _undeclared(project, tags, survey.positioned.tolist())
     if not missing and project.heights.output is not None:
         return []
     if not missing:
-        text = "nothing says what the heights of the results are to be counted from"
+        text = "the vertical reference of the results is not declared"
         remedy = "write heights: ellipsoidal, or heights: {output: orthometric, geoid: …}"
         return [Finding("warning", "heights", text, remedy)]
     with np.errstate(invalid="ignore"):
@@ -296,14 +296,14 @@ def _declaration_findings(
     marked = np.bincount(survey.control.mark_point, minlength=len(survey.control)) > 0
     mixed = sure and bool(marked.any()) and project.gnss_offset_sigma_m[2] < SURE_SIGMA_M
     agree = shift is not None and abs(shift.shift_m) <= _limit_m(shift)
-    text = f"nothing says whether those of {', '.join(missing)} are above the ellipsoid or a geoid"
+    text = f"not declared whether the heights of {', '.join(missing)} are above the ellipsoid or a geoid"
     if agree and shift is not None:
-        text += f"; control and GNSS agree to {_limit_m(shift):.0f} m, by the marks"
+        text += f"; control and GNSS agree to {_limit_m(shift):.0f} m, according to the marks"
     remedy = (
         "write heights: ellipsoidal if all are, else heights: {output: …, gnss: …, control_points: …, geoid: …}, each "
         "ellipsoidal or orthometric"
     )
-    severity: Severity = "fault" if mixed and not agree else "warning"
+    severity: Severity = "error" if mixed and not agree else "warning"
     return [Finding(severity, "heights", text, remedy)]
 
 
@@ -318,8 +318,8 @@ def _against_tags(project: Project, tags: Sequence[bool | None]) -> list[Finding
     if not names:
         return []
     says = "near sea level" if declared == "ellipsoidal" else "ellipsoidal"
-    text = f"the tags say that their heights are {says}, but heights.gnss declares them {declared}"
-    return [Finding("warning", some(names), text, "check heights.gnss; leave it out to follow the tags")]
+    text = f"according to the tags the heights are {says}, but heights.gnss declares them {declared}"
+    return [Finding("warning", some(names), text, "check heights.gnss; remove it to follow the tags")]
 
 
 def height_system_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:

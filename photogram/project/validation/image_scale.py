@@ -21,7 +21,7 @@ from photogram.project.validation.height_shift import HeightEvidence, Rays, ray_
 Kind = Literal["focal length", "picture size"]
 
 LARGEST_FOCAL_ERROR = 0.35
-"""Relative error of a stated focal length that is still believed to happen: another lens, another crop."""
+"""Relative error of a stated focal length that is still plausible: another lens, another crop."""
 
 SMALLEST_PICTURE = 0.1
 """Of marks: the width of their picture over that of the photograph."""
@@ -30,7 +30,7 @@ LEAST_ERROR = 0.05
 """Smaller relative errors are those of any lens, or of rounding."""
 
 LEAST_GAIN = 20.0
-"""Of the robust cost, half a sum of squares over variances, before a scale is believed to explain anything."""
+"""Of the robust cost, half a sum of squares over variances, before a scale is accepted as explanation."""
 
 _STEPS, _FINE_STEPS = 33, 21
 
@@ -111,7 +111,7 @@ def fit_scales(evidence: HeightEvidence, shifts_m: FloatArray) -> list[ScaleFit]
         low, high = 1.0 / (1.0 + LARGEST_FOCAL_ERROR), 1.0 / (1.0 - LARGEST_FOCAL_ERROR)
         found = _best(lambda s: cost_of(_scaled_axis(rays, s)), low, high)
         share = max(min(c.sigmas[0] / c.focal_px, 0.1) for c in evidence.cameras)
-        if low < found[0] < high:  # at an end of the range the error is larger than is believed to happen
+        if low < found[0] < high:  # at an end of the range the error is larger than plausible
             fits.append(ScaleFit("focal length", *found, without, max(LEAST_ERROR, 3.0 * share)))
     low = _smallest_picture(evidence, rays)
     if low < 1.0 - LEAST_ERROR:

@@ -36,7 +36,7 @@ Pair = tuple[ProjectPhotograph, PhotographTags]
 
 _WORDS: dict[Solution, tuple[str, str]] = {
     "float": ("float solution", "float solutions"),
-    "single": ("solution of a single receiver", "solutions of a single receiver"),
+    "single": ("single (autonomous) solution", "single (autonomous) solutions"),
 }
 _ONE_FLIGHT = timedelta(hours=12)
 
@@ -53,12 +53,14 @@ def missing_findings(project: Project, known: Sequence[Pair]) -> list[Finding]:
     if bare:
         text = f"{things(len(bare), 'GNSS position')} without a standard deviation, in the tags or in the project"
         remedy = "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
-        findings.append(Finding("fault", _names(bare), text, remedy))
+        findings.append(Finding("error", _names(bare), text, remedy))
     if without and len(without) < len(project.photographs):
         text = f"{len(without)} of {len(project.photographs)} photographs have no GNSS position"
-        findings.append(Finding("warning", _names(without), text, "they are placed by tie points and control alone"))
+        findings.append(
+            Finding("warning", _names(without), text, ("they are oriented by tie points and control points alone"))
+        )
     elif without:
-        text = "none has a GNSS position: control points alone say where the survey is"
+        text = "no photograph has a GNSS position: control points alone define the datum"
         findings.append(Finding("note", "photographs", text))
     return findings
 
@@ -77,13 +79,13 @@ def solution_findings(known: Sequence[Pair]) -> list[Finding]:
     for solution, pairs in claimed.items():
         believed_m, stated_m = (np.min(np.array([sigmas_of(*p)[k] for p in pairs]), axis=0) for k in (0, 1))
         text = (
-            f"{things(len(pairs), *_WORDS[solution])} stated with {_metres(stated_m)}: weighed with "
+            f"{things(len(pairs), *_WORDS[solution])} stated with {_metres(stated_m)}: weighted with "
             f"{_metres(believed_m)} or more"
         )
-        remedy = "no centimetres without fixed ambiguities: give a PPK solution under photographs.positions"
+        remedy = "centimetres need fixed ambiguities: give a PPK solution under photographs.positions"
         findings.append(Finding("warning", _names(pairs), text, remedy))
     for solution, pairs in weaker.items():
-        text = f"{things(len(pairs), *_WORDS[solution])}, not fixed: weighed accordingly"
+        text = f"{things(len(pairs), *_WORDS[solution])}, not fixed: weighted accordingly"
         findings.append(Finding("note", _names(pairs), text))
     return findings
 
@@ -101,9 +103,7 @@ def flight_findings(known: Sequence[Pair]) -> list[Finding]:
             text = (
                 f"its photographs were taken on {things(days, 'day')}, {min(taken):%Y-%m-%d} to {max(taken):%Y-%m-%d}"
             )
-            remedy = (
-                "give each day's photographs their own flight: flights have an offset each, and sites may have changed"
-            )
+            remedy = "give each day its own flight: each flight has its own GNSS offset, and the site may have changed"
             findings.append(Finding("warning", f"flight {flight}", text, remedy))
     return findings
 
@@ -121,7 +121,7 @@ def long_arm_findings(known: Sequence[Pair]) -> list[Finding]:
         text = f"a lever arm of [{figures}] m is {length_m:.0f} m from antenna to camera: typed in millimetres?"
         metres = ", ".join(f"{x / 1000:g}" for x in arm_m)
         remedy = f"give it in metres, [{metres}] if these are millimetres"
-        severity: Severity = "fault" if length_m > LONGEST_ARM_M else "warning"
+        severity: Severity = "error" if length_m > LONGEST_ARM_M else "warning"
         findings.append(Finding(severity, f"gnss.lever_arm_m of {_names(pairs)}", text, remedy))
     return findings
 
@@ -136,10 +136,10 @@ def lever_arm_findings(known: Sequence[Pair]) -> list[Finding]:
     unturned = [pair for pair in known if source_of(*pair) is not None and needs_attitude(*pair)]
     if unturned:
         text = (
-            f"the lever arm of {things(len(unturned), 'photograph')} cannot be turned: the aircraft's yaw, pitch and "
+            f"the lever arm of {things(len(unturned), 'photograph')} cannot be applied: the aircraft's yaw, pitch and "
         )
         remedy = "give them in a file of positions, or, for a camera fixed to look down, gnss.lever_arm_axes: camera"
-        findings.append(Finding("fault", _names(unturned), text + "yaw, pitch and roll, is nowhere", remedy))
+        findings.append(Finding("error", _names(unturned), text + "yaw, pitch and roll, is missing", remedy))
     without = [
         (p, t) for p, t in known
         if p.gnss_map_m is None and p.file_position is not None and p.file_position.position_of == "antenna"
@@ -155,8 +155,8 @@ def lever_arm_findings(known: Sequence[Pair]) -> list[Finding]:
         and (t.make or "").upper() == "DJI"
     ]  # fmt: skip
     if twice:
-        text = "DJI's RTK aircraft write the camera's position into the tags: gnss.lever_arm_m would count it twice"
-        findings.append(Finding("warning", _names(twice), text, "leave it out, unless the residuals say otherwise"))
+        text = "DJI's RTK aircraft write the camera's position into the tags: gnss.lever_arm_m would apply it twice"
+        findings.append(Finding("warning", _names(twice), text, "remove it, unless the residuals say otherwise"))
     return findings
 
 
@@ -166,8 +166,8 @@ def file_findings(known: Sequence[Pair]) -> list[Finding]:
     left = [pair for pair in known if pair[0].file_position is None and source_of(*pair) == FROM_TAGS]
     findings = []
     if listed and left:
-        text = f"{things(len(left), 'photograph')} in no file of positions: the position in the tags is taken"
-        remedy = "give positions for all, or leave these photographs out"
+        text = f"{things(len(left), 'photograph')} in no position file: the position in the tags is used"
+        remedy = "give positions for all, or remove these photographs"
         findings.append(Finding("warning", _names(left), text, remedy))
     return findings
 
@@ -189,12 +189,12 @@ def time_findings(taken: Sequence[tuple[ProjectPhotograph, datetime | None]]) ->
             continue
         names = some([photograph.name for photograph in wrong])
         text = (
-            f"{len(wrong)} of {things(len(timed), 'photograph')} ({names}) were taken at another time than "
-            f"their rows say, by up to {apart.max():.0f} s against the others"
+            f"{len(wrong)} of {things(len(timed), 'photograph')} ({names}) were taken at other times than "
+            f"their rows state, by up to {apart.max():.0f} s relative to the others"
         )
         by_order = any(p.file_position is not None and p.file_position.by_order for p in wrong)
-        remedy = "check that the file belongs to these photographs, and that none is missing"
-        findings.append(Finding("fault" if by_order else "warning", source, text, remedy))
+        remedy = "check that the file belongs to these photographs, and that no photograph is missing"
+        findings.append(Finding("error" if by_order else "warning", source, text, remedy))
     return findings
 
 

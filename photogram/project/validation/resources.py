@@ -243,8 +243,8 @@ def machine_findings(
     findings = []
     if free_disk_bytes is not None and free_disk_bytes < 2 * needs.disk_bytes:
         text = f"{gigabytes(free_disk_bytes)} free for {project.work}, about {gigabytes(needs.disk_bytes)} are needed"
-        severity: Severity = "fault" if free_disk_bytes < needs.disk_bytes else "warning"
-        remedy = f"free some space, name another folder under work, or {needs.disk_remedy}"
+        severity: Severity = "error" if free_disk_bytes < needs.disk_bytes else "warning"
+        remedy = f"free some space, give another folder under work, or {needs.disk_remedy}"
         findings.append(Finding(severity, "disk", text, remedy))
     if memory_bytes is not None and memory_bytes < needs.memory_bytes:
         text = f"{gigabytes(memory_bytes)} of memory, about {gigabytes(needs.memory_bytes)} are needed"

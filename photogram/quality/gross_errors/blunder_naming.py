@@ -1,7 +1,7 @@
-"""What went wrong with a measurement that was left out, told from what the rest predicts for it.
+"""Causes of rejected measurements, derived from their prediction by all other observations.
 
 Two points exchanged, marks set on another point's target, easting and northing exchanged, one digit mistyped: each is
-named only where the prediction is sure enough to tell it from chance.
+named only where the prediction is precise enough to exclude chance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import project
 from photogram.quality.accuracy import AXES
-from photogram.quality.gross_errors.data_snooping import Accusation, Search, unmeasured
+from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
 
@@ -29,14 +29,18 @@ SINGLE = 0.2  # of the attitudes of a flight, up to which those that are wrong a
 
 @dataclass(frozen=True)
 class Blunder:
-    """A blunder by its name: its ``kind``, the ``points`` it is in, the ``photograph`` of a mark, a GNSS position or an
-    attitude, the ``camera`` of a focal length, and a sentence."""
+    """A blunder and its cause."""
 
     kind: str
+    """Cause: wrong point, exchanged points, exchanged axes, mistyped, height, plan, position, mark, wrong target, …"""
     points: tuple[str, ...]
+    """Names of the ground points concerned."""
     photograph: str | None
+    """Name of the photograph of a mark, a GNSS position or an attitude."""
     sentence: str
+    """The blunder in words."""
     camera: str | None = None
+    """Name of the camera of a focal length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +78,10 @@ def _exchanged(ground: _Ground, suspected: Sequence[int]) -> Iterator[tuple[str,
 
 
 def exchanged_points(block: Block, found: Search) -> list[tuple[str, str]]:
-    """Return the names of pairs of control points of ``block`` that are accused and each lie where the other was
+    """Return the names of pairs of control points of ``block`` that are rejected and each lie where the other was
     surveyed."""
     ground = _ground(found.result, block.control_points)
-    suspected = {ground.names.index(a.name): None for a in found.accused if a.kind == "control point"}
+    suspected = {ground.names.index(a.name): None for a in found.rejected if a.kind == "control point"}
     return list(_exchanged(ground, tuple(suspected)))
 
 
@@ -102,28 +106,30 @@ def _mistyped(surveyed: float, predicted: float, sigma: float) -> str | None:
     return f"{best:.{_DECIMALS}f}" if abs(best - predicted) <= SURE * sigma else None
 
 
-def _of_ground(ground: _Ground, point: int, blamed: Sequence[Accusation]) -> Blunder:
+def _of_ground(ground: _Ground, point: int, hypotheses: Sequence[Hypothesis]) -> Blunder:
     """Return what went wrong with the coordinates of one point, by what the rest predicts for it."""
     name, surveyed, predicted = ground.names[point], ground.surveyed_m[point], ground.predicted_m[point]
     sigma, off = ground.sigma_m[point].copy(), predicted - surveyed
-    axes = sorted({axis for a in blamed for axis in a.axes})
+    axes = sorted({axis for a in hypotheses for axis in a.axes})
     if not np.isfinite(predicted).all():
-        for a in blamed:
+        for a in hypotheses:
             off[list(a.axes)], sigma[list(a.axes)] = a.off, a.sigma
         return _plain(name, axes, off, sigma)
     axes = [axis for axis in axes if abs(off[axis]) > SURE * sigma[axis]] or axes
     for other in range(len(ground.names)):
         if other != point and ground.agree(point, other):
-            text = f"control point {name} is seen where {ground.names[other]} was surveyed: wrong point, or its marks"
+            text = (
+                f"control point {name} is marked at the position of {ground.names[other]}: wrong point, or wrong marks"
+            )
             return Blunder("wrong point", (name, ground.names[other]), None, text)
     if np.all(np.abs(predicted[:2] - surveyed[1::-1]) <= SURE * sigma[:2]):
-        return Blunder("exchanged axes", (name,), None, f"control point {name}: easting and northing are exchanged")
+        return Blunder("exchanged axes", (name,), None, f"control point {name}: easting and northing are swapped")
     meant = {axis: _mistyped(surveyed[axis], predicted[axis], sigma[axis]) for axis in axes}
     if all(meant.values()):
         figures = " and ".join(
             f"{AXES[axis]} {surveyed[axis]:.{_DECIMALS}f} looks mistyped for {figure}" for axis, figure in meant.items()
         )
-        text = f"control point {name}: {figures}: everything else predicts {_metres(off[axes])} m from it"
+        text = f"control point {name}: {figures}: all other observations predict {_metres(off[axes])} m from it"
         return Blunder("mistyped", (name,), None, text)
     return _plain(name, axes, off, sigma)
 
@@ -136,17 +142,17 @@ def _plain(name: str, axes: list[int], off: FloatArray, sigma: FloatArray) -> Bl
     parts = [f"{AXES[axis]} {off[axis]:+.3f} m, {abs(off[axis]) / sigma[axis]:.0f} sigma" for axis in axes]
     kind = "height" if axes == [2] else "position" if 2 in axes else "plan"
     what = parts[0].replace(" ", ", ", 1) if len(parts) == 1 else f"{kind} ({'; '.join(parts)})"
-    return Blunder(kind, (name,), None, f"control point {name}: everything else predicts another {what}")
+    return Blunder(kind, (name,), None, f"control point {name}: all other observations predict a different {what}")
 
 
-def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return what went wrong with a mark: whose target it is on, if any, else how far it is off."""
     photographs = [photograph.name for photograph in block.photographs]
-    points, i = block.control_points, photographs.index(str(blamed.photograph))
-    g = points.name.index(blamed.name)
+    points, i = block.control_points, photographs.index(str(hypothesis.photograph))
+    g = points.name.index(hypothesis.name)
     m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == g))[0]
     pose, camera = result.block.poses[i], result.block.cameras[block.photographs[i].camera]
-    u, v = blamed.off
+    u, v = hypothesis.off
     if pose is not None:
         place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
         predicted = project(camera, pose, place) - points.mark_pixel[m]
@@ -155,20 +161,21 @@ def _of_mark(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
         distance[g] = np.inf
         nearest = int(np.argmin(distance))
         if distance[nearest] <= ON_TARGET_PX + SURE * points.mark_sigma_px[m]:
-            text = f"mark of {blamed.name} in {blamed.photograph} is on the target of {points.name[nearest]}"
-            return Blunder("wrong target", (blamed.name, points.name[nearest]), blamed.photograph, text)
+            text = f"mark of {hypothesis.name} in {hypothesis.photograph} is on the target of {points.name[nearest]}"
+            return Blunder("wrong target", (hypothesis.name, points.name[nearest]), hypothesis.photograph, text)
     text = (
-        f"mark of {blamed.name} in {blamed.photograph} is {np.hypot(u, v):.1f} px off: everything else predicts it "
-        f"{u:+.1f}, {v:+.1f} px from there"
+        f"mark of {hypothesis.name} in {hypothesis.photograph} is {np.hypot(u, v):.1f} px off: all other observations "
+        "predict it "
+        f"{u:+.1f}, {v:+.1f} px from it"
     )
-    return Blunder("mark", (blamed.name,), blamed.photograph, text)
+    return Blunder("mark", (hypothesis.name,), hypothesis.photograph, text)
 
 
-def _of_position(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
-    """Return what is wrong with a GNSS position: how far the rest predicts it from there."""
-    i = [p.name for p in block.photographs].index(blamed.name)
+def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
+    """Return the blunder of a GNSS position: its distance from the prediction by all other observations."""
+    i = [p.name for p in block.photographs].index(hypothesis.name)
     pose, photograph, frame = result.block.poses[i], block.photographs[i], block.frame
-    off, where = blamed.off, ""
+    off, where = hypothesis.off, ""
     if pose is not None and photograph.gnss_world_m is not None:
         measured = photograph.measured_centre_world_m(pose.rotation_world_from_camera)
         offset = np.zeros(3)
@@ -179,46 +186,46 @@ def _of_position(result: Adjustment, block: Block, blamed: Accusation) -> Blunde
     if len(off) == 3 and np.isfinite(off).all():
         where = f" (easting, northing, height {_metres(off)} m)"
     distance = float(np.linalg.norm(off))
-    text = f"GNSS position of {blamed.name}: everything else predicts it {distance:.2f} m from there{where}"
-    return Blunder("GNSS position", (), blamed.name, text)
+    text = f"GNSS position of {hypothesis.name}: all other observations predict it {distance:.2f} m from it{where}"
+    return Blunder("GNSS position", (), hypothesis.name, text)
 
 
-def _of_attitude(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
+def _of_attitude(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return what is wrong with a measured attitude: by how much the camera was turned otherwise."""
-    i = [p.name for p in block.photographs].index(blamed.name)
+    i = [p.name for p in block.photographs].index(hypothesis.name)
     pose, measured = result.block.poses[i], block.photographs[i].attitude_world_from_camera
-    turn = float(np.linalg.norm(blamed.off))  # where it is not known otherwise
+    turn = float(np.linalg.norm(hypothesis.off))  # where it is not known otherwise
     if pose is not None and measured is not None:
         turn = float(
             np.arccos(np.clip((np.trace(measured.T @ pose.rotation_world_from_camera) - 1.0) / 2.0, -1.0, 1.0))
         )
-    text = f"attitude of {blamed.name}: everything else turns the camera by {np.rad2deg(turn):.1f}° from it"
-    return Blunder("attitude", (), blamed.name, text)
+    text = f"attitude of {hypothesis.name}: all other observations rotate the camera by {np.rad2deg(turn):.1f}° from it"
+    return Blunder("attitude", (), hypothesis.name, text)
 
 
-def _of_focal_length(result: Adjustment, block: Block, blamed: Accusation) -> Blunder:
-    """Return what is wrong with a given focal length: what everything else wants."""
-    c = [camera.name for camera in block.cameras].index(blamed.name)
+def _of_focal_length(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
+    """Return the blunder of a given focal length: its estimate from all other observations."""
+    c = [camera.name for camera in block.cameras].index(hypothesis.name)
     given, adjusted = block.cameras[c], result.block.cameras[c].focal_px
     sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
     text = (
-        f"focal length of camera {given.name}: everything else determines {adjusted:.1f} ± {sigma:.1f} px where "
+        f"focal length of camera {given.name}: all other observations give {adjusted:.1f} ± {sigma:.1f} px where "
         f"{given.focal_px:.1f} ± {given.sigmas[0]:.1f} px is given ({adjusted / given.focal_px - 1.0:+.1%}): a wrong "
-        "tag, a zoom lens, or pictures that were cropped or resized"
+        "tag, a zoom lens, or cropped or resized pictures"
     )
     return Blunder("focal length", (), None, text, given.name)
 
 
-def _of_offset(result: Adjustment, blamed: Accusation) -> Blunder:
+def _of_offset(result: Adjustment, hypothesis: Hypothesis) -> Blunder:
     """Return the offset of the GNSS positions of a flight that the control points show."""
-    off, sigma = np.array(blamed.off), np.array(blamed.sigma)
-    if blamed.name in result.flights:
-        f = result.flights.index(blamed.name)
+    off, sigma = np.array(hypothesis.off), np.array(hypothesis.sigma)
+    if hypothesis.name in result.flights:
+        f = result.flights.index(hypothesis.name)
         off, sigma = result.offset_world_m[f], np.sqrt(np.diag(result.offset_covariance_m2[f]))
     text = (
-        f"GNSS positions of flight {blamed.name}: they lie off the control points by one offset in common "
-        f"(easting, northing, height {_metres(-off)} m, each ± {_metres(sigma).replace('+', '')} m), which is now "
-        "estimated"
+        f"GNSS positions of flight {hypothesis.name}: they lie off the control points by a common offset "
+        f"(easting, northing, height {_metres(-off)} m, each ± {_metres(sigma).replace('+', '')} m), which is "
+        "now estimated"
     )
     return Blunder("GNSS offset", (), None, text)
 
@@ -242,32 +249,33 @@ def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> li
     return [_of_attitude(result, block, unmeasured("attitude", block.photographs[i].name)) for i in single]
 
 
-def _with_rivals(blunder: Blunder, accused: Sequence[Accusation]) -> Blunder:
-    rivals = tuple(dict.fromkeys(rival for a in accused for rival in a.rivals))
+def _with_rivals(blunder: Blunder, rejected: Sequence[Hypothesis]) -> Blunder:
+    rivals = tuple(dict.fromkeys(rival for a in rejected for rival in a.rivals))
     if not rivals:
         return blunder
     more = f" and {len(rivals) - 2} more" if len(rivals) > 2 else ""
     return replace(
-        blunder, sentence=f"{blunder.sentence}; or it is {' or '.join(rivals[:2])}{more}, which explains as much"
+        blunder,
+        sentence=f"{blunder.sentence}; or it is {' or '.join(rivals[:2])}{more}, which explains the data as well",
     )
 
 
 def name_blunders(block: Block, found: Search) -> list[Blunder]:
-    """Return what was accused in ``block`` by its name, points first, then marks, positions, attitudes and the rest."""
+    """Return the blunders behind the rejected measurements: points, marks, positions, attitudes, the rest."""
     ground = _ground(found.result, block.control_points)
-    of_points: dict[int, list[Accusation]] = {}
-    for a in found.accused:
+    of_points: dict[int, list[Hypothesis]] = {}
+    for a in found.rejected:
         if a.kind == "control point":
             of_points.setdefault(ground.names.index(a.name), []).append(a)
     names: list[Blunder] = []
     for first, second in exchanged_points(block, found):
-        text = f"control points {first} and {second} are exchanged: each is seen where the other was surveyed"
+        text = f"control points {first} and {second} are swapped: each is marked at the position of the other"
         names.append(Blunder("exchanged points", (first, second), None, text))
     told = {name for blunder in names for name in blunder.points}
     names += [
         _with_rivals(_of_ground(ground, g, own), own) for g, own in of_points.items() if ground.names[g] not in told
     ]
-    of_kind: dict[str, Callable[[Accusation], Blunder]] = {
+    of_kind: dict[str, Callable[[Hypothesis], Blunder]] = {
         "mark": lambda a: _of_mark(found.result, block, a),
         "GNSS position": lambda a: _of_position(found.result, block, a),
         "attitude": lambda a: _of_attitude(found.result, block, a),
@@ -275,5 +283,5 @@ def name_blunders(block: Block, found: Search) -> list[Blunder]:
         "GNSS offset": lambda a: _of_offset(found.result, a),
     }
     for kind, named in of_kind.items():
-        names += [_with_rivals(named(a), [a]) for a in found.accused if a.kind == kind]
+        names += [_with_rivals(named(a), [a]) for a in found.rejected if a.kind == kind]
     return names

@@ -103,16 +103,16 @@ def settle_focal_lengths(
 
     None in place of the block where what the photographs say stands as it is: ``found`` is then the result.
     """
-    accused = {a.name for a in found.accused if a.kind == "focal length"}
+    rejected = {a.name for a in found.rejected if a.kind == "focal length"}
     decisions: dict[str, FocalDecision] = {}
     cameras, changed = list(block.cameras), False
     for c, given in enumerate(block.cameras):
-        if given.name not in accused:
+        if given.name not in rejected:
             continue
         progress(f"focal length of {given.name}")
-        wide = without(block, found.accused)
+        wide = without(block, found.rejected)
         says = photographs_say(wide, found.result, c, adjuster)
-        others = without(block, [a for a in found.accused if a.name != given.name])
+        others = without(block, [a for a in found.rejected if a.name != given.name])
         evidence = 0.0 if says.trustworthy else _evidence(others, c, says, adjuster)
         readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))
         focal = settled(readings, float(given.sigmas[0]), says, evidence)

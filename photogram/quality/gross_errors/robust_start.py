@@ -23,7 +23,7 @@ from photogram.errors import AdjustmentError
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.quality.gross_errors.data_snooping import Accusation, unmeasured
+from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block
 
@@ -124,7 +124,7 @@ def _thinned(problem: Problem) -> Problem:
     return problem if thin <= 1 else problem.with_tie_observations(problem.tie.select(problem.tie.point % thin == 0))
 
 
-def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Accusation]:
+def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Hypothesis]:
     """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (11,) of the cameras
     to start from, where they are not the given ones.
 
@@ -153,23 +153,23 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
         try:
             state = minimise(problem, state, quick).state
         except IndeterminateError as fault:
-            raise AdjustmentError("no part of the measurements determines the block") from fault
+            raise AdjustmentError("no subset of the observations determines the block") from fault
         misfits = _misfits(whole, state)
         left -= scale == 1.0
         if not left:
             break
         scale = max(1.0, scale / STEP)
-    return list(_accused(part, misfits))
+    return list(_suspects(part, misfits))
 
 
-def _accused(block: Block, misfits: _Misfits) -> Iterator[Accusation]:
+def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
     limit = LIMIT * np.sqrt(OFF**-0.5 - 1.0)
     points, names = block.control_points, [p.name for p in block.photographs]
     for g in np.flatnonzero((misfits.control > limit).any(axis=1)).tolist():
         wrong = misfits.control[g] > limit
         axes = tuple(np.flatnonzero(points.controlled[g] & np.repeat(wrong, [2, 1])).tolist())
         unknown = (float("nan"),) * len(axes)
-        yield Accusation("control point", points.name[g], None, axes, unknown, unknown, float("inf"))
+        yield Hypothesis("control point", points.name[g], None, axes, unknown, unknown, float("inf"))
     for m in np.flatnonzero(misfits.mark > limit).tolist():
         yield unmeasured("mark", points.name[points.mark_point[m]], names[points.mark_photograph[m]])
     for i in np.flatnonzero(misfits.gnss > limit).tolist():

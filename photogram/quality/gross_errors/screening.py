@@ -14,7 +14,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import OrientationError
-from photogram.quality.gross_errors.data_snooping import Accusation, Adjuster, unmeasured
+from photogram.quality.gross_errors.data_snooping import Adjuster, Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
 from photogram.sfm.similarity import fit_similarity, robust_similarity
 from photogram.survey import Block
@@ -55,7 +55,7 @@ def _exchange(position: FloatArray, target: FloatArray, sigma: FloatArray) -> tu
     return best
 
 
-def gross_blunders(block: Block, adjust: Adjuster) -> list[Accusation]:
+def gross_blunders(block: Block, adjust: Adjuster) -> list[Hypothesis]:
     """Return the control points and marks that are grossly off, none where too few agree to say so."""
     result = adjust(_held_in_place(block))
     points, names = block.control_points, [p.name for p in block.photographs]
@@ -63,7 +63,7 @@ def gross_blunders(block: Block, adjust: Adjuster) -> list[Accusation]:
     control = np.asarray(points.controlled.any(axis=1))
     enough = np.asarray(np.isfinite(position).all(axis=1))
     off = np.flatnonzero(~agreed & enough[points.mark_point] & control[points.mark_point])
-    accused = [
+    rejected = [
         unmeasured("mark", points.name[points.mark_point[m]], names[points.mark_photograph[m]]) for m in off.tolist()
     ]
     whole = np.flatnonzero(points.controlled.all(axis=1) & enough)
@@ -80,5 +80,5 @@ def gross_blunders(block: Block, adjust: Adjuster) -> list[Accusation]:
             exchanged = _exchange(position[whole], target, sigma)
             agree = ~np.isin(np.arange(len(whole)), exchanged) if exchanged else agree
         if agree.sum() >= min(AGREEING, len(whole) - 2):
-            return accused + [unmeasured("control point", points.name[g]) for g in whole[~agree].tolist()]
-    return accused
+            return rejected + [unmeasured("control point", points.name[g]) for g in whole[~agree].tolist()]
+    return rejected

@@ -1,9 +1,9 @@
-"""The joint adjustment with its verdict: what contradicts the rest is named, left out, and the survey goes on.
+"""The joint adjustment with data snooping: blunders are rejected and named, and the survey goes on.
 
-The block is adjusted with everything in it, and suspects are tested on equal terms
-(photogram.quality.gross_errors.data_snooping). A blunder so gross that it bends the block is laid to its neighbours
-too: then what a robust adjustment leaves out, and what a look without any control point finds, are tried beside it, and
-that is taken which explains most with least. A focal length whose source is rejected is settled at last, see
+The block is adjusted with all observations, and suspects are tested on equal terms
+(photogram.quality.gross_errors.data_snooping). A blunder gross enough to deform the block contaminates its neighbours:
+then the suspects of a robust adjustment, and those of a screening without control points, are tried as well, and the
+explanation of least cost is taken. A focal length whose source is rejected is settled last, see
 photogram.quality.gross_errors.focal_length.
 """
 
@@ -21,10 +21,10 @@ from photogram.quality.accuracy import CheckAccuracy, check_accuracy
 from photogram.quality.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
 from photogram.quality.gross_errors.data_snooping import (
     PRICE,
-    Accusation,
     Adjuster,
+    Hypothesis,
     Search,
-    accusations,
+    hypotheses,
     marks_off_checks,
     search,
     simplified,
@@ -41,45 +41,49 @@ from photogram.survey import Block, ControlPoints
 from photogram.wording import some, things
 
 BENT = 12.0
-"""Sigmas by which the rest contradicts a measurement, from which a blunder in it may be laid to others too."""
+"""Sigmas of the largest contradiction from which a blunder may contaminate other tests."""
 
 BORNE = 40.0
-"""The same, up to which it may yet be named right from an adjustment that holds it."""
+"""The same, up to which an adjustment with the blunder may still identify it."""
 
 OUTVOTED = 0.5
-"""Of the tie points of a photograph with marks: a wrong mark may have outvoted them."""
+"""Share of the tie points of a photograph with marks, below which a wrong mark may have had them rejected."""
 
 ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
-"""Of an adjustment with blunders in it, which is made to say what they do."""
+"""Limits of the adjustment with all blunders, which only shows their effect."""
 
 MOST_NAMED = 10
-"""Culprits that are named where too little is left without them."""
+"""Most suspects named in an error message."""
 
 MANY = 4
-"""Gross blunders from which a second look, without any control point, is worth its time."""
+"""Gross blunders from which a second screening, without control points, is made."""
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The adjustment without what contradicts it: ``accused``, by name the ``blunders``; the accuracy of the check
-    points with everything in it, not a number where that cannot be adjusted, and without; and what was decided on
-    focal lengths, by the names of cameras."""
+    """The adjustment without its blunders, and what was rejected."""
 
     result: Adjustment
-    accused: tuple[Accusation, ...]
+    """Adjustment without the rejected measurements."""
+    rejected: tuple[Hypothesis, ...]
+    """Rejected measurements."""
     blunders: tuple[Blunder, ...]
+    """What went wrong with them, in words."""
     check_before: CheckAccuracy
+    """Accuracy at the check points with all measurements; NaN where the block cannot be adjusted with them."""
     check_after: CheckAccuracy
+    """Accuracy at the check points of ``result``."""
     focal_lengths: dict[str, FocalDecision]
+    """Decisions on focal lengths, by camera name."""
 
     def __repr__(self) -> str:
-        return f"<Verdict: {things(len(self.blunders), 'blunder')} left out, {self.result!r}>"
+        return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
 
 
 def _outvoted(block: Block, result: Adjustment) -> bool:
-    """Return whether a photograph has lost most of its tie points to something else that was measured in it."""
+    """Return whether most tie points of a photograph were rejected, possibly because of a wrong mark in it."""
     count = len(block.photographs)
     given, kept = (np.bincount(b.tie_points.photograph, minlength=count) for b in (block, result.block))
     oriented = np.array([pose is not None for pose in result.block.poses], dtype=bool)
@@ -87,11 +91,11 @@ def _outvoted(block: Block, result: Adjustment) -> bool:
 
 
 def _worst(result: Adjustment) -> float:
-    return float(np.sqrt(max((a.statistic for a in accusations(result)), default=0.0)))
+    return float(np.sqrt(max((a.statistic for a in hypotheses(result)), default=0.0)))
 
 
 def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
-    """Return the accuracy at what is a check in ``points``."""
+    """Return the accuracy at the check coordinates of ``points``."""
     frame = result.block.frame
     difference = frame.map_from_world(result.ground_world_m) - frame.map_from_world(points.position_world_m)
     return check_accuracy(np.where(points.controlled, np.nan, difference))
@@ -104,8 +108,8 @@ def _no_checks(points: ControlPoints) -> CheckAccuracy:
 def _explained(
     block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], adjuster: Adjuster
 ) -> tuple[Search, Adjustment | None]:
-    """Return the best explanation of what contradicts the rest, and the adjustment with everything in it, None where it
-    was not made: gross blunders bend it beyond use. Raises PhotogramError where nothing can be adjusted."""
+    """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
+    blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
     gross, whole, found = _looked_for(lambda: grossly_off(block, settings, start)), None, []
     fault: PhotogramError | None = None
     if not gross:
@@ -119,10 +123,10 @@ def _explained(
     ways = [gross, _looked_for(lambda: gross_blunders(block, adjuster)) if not gross or len(gross) > MANY else []]
     simpler = [simplified(way) for way in ways]
     ways += [s for s, way in zip(simpler, ways, strict=True) if {a.what for a in s} != {a.what for a in way}]
-    for accused in ways:
+    for rejected in ways:
         try:
-            if accused:
-                found.append(search(block, adjuster(without(block, accused)), adjuster, accused))
+            if rejected:
+                found.append(search(block, adjuster(without(block, rejected)), adjuster, rejected))
         except PhotogramError as error:
             fault = fault or error
     if gross:
@@ -132,11 +136,11 @@ def _explained(
             found += _searched(block, whole, adjuster)
     if not found:
         culprits = some(list(dict.fromkeys(a.words for way in ways for a in way)), MOST_NAMED)
-        said = f"; most of the rest contradicts {culprits}, and without that too little is left" if culprits else ""
-        raise AdjustmentError(f"{fault or 'nothing that was measured determines the block'}{said}") from fault
+        said = f"; most observations contradict {culprits}, and too few are left without it" if culprits else ""
+        raise AdjustmentError(f"{fault or 'the observations do not determine the block'}{said}") from fault
     best = min(found, key=Search.cost)
-    wider = whole_points(best.accused)
-    if {(a.what, a.axes) for a in wider} != {(a.what, a.axes) for a in best.accused}:
+    wider = whole_points(best.rejected)
+    if {(a.what, a.axes) for a in wider} != {(a.what, a.axes) for a in best.rejected}:
         found += _searched(block, _looked_at(block, wider, adjuster), adjuster, wider)
 
     def cost(explanation: Search) -> float:
@@ -147,8 +151,8 @@ def _explained(
 
 
 def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
-    """Return the adjustment with everything in it, for what blunders do to the check points, None where there is
-    none."""
+    """Return the adjustment with all measurements, for the effect of blunders on the check points, None where it has no
+    solution."""
     quick = replace(
         settings,
         maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),
@@ -160,35 +164,35 @@ def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence
         return None
 
 
-def _looked_at(block: Block, accused: Sequence[Accusation], adjuster: Adjuster) -> Adjustment | None:
-    """Return the adjustment without what is accused, None where that does not determine the block."""
+def _looked_at(block: Block, rejected: Sequence[Hypothesis], adjuster: Adjuster) -> Adjustment | None:
+    """Return the adjustment without the rejected measurements, None where it has no solution."""
     try:
-        return adjuster(without(block, accused))
+        return adjuster(without(block, rejected))
     except PhotogramError:
         return None
 
 
 def _searched(
-    block: Block, result: Adjustment | None, adjuster: Adjuster, accused: Sequence[Accusation] = ()
+    block: Block, result: Adjustment | None, adjuster: Adjuster, rejected: Sequence[Hypothesis] = ()
 ) -> list[Search]:
-    """Return what a search finds from the adjustment without what is accused, nothing where there is none, or the rest
-    has no solution."""
+    """Return the search that starts from the adjustment without the rejected measurements, none where it has no
+    solution."""
     try:
-        return [] if result is None else [search(block, result, adjuster, accused)]
+        return [] if result is None else [search(block, result, adjuster, rejected)]
     except PhotogramError:
         return []
 
 
-def _looked_for(look: Callable[[], list[Accusation]]) -> list[Accusation]:
-    """Return what a look at the block finds, nothing where it cannot be adjusted that way."""
+def _looked_for(look: Callable[[], list[Hypothesis]]) -> list[Hypothesis]:
+    """Return the suspects of a screening, none where the block cannot be adjusted for it."""
     try:
         return look()
     except PhotogramError:
         return []
 
 
-def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Accusation], list[Blunder]]:
-    """Return all marks, and what is wrong with them, where they were measured in pictures of another size."""
+def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hypothesis], list[Blunder]]:
+    """Return all marks and their blunder, if they were measured in pictures of another size."""
     cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, start, strict=True)) if start else block.cameras
     factor = picture_factor(replace(block, cameras=cameras))
     if factor is None:
@@ -207,7 +211,7 @@ def adjust_and_judge(
     progress: Progress = lambda _: None,
     readings_px: Sequence[Sequence[float]] = (),
 ) -> Verdict:
-    """Adjust a block without what contradicts the rest (data snooping; Baarda 1968), and name that.
+    """Adjust a block by data snooping (Baarda 1968): reject blunders, and name them.
 
     ``start`` holds the interior orientations (11,) of the cameras to start from, where they are not the given ones;
     ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
@@ -228,17 +232,17 @@ def adjust_and_judge(
     settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
     if settled is not None:
         sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
-        others = [a for a in found.accused if a.kind != "focal length" or a.name in sure]
+        others = [a for a in found.rejected if a.kind != "focal length" or a.name in sure]
         found = search(settled, adjuster(without(settled, others)), adjuster, others)
     off = marks_off_checks(found.result)
     if off:
         cleared = block if settled is None else settled
-        found = Search((*found.accused, *off), adjuster(without(cleared, [*found.accused, *off])))
+        found = Search((*found.rejected, *off), adjuster(without(cleared, [*found.rejected, *off])))
     points = block.control_points
     before = _checks(whole, points) if whole is not None else _no_checks(points)
     return Verdict(
         found.result,
-        (*of_another_size, *found.accused),
+        (*of_another_size, *found.rejected),
         (*size, *name_blunders(block, found)),
         before,
         _checks(found.result, points),

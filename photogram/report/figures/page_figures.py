@@ -89,7 +89,7 @@ def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
     enough = "" if overlap is None else f" Three or more photographs see {overlap.share(3):.0%} of the ground."
     caption = (
         "Photographs by flight, control and check points, and how many photographs see the ground: warm colours up to "
-        "two, whose heights nothing checks, blue from three. Arrows are residuals in plan, adjusted minus measured or "
+        "two, whose heights are unchecked, blue from three. Arrows are residuals in plan, adjusted minus measured or "
         f"surveyed, enlarged as written above the map; Δh is the residual in height.{enough}"
     )
     alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
@@ -141,7 +141,7 @@ def _ellipses(result: Adjustment) -> PageFigure | None:
     enlarged = ", ".join(f"{title} {scale:g} times" for title, scale in scales.items())
     caption = (
         "Predicted standard ellipses in plan (1 sigma: 39 % lie within) and standard deviations in height as upright "
-        f"bars, enlarged: {enlarged}. They follow from the stated sigmas of all measurements, not from their residuals."
+        f"bars, enlarged: {enlarged}. They follow from the stated sigmas of all observations, not from residuals."
     )
     return PageFigure("ellipses", caption, "Error ellipses of projection centres and ground points", embedded(figure))
 
@@ -249,15 +249,15 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
 def residual_caption(camera: str, pattern: ResidualPattern | None) -> str:
     """Return what stands under the residuals of a camera, with what they have in common where that is known."""
     caption = (
-        f"Residuals of tie points in {camera} by their place in the photograph, projected minus measured. Without a "
-        "pattern the camera model fits; arrows that point outwards, inwards or around the principal point show a "
-        "distortion that is left."
+        f"Residuals of tie points in {camera} by their place in the photograph, projected minus measured. No "
+        "pattern: the camera model fits; arrows pointing outwards, inwards or around the principal point "
+        "show residual distortion."
     )
     if pattern is None:
         return caption
-    told = "more than chance" if pattern.significant else "too little to be told"
+    told = "significant" if pattern.significant else "not significant"
     return (
-        f"{caption} What they have in common at the same place of all photographs has an RMS of "
+        f"{caption} Their systematic part, common to all photographs, has an RMS of "
         f"{pattern.pattern_px:.2g} px for a coordinate, of the residuals' {pattern.residual_px:.2g} px: {told}."
     )
 
@@ -283,7 +283,7 @@ def _histograms(result: Adjustment) -> PageFigure | None:
     left.legend(frameon=False, fontsize=8)
     rays = np.bincount(tie.rays)[2:]
     right.bar(np.arange(2, 2 + len(rays)), rays, color=SKY, width=0.8)
-    right.set(xlabel="photographs that see it", ylabel="tie points")
+    right.set(xlabel="photographs per point", ylabel="tie points")
     for axes in (left, right):
         axes.tick_params(labelsize=8)
         axes.xaxis.label.set_size(9)
@@ -291,8 +291,8 @@ def _histograms(result: Adjustment) -> PageFigure | None:
         axes.spines[["top", "right"]].set_visible(False)
     caption = (
         f"Left: residuals of {len(values)} tie-point observations; their RMS is {spread:.2f} px per coordinate, "
-        f"the median of the stated sigmas {stated:.2f} px. Right: how many photographs see a tie point; two rays "
-        "cannot show most mismatches."
+        f"the median of the stated sigmas {stated:.2f} px. Right: how many photographs see a tie point; two "
+        "rays cannot reveal most mismatches."
     )
     return PageFigure(
         "histograms", caption, "Histograms of image residuals and of rays per tie point", embedded(figure)
@@ -351,6 +351,6 @@ def _comparison(comparisons: Mapping[str, Comparison]) -> PageFigure | None:
     figure = comparison_figure(titled, upright=True)
     caption = (
         "Heights of the clouds over the reference surface, after the statistical outlier filter: maps and histograms "
-        "on one scale. It is accuracy only where the reference is known to be better than the cloud."
+        "on one scale. It measures accuracy only if the reference is better than the cloud."
     )
     return PageFigure("comparison", caption, "Differences of the clouds from the reference", embedded(figure))

@@ -314,7 +314,7 @@ def _annotate(figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet,
     left_out = len(texts) - place_labels(figure, axes, anchors, texts, obstacles)
     notes = []
     if left_out:
-        notes.append(f"{left_out} of {len(texts)} names left out for want of room")
+        notes.append(f"{left_out} of {len(texts)} names omitted for lack of space")
     nowhere = int(np.count_nonzero(np.isnan(places[:, 0])))
     far = int(np.count_nonzero(~shown)) - nowhere
     if far:

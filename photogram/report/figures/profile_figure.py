@@ -254,7 +254,7 @@ def _by_rays(axes: Axes, counts: FloatArray, edges: FloatArray) -> None:
     rays = np.flatnonzero(share > 1e-4)[:MAXIMUM_RAYS_SHOWN]
     low, middle, high = np.array([quantiles(counts[n], edges, (1 / 6, 0.5, 5 / 6)) for n in rays]).reshape(-1, 3).T
     axes.errorbar(rays, middle, [middle - low, high - middle], fmt="o", color=BLUE, ms=4.5, elinewidth=1.4, capsize=0)
-    axes.set(xlabel="photographs that a height was matched in", ylabel="predicted sigma, m")
+    axes.set(xlabel="photographs per matched height", ylabel="predicted sigma, m")
     axes.set_ylim(0.0, 1.25 * float(high.max(initial=1e-6)))
     if len(rays):
         axes.set(xlim=(rays[0] - 0.7, rays[-1] + 0.7), xticks=rays)

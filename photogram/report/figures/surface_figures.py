@@ -128,9 +128,9 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
     rows, columns = orthophoto.source_shape
     caption = (
         f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
-        f"cells of {_length(orthophoto.cell_m)}: every cell as the photograph that suits it best shows it, upright by "
-        "the surface model. Grey: no photograph shows the place, or the surface has no height there. Symbols stand at "
-        "the surveyed coordinates of the ground points: their targets must lie under them."
+        f"cells of {_length(orthophoto.cell_m)}: every cell is taken from the most suitable photograph, "
+        "rectified by the surface model. Grey: not visible in any photograph, or no height in the surface. "
+        "Symbols mark the surveyed coordinates of the ground points: their targets must lie under them."
     )
     alternative = f"Orthophoto with {len(ground.name)} ground points"
     return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
@@ -140,7 +140,7 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells = numbers["cells"]
-    of = "cells that the photographs see well enough" if dense.footprint is not None else "cells of the grid"
+    of = "cells seen well enough" if dense.footprint is not None else "cells of the grid"
     part = "" if numbers["completeness"] is None else f" {_percent(numbers['completeness'])} of the {of} are measured."
     filled = (
         f" {_percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
@@ -150,7 +150,7 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
     beside = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
     caption = (
         f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
-        f"enlarged for the shading.{part} Grey: holes, where no height was found that photographs agree on.{filled}"
+        f"enlarged for the shading.{part} Grey: holes, where the photographs do not agree on a height.{filled}"
         f"{beside}"
     )
     figure = relief_figure(dense, ground, tested, WIDTH_IN)
@@ -162,8 +162,8 @@ def _of_datum(datum_sigma_m: float | None) -> str:
     if datum_sigma_m is None:
         return ""
     return (
-        f" Relative to the survey’s mean height: the datum, ± {_length(datum_sigma_m)}, is the same for all heights "
-        "and left out here; dsm_sigma.tif contains it."
+        f" Relative to the survey’s mean height: the datum, ± {_length(datum_sigma_m)}, is common to all heights "
+        "and excluded here; dsm_sigma.tif includes it."
     )
 
 
@@ -172,14 +172,14 @@ def _sigma(dense: DenseSurface, sigma: SigmaRecord, target_m: float | None, datu
     if target_m is not None:
         within = float(target_shares(dense, target_m)[:3].sum())
         classes = (
-            f" Classes of the target for heights, {target_m:g} m as of the day it was drawn: {_percent(within)} of the "
+            f" Classes of the target for heights, {target_m:g} m as of the day of drawing: {_percent(within)} of the "
             "measured cells lie within it (blue)."
         )
     caption = (
         "Predicted standard deviation of every height: the scatter of the matching, from how sharply the photographs "
-        "agree and under which angles they look, together with the uncertainty of the adjusted photographs. It does "
-        "not contain wrong matches, what moves or grows between photographs, edges that the cells cut through, nor "
-        f"errors of the geoid or the control survey’s datum. Median {sigma['median']:.3f} m."
+        "agree and under which angles they look, together with the uncertainty of the adjusted photographs. "
+        "It does not include mismatches, moving objects and vegetation, breaklines within cells, or errors "
+        f"of the geoid and of the control survey’s datum. Median {sigma['median']:.3f} m."
         f"{_of_datum(datum_sigma_m)}{classes}"
     )
     alternative = "Map of the predicted standard deviation of the heights of the dense surface"
@@ -189,8 +189,8 @@ def _sigma(dense: DenseSurface, sigma: SigmaRecord, target_m: float | None, datu
 def _histogram(dense: DenseSurface, numbers: DenseRecord, target_m: float | None) -> DrawnFigure:
     count = numbers["cells"]["measured"] + numbers["cells"]["measured_beyond"]
     caption = (
-        f"Left: the predicted standard deviations of {count} measured cells. Right: how they "
-        "fall with the number of photographs that a height was matched in; median, middle two thirds, and the share of "
+        f"Left: the predicted standard deviations of {count} measured cells. Right: how they fall with the "
+        "number of matched photographs; median, middle two thirds, and the share of "
         "the cells."
     )
     figure = sigma_histogram_figure(dense, target_m, PLAN_IN + 0.6)
@@ -201,8 +201,8 @@ def _rays(dense: DenseSurface, numbers: DenseRecord) -> DrawnFigure:
     share = numbers["share_3_or_more"]
     three = "" if share is None else f" {_percent(share)} of the heights come from three photographs or more."
     caption = (
-        "In how many photographs a height was matched, and the confidence of the match, 0 to 1. Heights of two "
-        f"photographs are checked by nothing.{three} Low confidence: little texture, steps, leaves, or photographs "
+        "Number of photographs per matched height, and confidence of the match, 0 to 1. Heights from two "
+        f"photographs are unchecked.{three} Low confidence: little texture, steps, leaves, or photographs "
         "that disagree."
     )
     alternative = "Maps of the number of photographs behind each height and of the confidence of its match"
@@ -219,8 +219,8 @@ def _profiles(dense: DenseSurface, profiles: Sequence[Profile], datum_sigma_m: f
         else " No check point lies beside a line."
     )
     caption = (
-        f"Profiles: {lines}. Below each, on a scale of its own, the band of ± 2 predicted sigma.{checks} Grey: gaps, "
-        f"not bridged.{_of_datum(datum_sigma_m)}"
+        f"Profiles: {lines}. Below each, on a scale of its own, the band of ± 2 predicted sigma.{checks} Grey: "
+        f"gaps, not interpolated.{_of_datum(datum_sigma_m)}"
     )
     figure = profile_figure(dense, profiles, PLAN_IN + 0.6)
     names = ", ".join(p.line.letter for p in profiles)

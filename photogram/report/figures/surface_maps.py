@@ -208,7 +208,7 @@ def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
     confidence = np.where(share >= KNOWN_SHARE, confidence, np.nan)
     counts, ticks, labels = rays_scale(int(np.nanmax(rays)) if np.isfinite(rays).any() else 2)
     scales = (
-        (counts, rays, "photographs that a height was matched in", ticks, labels),
+        (counts, rays, "photographs per matched height", ticks, labels),
         (ScalarMappable(Normalize(0.0, 1.0), "cividis"), confidence, "confidence", None, None),
     )
     for axes, (tint, values, label, ticks_at, texts) in zip(panels, scales, strict=True):

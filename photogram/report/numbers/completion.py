@@ -115,8 +115,8 @@ def _stated(found: Accuracy, settings: ReportSettings) -> tuple[list[str], list[
             missing.append(f"No statement of {name} accuracy: no check points, the accuracy is not tested.")
         elif target_m is None:
             missing.append(
-                f"No statement of {name} accuracy: it names an accuracy class, and the project gives none; "
-                f"write report.target_rmse_{letter}_m."
+                f"No statement of {name} accuracy: it needs an accuracy class, and the project gives none; "
+                f"set report.target_rmse_{letter}_m."
             )
         else:
             missing.append(
@@ -129,7 +129,7 @@ def _stated(found: Accuracy, settings: ReportSettings) -> tuple[list[str], list[
 # ---- what was discarded --------------------------------------------------------------------------------------------
 
 
-CONTRADICTED = "everything else contradicts it"
+CONTRADICTED = "it contradicts all other observations"
 
 
 def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
@@ -146,12 +146,14 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
     add(
         "tie-point observations",
         adjustment["discarded_observations"],
-        "rejected in the outlier rounds: they disagree with the other rays of their point, or their rays meet too flat",
+        "rejected as outliers: they disagree with the other rays of their point, or the intersection angle "
+        "is too small",
     )
-    add("tie points", adjustment["discarded_tie_points"], "fewer than two observations were left of them")
+    add("tie points", adjustment["discarded_tie_points"], "fewer than two observations remained")
     for point in report["control_points"]:
         if point["adjusted_map_m"] is None:
-            add(f"{point['role']} point {point['name']}", 1, "fewer than two marks in registered photographs that meet")
+            reason = "fewer than two intersecting marks in oriented photographs"
+            add(f"{point['role']} point {point['name']}", 1, reason)
         axes = [axis for axis, role in zip(AXES, point["axis_roles"], strict=True) if role == "left out"]
         add(f"{', '.join(axes)} of control point {point['name']}", len(axes), CONTRADICTED)
         for mark in point["marks"]:
@@ -162,6 +164,6 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
     reason = "they contradict the tie points; the tilt is used"
     add("headings of the gimbal", adjustment["disbelieved_headings"], reason)
     for name, cloud in report["clouds"].items():
-        reason = "taken away by the statistical outlier filter before the comparison"
+        reason = "removed by the statistical outlier filter before the comparison"
         add(f"points of the {CLOUD_TITLES.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)
     return found

@@ -200,7 +200,7 @@ def _sentence(
     if n < FEWEST_CHECKS:
         found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
         return f"the dense surface is tested by {found} only: too few check points for an RMSE"
-    few = f"; the standard asks for {MINIMUM_POINTS} check points or more" if n < MINIMUM_POINTS else ""
+    few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
     mean = f"{summary['mean_m']:+.3f}".replace("-", "−")
     times = "" if summary["rms_z"] is None else f", {summary['rms_z']:.2g} times the predicted sigmas"
     return f"the dense surface at {n} check points: RMSE {summary['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
@@ -212,5 +212,5 @@ def _warnings(check_points: SurfaceCheckRecord) -> list[str]:
         return []
     return [
         f"the heights of the dense surface at {check_points['n']} check points are off by {rms_z:.2g} times their "
-        "predicted standard deviations: do not trust dsm_sigma.tif here, look at the profiles and at single points"
+        "predicted standard deviations: do not rely on dsm_sigma.tif here; examine the profiles and single points"
     ]

@@ -66,8 +66,8 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
     """Return what an estimated offset says; all figures in m along easting, northing and height."""
     if not test.degrees:
         return (
-            f"Flight {flight}: no statement on a common offset is possible, nothing but its prior determines it: it "
-            "needs control points."
+            f"Flight {flight}: a common offset cannot be tested: only its prior determines it, control points "
+            "are needed."
         )
     figures = f"off together by {_figures(offset)} ± {_sigmas(sigma)} m in easting, northing and height"
     verdict = f"(χ² = {test.chi2:.1f} with {test.degrees} degrees of freedom, {_p(test.p)})"
@@ -78,13 +78,13 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
     if beyond:
         axis = int(np.argmax(np.abs(offset) / np.where(prior > 0, prior, np.inf)))
         return (
-            f"{sentence}: in {' and '.join(beyond)} that is beyond the prior, {abs(offset[axis]) / prior[axis]:.0f} "
+            f"{sentence}: in {' and '.join(beyond)} that exceeds the prior, {abs(offset[axis]) / prior[axis]:.0f} "
             "times its sigma: look for another height system, base station or lever arm, or give a larger "
             "gnss.offset_sigma_m."
         )
     if np.max(np.abs(offset)) > LARGE_OFFSET_M:
         return (
-            f"{sentence}: it is estimated and removed, but no antenna makes so much: look for another height system "
+            f"{sentence}: it is estimated and removed, more than an antenna explains: look for another height system "
             "(heights in the project file), a wrong base station or wrong control points."
         )
     return f"{sentence}: the base station, the lever arm or the height system; it is estimated and removed."
@@ -94,17 +94,17 @@ def _held_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: Flo
     """Return what the residuals of a flight say whose offset is held at zero."""
     if not test.degrees:
         return (
-            f"Flight {flight}: nothing but its GNSS positions says where it is; whether they are off together cannot "
-            "be known without control points."
+            f"Flight {flight}: only its GNSS positions define its datum; a common offset cannot be detected "
+            "without control points."
         )
     verdict = f"(χ² = {test.chi2:.1f} with 3 degrees of freedom, {_p(test.p)})"
     figures = f"{_figures(offset)} ± {_sigmas(sigma)} m in easting, northing and height"
     if not test.significant:
         return f"Flight {flight}: control and GNSS agree, an offset would be {figures} {verdict}."
     return (
-        f"Flight {flight}: control and GNSS contradict each other: residuals of {_figures(mean)} m on the average, and "
-        f"an offset of {figures} {verdict} would be estimated: check base station, height system and lever arm, or "
-        "give gnss.offset_sigma_m so that it is."
+        f"Flight {flight}: control and GNSS contradict each other: residuals of {_figures(mean)} m on average, and "
+        f"an offset of {figures} {verdict} would be estimated: check base station, height system and lever "
+        "arm, or give gnss.offset_sigma_m to estimate it."
     )
 
 
@@ -158,13 +158,13 @@ def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes)
         if note.get("copy_of"):
             reason = f"the same photograph as {note['copy_of']}"
         elif note.get("gnss_frozen"):
-            reason = "the receiver had stopped: photographs taken at different times have the same position"
+            reason = "the receiver had stopped updating: photographs taken at different times have the same position"
         elif photograph.gnss_world_m is None and note.get("gnss_map_m") is not None:
-            reason = "left out: everything else contradicts it"
+            reason = "rejected: it contradicts all other observations"
         elif photograph.gnss_world_m is None:
-            reason = "no position in the project, in a file of positions or in its tags"
+            reason = "no position in the project, in a position file or in its tags"
         else:
-            reason = f"not oriented, so its position ({note.get('gnss_source', 'project')}) has nothing to hold"
+            reason = f"not oriented, so its position ({note.get('gnss_source', 'project')}) is not used"
         missing.append({"photograph": photograph.name, "reason": reason})
     return missing
 
@@ -211,9 +211,8 @@ def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
         if np.isfinite(x)
     )
     return numbers, (
-        f"The GNSS positions are off in a way that turns with the camera ({_p(found.p)}): an arm from the antenna to "
-        f"the camera of {words}, as in a picture taken looking down, is not counted: give gnss.lever_arm_m, or correct "
-        "the one that is given."
+        f"The GNSS positions have errors that rotate with the camera ({_p(found.p)}): a lever arm from "
+        f"antenna to camera of {words} (nadir view) is not applied: give gnss.lever_arm_m, or correct it."
     )
 
 
@@ -221,7 +220,7 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     """Return what the sources of the positions give reason to warn of."""
     taken = [note for note, u in zip(notes, used, strict=True) if u]
     warnings = []
-    for solution, one in (("float", "float solution"), ("single", "solution of a single receiver")):
+    for solution, one in (("float", "float solution"), ("single", "single (autonomous) solution")):
         claimed = [n for n in taken if n.get("gnss_stated_sigma_m") and n.get("gnss_solution") == solution]
         if claimed:
             stated, believed = (
@@ -230,8 +229,8 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
             )
             several = one.replace("solution", "solutions", 1)
             warnings.append(
-                f"{things(len(claimed), one, several)} ({some([n['name'] for n in claimed])}) stated with {stated} m, "
-                f"weighed with {believed} m or more: no centimetres without fixed ambiguities."
+                f"{things(len(claimed), one, several)} ({some([n['name'] for n in claimed])}) stated with "
+                f"{stated} m, weighted with {believed} m or more: centimetres need fixed ambiguities."
             )
     without = [n["name"] for n in taken if n.get("gnss_lacks_lever_arm")]
     if without:
@@ -243,15 +242,15 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     if frozen:
         warnings.append(
             f"{things(len(frozen), 'photograph')} ({some(frozen)}) taken at different times with the same GNSS "
-            "position: the receiver had stopped, these positions were not used."
+            "position: the receiver had stopped updating, these positions were not used."
         )
     sources = Counter(n.get("gnss_source") for n in taken)
     if len(sources) > 1 and "tags" in sources:
         left = [n["name"] for n in taken if n.get("gnss_source") == "tags"]
         if any(s not in ("tags", "project") for s in sources):
             warnings.append(
-                f"{things(len(left), 'photograph')} ({some(left)}) in no file of positions: the position in the tags "
-                "was taken."
+                f"{things(len(left), 'photograph')} ({some(left)}) in no position file: the position in the "
+                "tags was used."
             )
     return warnings
 
@@ -272,8 +271,10 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
     )
     control = sum(role == "control" for role in result.block.control_points.role)
     lost = _not_used(photographs, used, notes)
-    sentence = f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} took part together"
-    sentence += f"; {things(len(lost), 'photograph')} had no position to give." if lost else "."
+    sentence = (
+        f"{things(int(used.sum()), 'GNSS position')} and {things(control, 'control point')} were adjusted together"
+    )
+    sentence += f"; {things(len(lost), 'photograph')} without a position." if lost else "."
     doubtful = [
         f["sentence"]
         for f in flights.values()

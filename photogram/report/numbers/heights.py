@@ -32,8 +32,8 @@ def _input(systems: Sequence[HeightSystem | None]) -> HeightCountsRecord:
 def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs: HeightInputsRecord) -> str:
     if heights.output is None:
         return (
-            "Nothing declares what the heights are counted from: they are those of the control points and GNSS "
-            "positions as given, and the products name no height system."
+            "The vertical reference is not declared: heights are those of the control points and GNSS positions "
+            "as given, and the products name no height system."
         )
     text = f"All heights are {_WORDS[heights.output]}"
     text += f" {heights.map_geoid.name} ({name})" if heights.map_geoid is not None else f" ({name})"
@@ -47,9 +47,9 @@ def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs
             changed.append(f"{given[other]} {what} were given {_WORDS[other]}")
         if given["undeclared"]:
             bare.append(f"{given['undeclared']} {what}")
-    brought = "brought to them" if heights.geoid is not None else "taken as they are, no geoid being named"
+    brought = "transformed to it" if heights.geoid is not None else "used as given, since no geoid is named"
     text += "".join(f"; {part} and {brought}" for part in changed)
-    text += f"; {' and '.join(bare)} that nobody declares were taken as they are" if bare else ""
+    text += f"; {' and '.join(bare)} with undeclared reference were used as given" if bare else ""
     return text + "."
 
 

@@ -47,7 +47,7 @@ class Disbelieved:
 
 
 BELIEVED = Disbelieved()
-NOT_ADJUSTED = "no measurement of it took part in the adjustment"
+NOT_ADJUSTED = "none of its observations was adjusted"
 
 
 def _map(frame: LocalFrame, position_world_m: FloatArray) -> FloatArray:

@@ -56,7 +56,7 @@ def _points(count: int) -> str:
 
 def _verdict(report: SurveyNumbers, both: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
     if not report["adjustment"]["converged"]:
-        return "bad", "The adjustment did not converge: use nothing of this result."
+        return "bad", "The adjustment did not converge: do not use this result."
     tested = [d for d in both if d.n]
     if not tested:
         return "unknown", _predicted(report)
@@ -80,7 +80,7 @@ def _without_target(tested: Sequence[Direction], lights: Sequence[LightRecord]) 
     subjects = {f"Check points in {d.where}" for d in tested}
     grades = [light["grade"] for light in lights if light["subject"] in subjects]
     grade: Grade = min(grades, key=_WORST_FIRST.index, default="unknown")
-    return grade, f"RMSE of {said} at {_points(min(d.n for d in tested))}; the project names no target."
+    return grade, f"RMSE of {said} at {_points(min(d.n for d in tested))}; the project gives no target."
 
 
 def _predicted(report: SurveyNumbers) -> str:
@@ -130,5 +130,5 @@ def _to_do(asprs: AsprsRecord, warnings: Sequence[WarningRecord]) -> list[str]:
     remedies = list(dict.fromkeys(remedies))[:MOST_TO_DO]
     least = min(asprs["n_h"], asprs["n_v"])
     if not remedies and 0 < least < MINIMUM_POINTS:
-        return [f"nothing; for the standard’s full statement survey {MINIMUM_POINTS} check points ({least} now)"]
+        return [f"nothing; survey {MINIMUM_POINTS} check points for the full statement of the standard ({least} now)"]
     return remedies or ["nothing"]

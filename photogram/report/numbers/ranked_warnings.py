@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from photogram.adjustment.solvability import ROTATION_WEAK
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.quality.placing import WHOLE_BLOCK
 from photogram.report.numbers.traffic_lights import number
@@ -74,8 +75,8 @@ def _several(part: str, said: Sequence[str], severity: Severity = "attention", r
 def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
     if report["adjustment"]["converged"]:
         return []
-    sentence = "the adjustment did not converge: use nothing of this result"
-    return [_warning("adjustment", "bad", sentence, "look at the warnings below, and at photogram check")]
+    sentence = "the adjustment did not converge: do not use this result"
+    return [_warning("adjustment", "bad", sentence, "see the warnings below, and photogram check")]
 
 
 def _focal_lengths(report: SurveyNumbers) -> list[WarningRecord]:
@@ -91,7 +92,7 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
     decided = any(camera["focal_length"] for camera in report["cameras"].values())
     named = [b for b in report["blunders"] if not (decided and b["kind"] == "focal length")]
     found = list[WarningRecord]()
-    remedy = "it is left out: check it where it was measured"
+    remedy = "it is rejected: check the measurement"
     harmless = ("GNSS position", "attitude")
     found += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
     found += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
@@ -103,7 +104,7 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
     if suspects:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
         severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
-        remedy = "check it, and leave it out where it is wrong"
+        remedy = "check it, and remove it if it is wrong"
         found.append(_warning("suspects", severity, f"{suspects[0]['sentence']}{others}", remedy))
     return found
 
@@ -125,7 +126,7 @@ def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
     if asprs["systematic"]:
         said = "; ".join(asprs["systematic"])
         found.append(_warning(part, "attention", said, "check datum, height system and control points"))
-    return found + _several(part, asprs["survey"], remedy="survey them again, more precisely")
+    return found + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
 
 
 def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
@@ -133,7 +134,7 @@ def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
     if found is None or found["consistent"]:
         return []
     larger = found["chi2"]["p"] < 0.5
-    remedy = "believe the check points, not the predicted sigmas" if larger else ""
+    remedy = "rely on the check points, not the predicted sigmas" if larger else ""
     return [_warning("prediction", "bad" if larger else "note", found["sentence"], remedy)]
 
 
@@ -146,7 +147,7 @@ def best_remedy(diagnosis: DiagnosisRecord) -> str:
     title = best["title"]
     title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
-        f"{title} would bring sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{title} would reduce the sigma of heights from {best['sigma_height_before_m']:.3f} to "
         f"{best['sigma_height_after_m']:.3f} m"
     )
 
@@ -158,7 +159,7 @@ def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
     )
     said = [s for s in diagnosis["warnings"] if not (decided and s.startswith(decided))]
     # what the datum leaves open is what most else follows from
-    said.sort(key=lambda s: not s.startswith(WHOLE_BLOCK))
+    said.sort(key=lambda s: not s.startswith((WHOLE_BLOCK, ROTATION_WEAK)))
     found = _several("geometry", said)
     if found:
         found[0]["remedy"] = best_remedy(diagnosis)
@@ -169,11 +170,11 @@ def _block(block: BlockRecord) -> list[WarningRecord]:
     found, missing = list[WarningRecord](), block["photographs"] - block["registered"]
     if missing:
         said = f"{missing} of {block['photographs']} photographs are not in the result"
-        found.append(_warning("photographs", "attention", said, "why stands under Discarded"))
+        found.append(_warning("photographs", "attention", said, "for the reasons see Discarded"))
     sizes = block["component_sizes"]
     if len(sizes) > 1:
-        said = f"{len(sizes)} parts without tie points in common ({', '.join(map(str, sizes))} photographs)"
-        found.append(_warning("photographs", "attention", said, "fly with more overlap between the parts"))
+        said = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
+        found.append(_warning("photographs", "attention", said, "fly with more overlap between them"))
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
         said = f"{1 - overlap['share_2_or_more']:.0%} of the ground is seen by fewer than two photographs"
@@ -199,10 +200,10 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
         large += [text] * (factor < low)
     part, found = "stated sigmas", list[WarningRecord]()
     if small:
-        said = f"sigmas stated too small, so that predicted ones are too small as well: {', '.join(small)}"
-        found.append(_warning(part, "attention", said, "look for a wrong measurement among them, or state more"))
+        said = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
+        found.append(_warning(part, "attention", said, "look for a blunder among them, or state larger sigmas"))
     if large:
-        said = f"sigmas stated too large, which keeps predicted ones on the safe side: {', '.join(large)}"
+        said = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
         found.append(_warning(part, "note", said))
     return found
 
@@ -210,8 +211,8 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
 def _too_few(asprs: AsprsRecord) -> list[WarningRecord]:
     n_h, n_v = asprs["n_h"], asprs["n_v"]
     if n_h == n_v == 0:
-        said = "no check points: the accuracy of this survey is predicted, not tested"
-        return [_warning("check points", "attention", said, "survey five check points or more, best thirty")]
+        said = "no check points: the accuracy is predicted, not tested"
+        return [_warning("check points", "attention", said, "survey at least five check points, ideally thirty")]
     few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
-    said = f"{' and '.join(few)}: the standard asks for {MINIMUM_POINTS} check points or more"
+    said = f"{' and '.join(few)}: the standard requires at least {MINIMUM_POINTS} check points"
     return [_warning("check points", "note", said)] if few else []

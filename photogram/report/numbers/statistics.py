@@ -51,7 +51,9 @@ def _sentence(name: str, found: Scatter) -> str | None:
     title, unit, factor = _GROUPS[name]
     stated, sd = found.stated_sigma * factor, found.sigma_factor_sd
     times = f"{title} scatter {found.sigma_factor:.2g} ± {sd:.1g} times as much as stated"
-    remedy = "a wrong one among them, or a sigma too small" if found.sigma_factor > 1.0 else "their sigma is too large"
+    remedy = (
+        "a blunder among them, or their sigma is too small" if found.sigma_factor > 1.0 else "their sigma is too large"
+    )
     if not unit:
         return f"{times}: {remedy}"
     return f"{times} ({stated:.2g} {unit}): about {found.sigma_factor * stated:.2g} {unit}; {remedy}"

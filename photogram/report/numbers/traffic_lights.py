@@ -146,7 +146,7 @@ def _against_target(
         return Light(subject, grade, f"{finding}; target {target:.3f} m", rule)
     gsd = number(report["block"]["gsd_m"])
     if not gsd > 0:
-        return Light(subject, "unknown", f"{finding}; nothing to judge it by", rule)
+        return Light(subject, "unknown", f"{finding}; no basis for a grade", rule)
     ratio = rmse / gsd
     grade = "bad" if ratio > worst else "attention" if ratio > best else "good" if n >= FEW_POINTS else "few"
     return Light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
@@ -176,9 +176,9 @@ def _prediction(report: SurveyNumbers) -> Light:
 
 def _blunders(report: SurveyNumbers) -> Light:
     rule = (
-        "good: no measurement contradicts all others; attention: GNSS positions or attitudes alone do; bad: a ground "
-        "point, a mark or a focal length does (of five hundred surveys without a blunder, one is suspected). What is "
-        "named was left out of the result"
+        "good: no observation contradicts all others; attention: GNSS positions or attitudes alone do; bad: a ground "
+        "point, a mark or a focal length does (of five hundred surveys without a blunder, one is suspected). "
+        "What is named was rejected"
     )
     named, suspects = report["blunders"], report["suspects"]
     if not named and not suspects:
@@ -193,7 +193,7 @@ def _blunders(report: SurveyNumbers) -> Light:
 def _control(report: SurveyNumbers) -> Light:
     rule = (
         f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} or more of a blunder in its own residual "
-        f"(redundancy number); attention: less, a blunder must be large to be found; bad: {REDUNDANCY[1]:.0%} or less, "
+        f"(redundancy number); attention: less, only a large blunder is found; bad: {REDUNDANCY[1]:.0%} or less, "
         "none is found"
     )
     shares = [
@@ -203,11 +203,11 @@ def _control(report: SurveyNumbers) -> Light:
         if r is not None
     ]
     if not shares:
-        return Light("Would a blunder show?", "unknown", "no control points", rule)
+        return Light("Are blunders detectable?", "unknown", "no control points", rule)
     least, name, mdb_m = min(shares)
     grade: Grade = "good" if least >= REDUNDANCY[0] else "attention" if least > REDUNDANCY[1] else "bad"
     found = f": one of {mdb_m:.3f} m is found with 80 % probability" if math.isfinite(mdb_m) else ""
-    return Light("Would a blunder show?", grade, f"least redundancy {least:.2f}, {name}{found}", rule)
+    return Light("Are blunders detectable?", grade, f"least redundancy {least:.2f}, {name}{found}", rule)
 
 
 def _sigma0(report: SurveyNumbers) -> Light:
@@ -228,20 +228,20 @@ def _sigma0(report: SurveyNumbers) -> Light:
 def _registration(report: SurveyNumbers) -> Light:
     best, worst = REGISTERED
     rule = (
-        f"good: {best:.0%} of the photographs or more, in one part; attention: {worst:.0%}, or several parts; "
+        f"good: {best:.0%} of the photographs or more, in one block; attention: {worst:.0%}, or several blocks; "
         "bad: fewer"
     )
     block = report["block"]
     share, parts = block["registered"] / block["photographs"], len(block["component_sizes"])
     grade: Grade = "bad" if share < worst else "good" if share >= best and parts <= 1 else "attention"
     finding = f"{block['registered']} of {block['photographs']} ({share:.0%})"
-    return Light("Photographs registered", grade, finding + (f", in {parts} parts" if parts > 1 else ""), rule)
+    return Light("Photographs oriented", grade, finding + (f", in {parts} separate blocks" if parts > 1 else ""), rule)
 
 
 def _gnss(report: SurveyNumbers) -> Light:
     best, worst = GNSS_RATIO
     rule = (
-        f"good: GNSS residuals within {best:g} of their stated sigmas (RMS of w), no warning of them; attention: "
+        f"good: GNSS residuals within {best:g} of their stated sigmas (RMS of w), no warning; attention: "
         f"within {worst:g}, or a warning; bad: beyond"
     )
     photographs = oriented(report["photographs"]).values()
@@ -270,8 +270,9 @@ def focal_height_correlation(diagnosis: DiagnosisRecord) -> float:
 def _geometry(report: SurveyNumbers) -> Light:
     best, worst = OVERLAP
     rule = (
-        f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height told apart "
-        f"(correlation below {CORRELATION:g}) and as given, no pattern in residuals; attention: {worst:.0%}, or one of "
+        f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height "
+        f"separable (correlation below {CORRELATION:g}) as given, no pattern in residuals; attention: "
+        f"{worst:.0%}, or one of "
         "these; bad: less"
     )
     overlap, diagnosis = report["block"]["overlap"], report["diagnosis"]
@@ -287,14 +288,14 @@ def _geometry(report: SurveyNumbers) -> Light:
     faults += [f"the photographs contradict the given focal length of {name}" for name in decided]
     for name, pattern in diagnosis["residual_pattern"].items():
         if pattern["significant"]:
-            faults.append(f"residuals in {name} have a pattern of {pattern['pattern_px']:.2g} px")
+            faults.append(f"residuals in {name} share a pattern of {pattern['pattern_px']:.2g} px")
     grade: Grade = "bad" if share < worst else "good" if share >= best and not faults else "attention"
     return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *faults]), rule)
 
 
 def _converged(report: SurveyNumbers) -> Light:
     adjustment = report["adjustment"]
-    rule = "good: the adjustment converged; bad: it did not, use nothing"
+    rule = "good: the adjustment converged; bad: it did not, do not use the result"
     grade: Grade = "good" if adjustment["converged"] else "bad"
     word = "converged" if adjustment["converged"] else "NOT converged"
     return Light("Adjustment", grade, f"{word}, {adjustment['iterations']} iterations", rule)

@@ -63,13 +63,13 @@ def control_verdict(result: Adjustment, g: int, blunders: Sequence[BlunderRecord
     controlled = points.controlled[g]
     judged = controlled & (np.nan_to_num(r.ground_redundancy[g]) > LEAST_REDUNDANCY)
     silent = [axis for axis, c, j in zip(AXES, controlled, judged, strict=True) if c and not j]
-    parts = [f"no statement possible in {_listed(silent)}: only this point determines it"] if silent else []
+    parts = [f"no statement possible in {_listed(silent)}: this point alone determines it"] if silent else []
     if judged.any():
         mdb = minimal_detectable_blunder(points.sigma_m[g], r.ground_redundancy[g])
         worst = int(np.argmax(np.where(judged, mdb, -np.inf)))
         largest = float(np.nanmax(np.abs(np.where(judged, r.ground_w[g], np.nan))))
         parts.append(
-            f"agrees with everything else (|w| at most {largest:.1f}); a blunder of {mdb[worst]:.3f} m in "
+            f"agrees with all other observations (|w| at most {largest:.1f}); a blunder of {mdb[worst]:.3f} m in "
             f"{AXES[worst]} would be found"
         )
     return "; ".join(parts)
@@ -81,7 +81,7 @@ def effect_sentence(before: CheckPointsRecord, after: CheckPointsRecord) -> str 
     if not before["n"] or not after["n"]:
         return None
     return (
-        f"with that in the adjustment, the RMSE of {after['n']} check points would be {before['rmse_h_m']:.3f} m in "
-        f"plan and {before['rmse_v_m']:.3f} m in height; without, it is {after['rmse_h_m']:.3f} and "
+        f"with them in the adjustment, the RMSE of {after['n']} check points would be {before['rmse_h_m']:.3f} m in "
+        f"plan and {before['rmse_v_m']:.3f} m in height; without them it is {after['rmse_h_m']:.3f} and "
         f"{after['rmse_v_m']:.3f} m"
     )

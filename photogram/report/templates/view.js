@@ -334,12 +334,12 @@ function fault(title, text) {
 function begin() {
   const canvas = $("picture"), gl = canvas.getContext("webgl2", { alpha: false, antialias: true });
   if (!gl) {
-    fault("This browser does not draw in 3-D here", "The page needs WebGL 2. Switch graphics acceleration on in the "
+    fault("This browser cannot draw in 3-D", "The page needs WebGL 2. Enable graphics acceleration in the "
       + "browser’s settings, or open the page in a current Firefox, Chrome, Edge or Safari; the cloud also opens in CloudCompare.");
     return;
   }
   canvas.addEventListener("webglcontextlost", () =>
-    fault("The graphics processor was taken away", "Load the page again; with fewer points (photogram view --points) it needs less memory."));
+    fault("The graphics context was lost", "Load the page again; with fewer points (photogram view --points) it needs less memory."));
   new View(canvas, gl);
 }
 

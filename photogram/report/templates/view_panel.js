@@ -1,11 +1,11 @@
 // Controls, legend, scale and cards: everything of the page that is text.
 
 const SIGMA_NOTES = {
-  joint: "± 1 sigma, predicted: matching of both points, and errors of photographs and calibration as far as they do not share them. The datum drops out.",
-  shape: "± 1 sigma, predicted: errors of photographs and calibration as far as the places do not share them. The cloud states no sigmas, so the matching is not in it.",
-  surveyed: "± 1 sigma, from the stated sigmas of both points, as if they were independent.",
-  alone: "± 1 sigma, from the sigmas of both ends, the datum with them, as if they were independent: too large where they share errors.",
-  none: "No sigma: the files state none for one of the ends.",
+  joint: "± 1 sigma, predicted: matching of both points, and errors of exterior orientation and calibration, as far as they are not common to both. The datum cancels.",
+  shape: "± 1 sigma, predicted: errors of exterior orientation and calibration, as far as they are not common to both. The cloud has no sigmas, so matching is not included.",
+  surveyed: "± 1 sigma, from the stated sigmas of both points, assumed independent.",
+  alone: "± 1 sigma, from the sigmas of both ends including the datum, assumed independent: too large where errors are common.",
+  none: "No sigma: the files give none for one of the ends.",
 };
 const MODE_TITLES = { height: "Height, m", sigma: "Sigma of the height, m", confidence: "Confidence, 0 to 1" };
 
@@ -206,8 +206,8 @@ class Panel {
       const p = thing.photograph, rows = this.coordinates(map);
       if (p.sigma_m) rows.push(["Sigmas E, N, H, m", this.three(p.sigma_m)]);
       rows.push(["ω, φ, κ, °", this.three(p.angles_deg)], ["Tie points", String(p.tie_points)], ["Camera", p.camera]);
-      const none = this.pictures.some && !this.pictures.source(p.name) ? ["No picture of it in this page."] : [];
-      this.card(p.name, rows, ["Adjusted projection centre. On the ground: where the corners of the photograph meet the mean height.", ...none]);
+      const none = this.pictures.some && !this.pictures.source(p.name) ? ["This page has no picture of it."] : [];
+      this.card(p.name, rows, ["Adjusted projection centre. On the ground: footprint at the mean height.", ...none]);
       this.picture(p, null);
     } else {
       this.sayPoint(thing.point);
@@ -232,7 +232,7 @@ class Panel {
       words.textContent = photograph.name;
       words.onclick = () => this.view.choose({ photograph, place: photograph.centre_m });
       const caption = document.createElement("figcaption");
-      caption.append("In ", words, ", nearest to its middle; something may stand in front.");
+      caption.append("In ", words, ", nearest to its centre; it may be occluded.");
       figure.append(caption);
     }
     $("said").querySelector("h2").after(figure);
@@ -248,7 +248,7 @@ class Panel {
     if (point.surveyed_sigma_m) rows.push(["Stated sigmas, m", this.three(point.surveyed_sigma_m)]);
     if (point.residual_m) rows.push(["Residuals E, N, H, m", this.three(point.residual_m)]);
     if (point.sigma_m) rows.push(["Predicted sigmas, m", this.three(point.sigma_m)]);
-    notes.push(point.residual_m ? "Surveyed coordinates; residuals are adjusted minus surveyed." : "Surveyed coordinates; too few marks to intersect it.");
+    notes.push(point.residual_m ? "Surveyed coordinates; residuals are adjusted minus surveyed." : "Surveyed coordinates; too few marks for an intersection.");
     const mixed = new Set(point.axis_roles).size > 1;
     const role = mixed ? `easting ${point.axis_roles[0]}, northing ${point.axis_roles[1]}, height ${point.axis_roles[2]}` : `${point.role} point`;
     this.card(`${point.name}, ${role}`, rows, notes);
@@ -257,7 +257,7 @@ class Panel {
   sayMeasured(ends) {
     if (ends === null) { this.card(null); return; }
     if (ends.length < 2) {
-      this.card("Measure a distance", [], [ends.length ? "Click the second point." : "Click two points of the cloud, or signs."]);
+      this.card("Measure a distance", [], [ends.length ? "Click the second point." : "Click two points of the cloud, or symbols."]);
       return;
     }
     const [e, n, h] = [0, 1, 2].map(k => ends[1].place[k] - ends[0].place[k]), plan = Math.hypot(e, n);
@@ -268,8 +268,8 @@ class Panel {
       ["Grid bearing", `${bearing.toFixed(3)}°`], ["Slope", `${minus((Math.atan2(h, plan) * 180 / Math.PI).toFixed(2))}°`]];
     const clouds = ends.filter(end => end.cloud), cells = clouds.length && clouds.every(end => end.cloud.plan_m === null);
     const notes = [SIGMA_NOTES[found ? found.kind : "none"], "In the map grid, its scale factor not taken off. Click two more, or Esc."];
-    if (found && cells) notes.splice(1, 0, `Points stand in the middle of cells, ${this.view.scene.spacing_m.toPrecision(2)} m apart: in plan, how well they meet what you mean is not in ±.`);
-    else if (found) notes.splice(1, 0, "How well you clicked is not in ±.");
+    if (found && cells) notes.splice(1, 0, `Points are at cell centres, ${this.view.scene.spacing_m.toPrecision(2)} m apart: ± does not include the pointing error in plan.`);
+    else if (found) notes.splice(1, 0, "± does not include the pointing error.");
     this.card("Distance", rows, notes);
   }
 }

@@ -112,7 +112,7 @@ def _describe(sift: cv2.SIFT, tile: _Tile, table: NDArray[np.float64]) -> ByteAr
     ]
     kept, descriptor = sift.compute(tile.grey, points)
     if len(kept) != len(points):
-        raise AssertionError("SIFT dropped key points that it had found itself")
+        raise AssertionError("SIFT dropped key points of its own detection")
     share = descriptor / np.maximum(descriptor.sum(axis=1, keepdims=True), 1e-9)
     return np.asarray(np.clip(np.round(512.0 * np.sqrt(share)), 0, 255), dtype=np.uint8)
 
@@ -192,7 +192,7 @@ def _found(
     if len(table) < 8:
         raise ImageError(
             f"{name}: only {len(table)} key points found in {width} x {height} px: the photograph is blank, "
-            "blurred or black; leave it out, or lower features.contrast_threshold"
+            "blurred or black; remove it, or lower features.contrast_threshold"
         )
     strength = table[:, 4] * np.minimum(table[:, 2], LASTING_PX) ** 2 if halved else table[:, 4]
     table = table[_spread(table, strength, width, height, settings)]

@@ -381,8 +381,8 @@ def _by_similarity(
         if n > _EXHAUSTIVE:
             names = ", ".join(photographs[i].name for i in lost[:3]) + (", …" if len(lost) > 3 else "")
             raise OrientationError(
-                f"{len(lost)} of {n} photographs have no position ({names}), and nothing says which others they "
-                "resemble: give their positions (photographs.list, gnss_m), or let similar photographs be retrieved"
+                f"{len(lost)} of {n} photographs have no position ({names}), so their neighbours are unknown: "
+                "give their positions (photographs.list, gnss_m), or use image retrieval"
             )
         every = np.column_stack([np.repeat(lost, n), np.tile(np.arange(n), len(lost))])
         return every[every[:, 0] != every[:, 1]], "exhaustive"

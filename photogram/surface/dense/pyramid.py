@@ -90,7 +90,7 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     above = centre[:, 2] - np.median(points_world_m[below, 2], axis=1)
     flying = float(np.median(above))
     if not flying > 0:
-        raise PhotogramError("dense matching looks down: the photographs lie below the ground they show")
+        raise PhotogramError("dense matching needs photographs above the ground they show")
     gsd = float(np.median(above / views.focal_px))
     neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
     away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
@@ -118,7 +118,7 @@ def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: flo
     chosen, _ = choose_views(views, frame.world_from_map(place), rays)
     seen = place[(chosen >= 0).all(axis=1)]
     if not len(seen):
-        raise PhotogramError(f"no ground is seen by {rays} photographs: dense matching needs overlap")
+        raise PhotogramError(f"no ground is visible in {rays} photographs: dense matching needs overlap")
     half = coarse / 2
     return MapGrid.around(np.vstack([seen[:, :2] - half, seen[:, :2] + half]), cell_m)
 

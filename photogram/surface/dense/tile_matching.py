@@ -2,9 +2,9 @@
 
 For each cell of a map grid heights are tried: a window of ground at each of them is looked up in the photographs that
 see the cell from straightest above, through the full camera model, and the better they agree, the likelier the height
-(`dense_kernels`). A semi-global regularisation over the cells picks one (`semi_global`), and the correlation itself
-tells its fraction and its standard deviation (`height_refinement`). From coarse to fine: each level searches around the
-heights of the coarser one (`dense_levels`).
+(`correlation`). A semi-global regularisation over the cells picks one (`semi_global`), and the correlation itself
+tells its fraction and its standard deviation (`refinement`). From coarse to fine: each level searches around the
+heights of the coarser one (`pyramid`).
 
 A level is matched in blocks of BLOCK_CELLS × BLOCK_CELLS cells with a margin, each by itself, so results depend on
 neither the order of the blocks nor the number of workers, and memory not on the size of the survey.

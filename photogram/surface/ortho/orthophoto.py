@@ -40,17 +40,16 @@ TILES_AHEAD = 4
 
 @dataclass(frozen=True)
 class OrthophotoSettings:
-    """How photographs become an orthophoto.
-
-    ``enabled``: whether they do. ``cell_m``: size of a cell in m; None takes the ground sampling distance, rounded to
-    two digits. ``balance``: whether photographs are made equally bright. ``feather_cells``: how many cells a seam is
-    wide, 0 for a sharp one.
-    """
+    """How photographs become an orthophoto."""
 
     enabled: bool = True
+    """Whether they do."""
     cell_m: float | None = None
+    """Side of a cell; None: ground sampling distance, rounded to two digits."""
     balance: bool = True
+    """Whether photographs are balanced radiometrically."""
     feather_cells: float = 4.0
+    """Width of a seam in cells, 0 for a sharp one."""
 
     def __post_init__(self) -> None:
         if self.cell_m is not None:

@@ -70,7 +70,7 @@ class Terrain:
     def under(views: Views, frame: LocalFrame, surface: Raster) -> Terrain:
         """Return the terrain under photographs. Raises PhotogramError where the surface has no heights."""
         if not np.isfinite(surface.values).any():
-            raise PhotogramError("orthophoto: the surface has no height anywhere: set orthophoto.enabled to false")
+            raise PhotogramError("orthophoto: the surface has no heights: set orthophoto.enabled to false")
         ceiling = float(np.nanmax(surface.values))
         return Terrain(surface, np.ascontiguousarray(frame.map_from_world(views.position_world_m)), ceiling)
 
