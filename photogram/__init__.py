@@ -48,6 +48,7 @@ __all__ = [
     "ProjectError",
     "Raster",
     "ReportError",
+    "SettingError",
     "SurfaceSettings",
     "SurveyPlan",
     "TiePoints",
@@ -151,6 +152,7 @@ _PLACES = {
     "OrientationError": "photogram.errors:OrientationError",
     "ProjectError": "photogram.errors:ProjectError",
     "ReportError": "photogram.errors:ReportError",
+    "SettingError": "photogram.errors:SettingError",
     "WorkspaceError": "photogram.errors:WorkspaceError",
 }
 """Where every public name is defined: its module, and the name that it has there."""
@@ -169,6 +171,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
         PhotogramError,
         ProjectError,
         ReportError,
+        SettingError,
         WorkspaceError,
     )
     from photogram.files.clouds.points import read_cloud

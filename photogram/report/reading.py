@@ -73,8 +73,12 @@ def _sentence(text: bytes | str, fault: ValidationError) -> str:
 
 def _place(location: Sequence[str | int]) -> str:
     """Return where in the file something is wrong, as one writes it: control_points[1].residual_m[0]."""
-    # the types that an entry may be of are no keys of the file
-    parts = [part for part in location if not (isinstance(part, bool) or str(part).endswith("Record"))]
+    # the types that an entry may be of are no keys of the file: by name, or whether a photograph is registered
+    parts = [
+        part
+        for depth, part in enumerate(location)
+        if not (str(part).endswith("Record") or (depth == 2 and location[0] == "photographs"))
+    ]
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 

@@ -151,7 +151,7 @@ def similarity_from_attitudes(
     p, q = turned - np.median(turned, axis=0), target - np.median(target, axis=0)
     length, wanted = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)
     if not length.max(initial=0.0) > 0:
-        raise OrientationError("the photographs of the block stand in one place, so the datum is not defineds scale")
+        raise OrientationError("the photographs of the block stand in one place, so nothing defines its scale")
     far = length > 0.3 * length.max()
     scale = float(np.median(wanted[far] / length[far]))
     return Similarity(scale, R, np.median(target - scale * turned, axis=0))

@@ -112,7 +112,7 @@ def test_fixed_parameters_have_no_covariance() -> None:
     calibration = covariances(problem, state).calibration(0)
     assert np.flatnonzero(np.diag(calibration)).tolist() == [0, 1, 2, 3, 7, 8]
     assert not calibration[[4, 5]].any()
-    assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 6]] < np.array(FREE)[[0, 1, 2, 3, 6]])
+    assert np.all(np.sqrt(np.diag(calibration))[[0, 1, 2, 3, 7]] < np.array(FREE)[[0, 1, 2, 3, 7]])
 
 
 # ---- what cannot be solved ------------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2,
-    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0002, np.inf),
+    calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0),
 )  # fmt: skip
 LONG = replace(
     PLAN, strips=1, flights=1, photographs_per_strip=14, control_points=8, check_points=0, forward_overlap=0.6
@@ -270,7 +270,7 @@ BARS = ((0, 1), (2, 3), (1, 4))
 def scaled_survey() -> tuple[SimulatedBlock, Problem, State]:
     """A block without GNSS whose control points, known to 3 m, are all too far apart by a thousandth."""
     made = simulate_block(
-        replace(PLAN, calibration_sigmas=(0.0,) * 8, check_points=0), 2, tie_points=150, start_position_sigma_m=0.3,
+        replace(PLAN, calibration_sigmas=(0.0,) * 11, check_points=0), 2, tie_points=150, start_position_sigma_m=0.3,
         start_attitude_sigma_deg=0.3, start_point_sigma_m=0.3,
     )  # fmt: skip
     photographs = tuple(replace(p, gnss_world_m=None, gnss_sigma_m=None) for p in made.block.photographs)

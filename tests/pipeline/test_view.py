@@ -38,7 +38,7 @@ def test_what_is_missing_is_said(adjusted_survey: Path) -> None:
         "No pictures of photographs",
         "No pictures of photographs: --photographs names their folder",
     ]
-    with pytest.raises(ReportError, match=r"no report.json in it.*photogram view .*results"):
+    with pytest.raises(ReportError, match=r"report.json is missing: run photogram view .*results"):
         write_view(adjusted_survey)
     elsewhere = Path(shutil.copytree(results, adjusted_survey / "copy"))
     for cloud in elsewhere.glob("*.laz"):

@@ -107,9 +107,9 @@ def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
     text = report_page(complete(report, ReportSettings()), [])
     Page(text)
     for what in (
-        "there are no check points", "there are no control points", "there are no marks", "no GNSS positions",
-        "the tie points span no area", "no covariances to draw", "there are no sigmas of tie points",
-        "the report holds none for this camera", "Variance components left out",
+        "There are no check points", "There are no control points", "There are no marks", "no GNSS positions",
+        "the tie points span no area", "there are no covariances", "there are no sigmas of tie points",
+        "No correlations in the report for this camera", "No variance components",
         "no check points with predicted sigmas", "run photogram adjust",
     ):  # fmt: skip
         assert what in text, what
