@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -15,11 +17,15 @@ from photogram.camera import Camera
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.report.record.ground import GroundPointRecord
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Block
+from photogram.survey import Block, Role
 
 SharedData = Callable[[str], Path]
 """The fixture ``shared_data``: the path of a file or folder outside of the repository, by its name there."""
+
+Json = Any
+"""What a file of JSON holds, as a script of a user reads it: nothing is known of its keys, and a test may change it."""
 
 LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
 """Of everything: no loss, nothing rejected."""
@@ -27,6 +33,11 @@ LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
 SMALL = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0)
 """Sigmas of a calibration of which some parameters are held, some known and one is free."""
+
+
+def read_json(path: Path) -> Json:
+    """Return what a file of JSON holds."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def no_matlab(path: Path, *_: object) -> Camera:
@@ -77,6 +88,33 @@ def whole_covariance(problem: Problem, state: State) -> tuple[FloatArray, dict[i
     information, _, place = whole_normal_equations(problem, state)
     scale = np.sqrt(np.diag(information))
     return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
+
+
+def ground_point(name: str, role: Role = "control", residual_m: Sequence[float] | None = None) -> GroundPointRecord:
+    """Return what a report says of a ground point that nothing is known of but its residuals (3,), m: the same role
+    along each axis, surveyed to 10 mm in plan and 20 mm in height."""
+    return {
+        "name": name,
+        "role": role,
+        "axis_roles": [role] * 3,
+        "surveyed_map_m": [0.0, 0.0, 0.0],
+        "surveyed_sigma_m": [0.01, 0.01, 0.02],
+        "adjusted_map_m": None,
+        "residual_m": None if residual_m is None else list(residual_m),
+        "sigma_m": None,
+        "redundancy": None,
+        "w": None,
+        "mdb_m": None,
+        "suspect": None,
+        "effect_m": None,
+        "left_out_m": None,
+        "left_out_sigma_m": None,
+        "chi2": None,
+        "verdict": None,
+        "marks": [],
+        "z": None,
+        "mahalanobis": None,
+    }
 
 
 def true_centres(made: SimulatedBlock) -> FloatArray:

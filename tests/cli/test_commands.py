@@ -19,11 +19,13 @@ from PIL import Image
 from typer.main import get_command
 
 import photogram as package
-from photogram.cli.main import app
+from photogram.cli import main  # noqa: F401 - its commands register
+from photogram.cli.app import app
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.maps.rasters import write_geotiff
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.report.figures import ransac_study as study_pictures
+from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
 
 Run = Callable[..., Any]
@@ -227,11 +229,10 @@ def test_compare_refuses_two_clouds_of_one_name(clouds: list[Path], tmp_path: Pa
 
 def test_study_ransac(adjusted_survey: Path, photogram: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: dict[str, Figure] = {}
-    save = study_pictures.save_picture
 
     def keep(figure: Figure, path: Path) -> None:
         figures[path.name] = figure
-        save(figure, path)
+        save_picture(figure, path)
 
     monkeypatch.setattr(study_pictures, "save_picture", keep)
     project, pair = adjusted_survey / "project.yaml", ("sim_0002.JPG", "sim_0001.JPG")
@@ -258,7 +259,7 @@ def test_study_ransac(adjusted_survey: Path, photogram: Run, monkeypatch: pytest
             assert found["needed_iterations"][s][t] == pytest.approx(max(1.0, needed), rel=0.5, abs=1.0)
 
     # the theoretical curve, of the probability that a sample without outliers has been drawn, stands in the picture
-    curves = [line for axes in figures[names[0]].axes for line in axes.get_lines() if len(line.get_xdata()) == 200]
+    curves = [line for axes in figures[names[0]].axes for line in axes.get_lines() if np.size(line.get_xdata()) == 200]
     n, w = np.arange(1, 201), found["inlier_fraction"][0]
     for size in (8, 12):
         theory = 1 - (1 - w**size) ** n

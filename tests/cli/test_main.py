@@ -16,11 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from photogram.cli import outcomes
 from photogram.cli.commands import adjust, init, plan
 from photogram.cli.interruption import interruptible, raise_if_interrupted
 from photogram.cli.screen.stage_lines import SENTENCES
@@ -28,6 +27,7 @@ from photogram.cli.work import check as run_check
 from photogram.errors import ProjectError
 from photogram.height_systems import HeightSystem
 from photogram.pipeline.pipeline import STAGES
+from photogram.pipeline.stage_names import StageName
 from photogram.simulation.flight_plan import Gnss, Layout
 from photogram.survey import Role
 
@@ -76,7 +76,8 @@ def test_help_typing_errors_and_completion_import_nothing_that_computes() -> Non
 
 def test_the_names_that_help_shows_are_those_of_the_library() -> None:
     names = [stage.name for stage in STAGES]
-    assert list(get_args(adjust.StageName)) == names
+    assert list(get_args(StageName)) == names
+    assert get_type_hints(adjust.adjust)["until"] == StageName | None
     assert str(adjust.adjust.__doc__).replace("\n", " ").replace("  ", " ").count(", ") >= len(names) - 2
     assert all(name in str(adjust.adjust.__doc__) for name in names)
     assert list(SENTENCES) == names
@@ -92,7 +93,7 @@ def test_the_names_that_help_shows_are_those_of_the_library() -> None:
 @pytest.fixture
 def check_raises(monkeypatch: pytest.MonkeyPatch, photogram: Run, tmp_path: Path) -> Run:
     """Let `photogram check` do something else, and write the file of a defect into the folder of the test."""
-    monkeypatch.setattr(outcomes.tempfile, "mkstemp", partial(tempfile.mkstemp, dir=tmp_path))
+    monkeypatch.setattr(tempfile, "mkstemp", partial(tempfile.mkstemp, dir=tmp_path))
 
     def run(work: Callable[[], object], *options: str) -> Any:
         monkeypatch.setattr(run_check, "run", lambda *_: work())
@@ -144,7 +145,7 @@ def test_a_defect_with_no_place_for_its_file_is_printed(check_raises: Run, monke
     def full(**_: str) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(outcomes.tempfile, "mkstemp", full)
+    monkeypatch.setattr(tempfile, "mkstemp", full)
     outcome = check_raises(raising(KeyError("lost")))
     assert outcome.code == 70
     assert outcome.err.startswith("photogram: a defect of photogram (KeyError: 'lost'), please report it.")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
+from rich.progress import Progress
 
 from photogram.cli.screen import terminal
 from photogram.cli.screen.stage_lines import SENTENCES, sentence
@@ -94,8 +95,13 @@ def bar(monkeypatch: pytest.MonkeyPatch) -> Console:
     for module in (terminal, run_compare, run_plan, run_view):
         monkeypatch.setattr(module, "console", console)
     monkeypatch.setattr(run_plan, "errors", console)
-    refresh = terminal.Progress.update
-    monkeypatch.setattr(terminal.Progress, "update", lambda self, *a, **k: (refresh(self, *a, **k), self.refresh())[0])
+    update = Progress.update
+
+    def drawn(self: Progress, *values: Any, **named: Any) -> None:
+        update(self, *values, **named)
+        self.refresh()
+
+    monkeypatch.setattr(Progress, "update", drawn)
     return console
 
 

@@ -51,7 +51,7 @@ Survey = tuple[Project, list[PhotographTags | None]]
 
 def camera_positions() -> np.ndarray[Any, np.dtype[np.float64]]:
     columns, rows = np.meshgrid(np.arange(4) * 20.0, np.arange(3) * 20.0)
-    return CORNER + np.column_stack([columns.ravel(), rows.ravel(), np.full(12, FLYING_M)])
+    return np.asarray(CORNER + np.column_stack([columns.ravel(), rows.ravel(), np.full(12, FLYING_M)]))
 
 
 def a_survey() -> Survey:

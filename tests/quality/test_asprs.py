@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import ground_point
 
 from photogram.errors import SettingError
 from photogram.quality.asprs import (
@@ -22,6 +23,7 @@ from photogram.quality.asprs import (
     systematic,
 )
 from photogram.report.numbers.completion import asprs_numbers
+from photogram.report.record.ground import AxisRole
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -143,41 +145,39 @@ def test_check_points_must_be_twice_as_good_as_the_target() -> None:
 
 
 def test_legacy_figures_are_those_of_the_nssda_and_given_on_demand_alone() -> None:
-    points = [point(f"C{i}", "check", (0.01, -0.01, 0.02)) for i in range(4)]
+    points = [ground_point(f"C{i}", "check", (0.01, -0.01, 0.02)) for i in range(4)]
     assert asprs_numbers(points, ReportSettings())["legacy_95"] is None
     legacy = asprs_numbers(points, ReportSettings(legacy_95=True))["legacy_95"]
+    assert legacy is not None
     assert legacy["horizontal_m"] == pytest.approx(1.7308 * 0.01 * math.sqrt(2))
     assert legacy["vertical_m"] == pytest.approx(1.96 * 0.02)
 
 
-def point(name: str, role: str, residual_m: tuple[float, float, float], **more: object) -> dict[str, Any]:
-    return {"name": name, "role": role, "residual_m": list(residual_m), "surveyed_sigma_m": [0.01, 0.01, 0.02], **more}
-
-
 def test_control_points_never_enter() -> None:
-    check = [point("C1", "check", (0.01, 0.02, 0.03)), point("C2", "check", (-0.02, 0.01, 0.01))]
+    check = [ground_point("C1", "check", (0.01, 0.02, 0.03)), ground_point("C2", "check", (-0.02, 0.01, 0.01))]
     alone = asprs_numbers(check, ReportSettings())
-    with_control = asprs_numbers([point("G1", "control", (9.0, 9.0, 9.0)), *check], ReportSettings())
+    with_control = asprs_numbers([ground_point("G1", "control", (9.0, 9.0, 9.0)), *check], ReportSettings())
     assert with_control == alone
     assert alone["n_h"] == alone["n_v"] == 2
 
 
-@pytest.mark.parametrize("roles", [["control", "control", "check"], {"easting": "control", "height": "check"}])
-def test_point_with_roles_per_axis_enters_with_those_it_checks(roles: object) -> None:
-    points = [point("H1", "control", (5.0, 5.0, 0.03), axis_roles=roles), point("C1", "check", (0.01, 0.0, 0.04))]
-    found = asprs_numbers(points, ReportSettings())
+@pytest.mark.parametrize("roles", [["control", "control", "check"], ["control", "left out", "check"]])
+def test_point_with_roles_per_axis_enters_with_those_it_checks(roles: list[AxisRole]) -> None:
+    mixed, check = ground_point("H1", "control", (5.0, 5.0, 0.03)), ground_point("C1", "check", (0.01, 0.0, 0.04))
+    mixed["axis_roles"] = roles
+    found = asprs_numbers([mixed, check], ReportSettings())
     assert (found["n_h"], found["n_v"]) == (1, 2)
     assert found["fit_rmse_h_m"] == pytest.approx(0.01)
     assert found["fit_rmse_v_m"] == pytest.approx(math.sqrt((0.03**2 + 0.04**2) / 2))
 
 
 def test_point_without_marks_does_not_enter() -> None:
-    lost = {**point("C2", "check", (0.0, 0.0, 0.0)), "residual_m": None}
-    assert asprs_numbers([point("C1", "check", (0.01, 0.0, 0.04)), lost], ReportSettings())["n_v"] == 1
+    points = [ground_point("C1", "check", (0.01, 0.0, 0.04)), ground_point("C2", "check")]
+    assert asprs_numbers(points, ReportSettings())["n_v"] == 1
 
 
 def test_sentence_says_why_nothing_is_stated() -> None:
-    points = [point(f"C{i}", "check", (0.01, 0.0, 0.04)) for i in range(5)]
+    points = [ground_point(f"C{i}", "check", (0.01, 0.0, 0.04)) for i in range(5)]
     found = asprs_numbers(points, ReportSettings(target_rmse_v_m=0.01))
     assert found["statements"] == []
     assert "set report.target_rmse_h_m" in found["not_stated"][0]

@@ -222,9 +222,9 @@ def test_the_triangles_are_solved_by_one_thread(monkeypatch: pytest.MonkeyPatch)
     threads: list[int] = []
 
     class Counting(LinearNDInterpolator):
-        def __call__(self, place: Any) -> Any:
+        def __call__(self, *place: Any) -> Any:
             threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
-            return super().__call__(place)
+            return super().__call__(*place)
 
     monkeypatch.setattr(comparison, "LinearNDInterpolator", Counting)
     cloud_to_surface(PointCloud(random_points(50, 2)), PointCloud(random_points(400, 1)))

@@ -10,10 +10,12 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
 from photogram.arrays import FloatArray
+from photogram.quality.accuracy import CheckAccuracy
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import contradictions, search, unmeasured, without
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
+from photogram.report.record.ground import CheckPointsRecord
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -54,6 +56,18 @@ def with_marks(block: Block, pixel: FloatArray) -> Block:
     return replace(block, control_points=replace(block.control_points, mark_pixel=pixel))
 
 
+def recorded(found: CheckAccuracy) -> CheckPointsRecord:
+    """Return an accuracy as a report holds it."""
+    return {
+        "n": found.n,
+        "n_axis": list(found.n_axis),
+        "rmse_m": list(found.rmse_m),
+        "mean_m": list(found.mean_m),
+        "rmse_h_m": found.rmse_h_m,
+        "rmse_v_m": found.rmse_v_m,
+    }
+
+
 def gross(block: Block) -> tuple[Blunder, ...]:
     """The blunders of a survey that goes on without them, nearly as good as the clean one."""
     verdict, clean = judged(block), judged(survey(block.frame.origin_map_m))
@@ -82,7 +96,7 @@ def test_a_height_is_named_and_the_check_points_gain_without_it() -> None:
     assert (blunder.kind, blunder.points) == ("height", ("G03",))
     assert "predict a different height, -0.5" in blunder.sentence
     assert verdict.check_after.rmse_v_m < 0.5 * verdict.check_before.rmse_v_m
-    effect = effect_sentence(vars(verdict.check_before), vars(verdict.check_after))
+    effect = effect_sentence(recorded(verdict.check_before), recorded(verdict.check_after))
     assert effect is not None
     assert "with them in the adjustment, the RMSE of 3 check points would be" in effect
 

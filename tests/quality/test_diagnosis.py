@@ -77,8 +77,8 @@ def test_a_dome_from_a_wrong_calibration_is_measured() -> None:
 
 def test_predicted_dome_is_what_domes_scatter_by() -> None:
     """The adjustment's own prediction of the dome, against the dome of its tie points over the truth."""
-    sigmas = (10.0, 3.0, 3.0, 0.01, 0.01, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
-    plan = replace(NADIR, check_points=0, calibration_sigmas=sigmas)
+    calibration = (10.0, 3.0, 3.0, 0.01, 0.01, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
+    plan = replace(NADIR, check_points=0, calibration_sigmas=calibration)
     domes, sigmas = [], []
     for seed in range(12):
         made = simulate_block(
@@ -127,7 +127,7 @@ def test_too_few_points_or_all_at_one_distance_show_no_dome() -> None:
     square = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1], [-1, 1], [1, 1]])
     for place in (square[:3], square):
         dome, sigma, significant = fitted_dome(
-            place, np.arange(len(place)) * 1.0, np.ones(len(place)), np.zeros(2), 1.0
+            place, np.arange(len(place), dtype=np.float64), np.ones(len(place)), np.zeros(2), 1.0
         )
         assert np.isnan(dome)
         assert np.isnan(sigma)
@@ -176,5 +176,7 @@ def test_nothing_is_said_of_a_block_that_nothing_is_known_of() -> None:
     numbers = diagnosis_numbers(unknown, [None] * len(result.block.photographs))
     assert numbers["dome"]["predicted_sigma_m"] is None
     assert numbers["dome"]["measured_m"] is None
-    assert numbers["warnings"] == numbers["remedies"] == numbers["undetermined"] == numbers["resections"] == []
+    assert numbers["warnings"] == numbers["undetermined"] == []
+    assert numbers["remedies"] == []
+    assert numbers["resections"] == []
     assert weaknesses(unknown.deformation, result.block.cameras, result.flights) == []

@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
-from photogram.factors.covariance import covariances
+from photogram.arrays import FloatArray
+from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.elimination.state import State
 from photogram.factors.functionals import functions_of_tie_points
-from photogram.quality.deformation import places_of
+from photogram.factors.graph import Problem
+from photogram.quality.deformation import Places, places_of
 from photogram.quality.ground_errors import factor_of_differences, ground_errors
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
+Known = tuple[Problem, State, Covariances, Places]
+"""An adjusted block: its problem, its solution, the covariances there, and places over its ground."""
+
 
 @pytest.fixture(scope="module", params=[6, 0], ids=["control", "GNSS only"])
-def block(request: pytest.FixtureRequest):  # noqa: ANN201
+def block(request: pytest.FixtureRequest) -> Known:
     plan = SurveyPlan(
         strips=3, photographs_per_strip=4, control_points=request.param, check_points=0,
         gnss_sigma_m=(2.0, 2.0, 3.0), gnss_offset_sigma_m=(5.0, 5.0, 10.0),
@@ -24,12 +30,13 @@ def block(request: pytest.FixtureRequest):  # noqa: ANN201
     )
     problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
     state = start_state(made.block, problem.flights)
-    return problem, state, covariances(problem, state)
-
-
-def test_differences_of_places_are_those_of_their_tie_points(block) -> None:  # noqa: ANN001
-    problem, state, found = block
     places = places_of(problem, state)
+    assert places is not None
+    return problem, state, covariances(problem, state), places
+
+
+def test_differences_of_places_are_those_of_their_tie_points(block: Known) -> None:
+    problem, state, found, places = block
     position, covariance = ground_errors(problem, state, found, places)
     assert 20 < len(position) <= 49
     factor = factor_of_differences(covariance)
@@ -51,17 +58,16 @@ def test_differences_of_places_are_those_of_their_tie_points(block) -> None:  # 
     assert np.all(ratio < 1.2), ratio
 
 
-def test_a_datum_of_metres_drops_out_of_differences(block) -> None:  # noqa: ANN001
-    problem, state, found = block
-    places = places_of(problem, state)
+def test_a_datum_of_metres_drops_out_of_differences(block: Known) -> None:
+    problem, state, found, places = block
     _, covariance = ground_errors(problem, state, found, places)
     count = len(covariance) // 3
     shift = np.tile(np.eye(3) * 1000.0, (count, 1))
     shifted = factor_of_differences(covariance + shift @ shift.T)
     plain = factor_of_differences(covariance)
 
-    def differences(factor: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.sum((factor - factor[:1]) ** 2, axis=2))
+    def differences(factor: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.sum((factor - factor[:1]) ** 2, axis=2)))
 
     np.testing.assert_allclose(differences(shifted), differences(plain), rtol=0.05, atol=2e-3)
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES, simulated
+from makers import LEAST_SQUARES, ground_point, simulated
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
@@ -86,16 +86,19 @@ def test_a_survey_that_is_worse_than_it_says_is_told_so() -> None:
 
 def test_what_the_report_holds() -> None:
     result = adjusted(7, PLAN)
-    points = [{"name": name} for name in result.block.control_points.name]
+    points = [ground_point(name) for name in result.block.control_points.name]
     numbers = consistency_numbers(result, points)
     achieved = numbers.predicted_against_achieved
+    assert achieved is not None
     assert achieved["n"] == 6
     assert achieved["chi2"]["dof"] == 18
     assert set(achieved["axes"]) == {"easting", "northing", "height"}
     assert achieved["axes"]["height"]["n"] == 6
-    assert achieved["axes"]["height"]["rms_z"] == pytest.approx(np.sqrt(np.mean([p["z"][2] ** 2 for p in points[5:]])))
+    z = np.array([p["z"] for p in points[5:]], dtype=float)
+    assert achieved["axes"]["height"]["rms_z"] == pytest.approx(np.sqrt(np.mean(z[:, 2] ** 2)))
     assert all(p["z"] is None and p["mahalanobis"] is None for p in points[:5])
-    assert all(p["mahalanobis"] > 0 for p in points[5:])
+    assert all(p["mahalanobis"] is not None and p["mahalanobis"] > 0 for p in points[5:])
+    assert numbers.leave_one_out is not None
     assert set(numbers.leave_one_out) == {"n", "rmse_m", "mean_m", "rmse_h_m", "rmse_v_m", "rms_z", "max"}
 
 

@@ -36,7 +36,7 @@ def noise(count: int, seed: int) -> FloatArray:
 def wave(pixel: FloatArray, rms_px: float, length_px: float = 1600.0) -> FloatArray:
     """Return a pattern that is the same in all photographs: waves of the RMS for a coordinate."""
     phase = 2 * np.pi * pixel / length_px
-    return np.sqrt(2.0) * rms_px * np.column_stack([np.sin(phase[:, 1]), np.cos(phase[:, 0])])
+    return np.asarray(np.sqrt(2.0) * rms_px * np.column_stack([np.sin(phase[:, 1]), np.cos(phase[:, 0])]))
 
 
 def test_noise_is_no_pattern() -> None:

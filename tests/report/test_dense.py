@@ -141,10 +141,13 @@ def test_cells_of_the_footprint_add_up() -> None:
     assert sum(numbers["by_rays"].values()) == cells["measured"] + cells["measured_beyond"]
     assert numbers["share_3_or_more"] == pytest.approx(1 - numbers["by_rays"]["2"] / 5310)
     known = dense.sigma.values[dense.measured()]
-    assert numbers["sigma_m"]["median"] == pytest.approx(np.median(known))
-    assert numbers["sigma_m"]["percentile_95"] == pytest.approx(np.percentile(known, 95), rel=1e-6)
-    assert numbers["sigma_m"]["maximum"] == known.max()
-    assert numbers["confidence"]["minimum"] == pytest.approx(0.5)
+    sigma, confidence = numbers["sigma_m"], numbers["confidence"]
+    assert sigma is not None
+    assert sigma["median"] == pytest.approx(np.median(known))
+    assert sigma["percentile_95"] == pytest.approx(np.percentile(known, 95), rel=1e-6)
+    assert sigma["maximum"] == known.max()
+    assert confidence is not None
+    assert confidence["minimum"] == pytest.approx(0.5)
     assert numbers["photographs"] == {"used": 2, "names": ["DJI_0001.JPG", "DJI_0002.JPG"]}
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
 
@@ -181,6 +184,7 @@ def test_a_surface_that_is_too_high_everywhere_has_that_as_mean_and_rmse() -> No
     assert found["n"] == 5
     assert (found["mean_m"], found["rmse_m"]) == pytest.approx((0.03, 0.03), abs=1e-5)
     assert found["sd_m"] == pytest.approx(0, abs=1e-5)
+    assert found["survey_rmse_m"] is not None
     assert found["rmse_v_m"] == pytest.approx(np.hypot(0.03, found["survey_rmse_m"]), abs=1e-5)
 
 
@@ -188,6 +192,8 @@ def test_the_survey_in_plan_counts_by_the_slope() -> None:
     (point, *_) = surface_check_numbers(a_surface(), checks_on_the_plane([0.01] * 3, sigma_m=0.02))["points"]
     assert point["survey_sigma_m"] == pytest.approx(0.02 * np.sqrt(1 + SLOPE @ SLOPE), abs=1e-6)
     assert point["sigma_m"] == pytest.approx(0.01 + 0.0005 * (2.1 / CELL - 0.5), abs=1e-6)
+    assert point["sigma_m"] is not None
+    assert point["survey_sigma_m"] is not None
     assert point["z"] == pytest.approx(0.01 / np.hypot(point["sigma_m"], point["survey_sigma_m"]), rel=1e-3)
     assert point["surface_m"] - point["surveyed_m"] == pytest.approx(point["difference_m"])
 
@@ -211,7 +217,8 @@ def test_control_points_never_enter() -> None:
     assert surface_check_numbers(dense, checks) == surface_check_numbers(dense, marks.select(np.arange(3)))
     none = surface_check_numbers(dense, checks_on_the_plane([0.01] * 4, role="control"))
     assert none["n"] == 0
-    assert none["points"] == none["not_tested"] == []
+    assert none["points"] == []
+    assert none["not_tested"] == []
 
 
 @pytest.mark.parametrize(

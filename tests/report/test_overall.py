@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from copy import deepcopy
 from datetime import date
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from makers import Json, read_json
 
 from photogram.files.atomic import replacing
 from photogram.pipeline.stages.report_files import deliverables
@@ -21,7 +21,6 @@ from photogram.report.numbers.overall import length
 from photogram.report.numbers.wording import capitalised, css_string, matching_settings
 from photogram.report.page import report_page
 
-Json = dict[str, Any]
 GNSS_ONLY = {
     "absolute_plan_m": 2.1, "absolute_height_m": 10.05, "relative_plan_m": 0.02, "relative_height_m": 0.031,
     "shift_plan_m": 2.1, "shift_height_m": 10.04, "tilt_m": 0.02, "radius_m": 50.0,
@@ -30,10 +29,10 @@ GNSS_ONLY = {
 
 @pytest.fixture(scope="module")
 def bare(finished_survey: Path) -> Json:
-    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+    return read_json(finished_survey / "results/report.json")
 
 
-def checked(report: Json, error_m: float, count: int, **targets: float) -> Json:
+def checked(report: Json, error_m: float, count: int, **targets: Any) -> Json:
     """A report with so many check points, each off by ``error_m`` in plan and in height."""
     new = deepcopy(report)
     template = next(p for p in report["control_points"] if p["role"] == "check")

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import Json, read_json
 from PIL import Image
 
 from photogram.errors import ReportError
@@ -23,11 +24,11 @@ from photogram.pipeline.pipeline import STAGES
 from photogram.quality.asprs import ReportSettings
 from photogram.report.figures.page_figures import standard_ellipses
 from photogram.report.numbers.completion import complete, discarded
-from photogram.report.page import fixed, plain, probability, report_page, rich, share, signed, small
+from photogram.report.numbers.wording import fixed, plain, probability, rich, share, signed, small
+from photogram.report.page import report_page
 from photogram.report.printing import find_browser, print_pdf
 from photogram.report.titles import STAGE_TITLES
 
-Json = dict[str, Any]
 VOID = {"meta", "link", "img", "br"}
 NOTHING_ASKED = ReportSettings()
 
@@ -48,7 +49,8 @@ class Page(HTMLParser):
         if tag not in VOID:
             self.open.append(tag)
         values = dict(attrs)
-        self.ids += [values["id"]] if values.get("id") else []  # type: ignore[list-item]
+        identifier = values.get("id")
+        self.ids += [identifier] if identifier else []
         self.addresses += [v for k, v in attrs if k in {"src", "href"} and v]
         self.alternatives += [values["alt"] or ""] if tag == "img" else []
 
@@ -58,12 +60,12 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def figures(finished_survey: Path) -> list[dict[str, str]]:
-    return list(json.loads((finished_survey / "work/results.stage/figures.json").read_text()))
+    return list(read_json(finished_survey / "work/results.stage/figures.json"))
 
 
 @pytest.fixture(scope="module")
 def bare(finished_survey: Path) -> Json:
-    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+    return read_json(finished_survey / "results/report.json")
 
 
 SECTIONS = ("verdict", "summary", "accuracy", "plan", "ground", "photographs", "calibration", "prediction", "surface")
@@ -100,7 +102,7 @@ def test_page_asks_for_nothing_but_itself(full_report: Json, figures: list[dict[
 def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
     nothing = dict.fromkeys(("predicted_against_achieved", "leave_one_out"))
     calibration = {"diagnosis": {**bare["diagnosis"], "cameras": {}}, "variance_components": {}}
-    report = {**bare, **nothing, **calibration, "control_points": []}
+    report = changed(bare, **nothing, **calibration, control_points=[])
     report.pop("dense")
     report["block"] = {**bare["block"], "overlap": None}
     report["block"]["gnss_residual_rms_m"] = {"plan": None, "height": None, "three_d": None}
@@ -163,7 +165,7 @@ def test_names_from_the_project_are_text_not_markup(bare: Json) -> None:
 
 
 def test_without_a_dense_surface_the_page_speaks_of_the_sparse_one(bare: Json) -> None:
-    text = report_page(complete({k: v for k, v in bare.items() if k != "dense"}, ReportSettings()), [])
+    text = report_page(complete(without_dense(bare), ReportSettings()), [])
     assert "Surface and orthophoto" in text
     assert not [name for name in Page(text).ids if "dense" in name]
     assert "Predicted standard deviation of its heights" in text
@@ -200,9 +202,9 @@ def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dic
     for figure in figures[-2:]:
         head, _, body = figure["uri"].partition(",")
         assert head == "data:image/jpeg;base64"
-        with Image.open(io.BytesIO(base64.b64decode(body, validate=True))) as picture:
-            assert max(picture.size) == 560
-            assert np.asarray(picture).std() > 5.0
+        with Image.open(io.BytesIO(base64.b64decode(body, validate=True))) as image:
+            assert max(image.size) == 560
+            assert np.asarray(image).std() > 5.0
 
 
 # ---- verdicts ------------------------------------------------------------------------------------------------------
@@ -217,6 +219,10 @@ def grade(report: Json, subject: str, settings: ReportSettings = NOTHING_ASKED) 
 
 def changed(report: Json, **more: Any) -> Json:
     return {**deepcopy(report), **more}
+
+
+def without_dense(report: Json) -> Json:
+    return {key: value for key, value in report.items() if key != "dense"}
 
 
 def with_check_points(report: Json, error_m: float, count: int) -> Json:
@@ -271,8 +277,7 @@ def test_the_dense_surface_is_judged_like_check_points_in_height(
     dense["check_points"] |= {"n": count, "rmse_v_m": rmse_m}
     subject, settings = "Dense surface at check points", ReportSettings(target_rmse_v_m=target)
     assert grade(changed(bare, dense=dense), subject, settings) == expected
-    sparse = {k: v for k, v in bare.items() if k != "dense"}
-    assert subject not in {light["subject"] for light in complete(sparse, settings)["summary"]}
+    assert subject not in {light["subject"] for light in complete(without_dense(bare), settings)["summary"]}
 
 
 @pytest.mark.parametrize(
@@ -437,7 +442,7 @@ def test_page_is_made_again_with_what_the_project_now_says(
     text = page.read_text(encoding="utf-8")
     assert "<h1>Pit 7</h1>" in text
     assert "ONLY 4 checkpoints" in text
-    asprs = json.loads(numbers.read_text())["asprs"]
+    asprs = read_json(numbers)["asprs"]
     assert asprs["target_rmse_h_m"] == 1.0
     assert len(asprs["statements"]) == 2
     assert text.count("<img ") == 14

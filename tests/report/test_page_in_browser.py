@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
 
 import pytest
+from makers import Json, read_json
 
 from photogram.errors import ReportError
 from photogram.report.identity import grouped
@@ -25,7 +25,6 @@ pypdf = pytest.importorskip("pypdf", reason="pypdf is not installed")
 
 from selenium.webdriver import Chrome  # noqa: E402
 
-Json = dict[str, Any]
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
 TABLES = 22
@@ -41,7 +40,7 @@ def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iter
 @pytest.fixture(scope="module")
 def pages(full_report: Json, finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The page of the small survey as it is written, and one of a report with everything."""
-    figures = json.loads((finished_survey / "work/results.stage/figures.json").read_text())
+    figures = read_json(finished_survey / "work/results.stage/figures.json")
     full = tmp_path_factory.mktemp("page") / "full.html"
     full.write_text(report_page(full_report, figures), encoding="utf-8")
     return {"small survey": finished_survey / "results/report.html", "everything": full}

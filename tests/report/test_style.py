@@ -12,6 +12,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver, QuiverKey
 from PIL import Image
+from PIL.PngImagePlugin import PngImageFile
 
 from photogram.camera import Camera
 from photogram.errors import WorkspaceError
@@ -41,7 +42,7 @@ from photogram.report.figures.style import (
     shaded_surface,
 )
 from photogram.sfm.ransac_study import RansacStudy, study
-from photogram.survey import Raster
+from photogram.survey import Raster, Role
 
 SITE = np.array([719_900.0, 6_191_900.0, 70.0])
 SKY, ORANGE, VERMILION, GREEN = (86, 180, 233), (230, 159, 0), (213, 94, 0), (0, 158, 115)
@@ -77,7 +78,7 @@ def a_comparison(spread_m: float, count: int = 300) -> Comparison:
 
 def contents(photographs: int = 4, ground: int = 6, unregistered: int = 0, flights: int = 1) -> PlanContents:
     random = np.random.default_rng(photographs)
-    roles = ["control" if i % 2 else "check" for i in range(ground)]
+    roles: list[Role] = ["control" if i % 2 else "check" for i in range(ground)]
     positions, points = (SITE + random.uniform(0, [60, 40, 5], (n, 3)) for n in (photographs, ground))
     gnss = np.full((photographs, 3), np.nan)
     gnss[1:] = 0.3
@@ -89,7 +90,7 @@ def contents(photographs: int = 4, ground: int = 6, unregistered: int = 0, fligh
         np.arange(photographs) >= unregistered, positions, gnss,
         [f"G{i}" for i in range(ground)], roles, points,
         random.normal(0, 0.02, (ground, 3)), Raster(counts, SITE[0], SITE[1] + 40, 1.0),
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
 
 
 def a_study() -> RansacStudy:
@@ -119,7 +120,8 @@ def test_a_picture_is_drawn_without_warnings_and_is_the_same_twice(tmp_path: Pat
     assert first.read_bytes() == second.read_bytes()
     with Image.open(first) as picture:
         assert picture.size[0] > 500
-        assert picture.text == {}  # type: ignore[attr-defined]
+        assert isinstance(picture, PngImageFile)
+        assert picture.text == {}
         assert len(np.unique(np.asarray(picture.convert("L")))) > 20
     assert [p.name for p in first.parent.iterdir()] == ["first.png"]
 
@@ -264,6 +266,7 @@ def test_the_scale_of_the_arrows_is_said_and_true(tmp_path: Path, drawn: list[Fi
     keys = [child for child in axes.get_children() if isinstance(child, QuiverKey)]
     assert len(arrows) == len(keys) == 3
     for quiver, key in zip(arrows, keys, strict=True):
+        assert quiver.scale is not None
         assert f"(× {1 / quiver.scale:g})" in key.text.get_text()
         assert length_label(key.U) in key.text.get_text()
     assert np.allclose(arrows[0].U, 0.3)

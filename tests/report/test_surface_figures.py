@@ -225,7 +225,7 @@ def test_every_number_of_photographs_has_one_colour(most: int, texts: list[str] 
     scale, places, labels = rays_scale(most)
     assert len(places) == len(labels)
     assert texts is None or labels == texts
-    assert scale.norm(2) == 0
+    assert scale.norm(np.array(2)) == 0
     assert labels[-1].split("–")[-1] == str(most)
 
 

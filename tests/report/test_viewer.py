@@ -103,7 +103,9 @@ def recorded(report: dict[str, Any]) -> Report:
 
 
 def part(page: str, name: str) -> str:
-    return re.search(rf'<script type="[^"]+" id="{name}">(.*?)</script>', page, re.S)[1]  # type: ignore[index]
+    found = re.search(rf'<script type="[^"]+" id="{name}">(.*?)</script>', page, re.S)
+    assert found is not None
+    return found[1]
 
 
 def scene_of(page: str) -> dict[str, Any]:
@@ -122,7 +124,8 @@ def test_page_holds_the_points_it_was_given(full_report: dict[str, Any]) -> None
     order = np.lexsort(cloud.position_map_m.T)
     mine = np.lexsort(place.T)
     np.testing.assert_allclose(place[mine], cloud.position_map_m[order], atol=1e-8)
-    np.testing.assert_array_equal(looks[mine, :3], cloud.colour[order])  # type: ignore[index]
+    assert cloud.colour is not None
+    np.testing.assert_array_equal(looks[mine, :3], cloud.colour[order])
     np.testing.assert_allclose(looks[mine, 3] / 254, cloud.figures["confidence"][order], atol=0.5 / 254)
     sigma = np.where(steps[mine, 3] == UNKNOWN, np.nan, steps[mine, 3] * scene["sigma_step_m"])
     np.testing.assert_allclose(sigma, cloud.figures["sigma z"][order], atol=1e-6)
@@ -320,7 +323,8 @@ def write_dense(path: Path, cloud: DescribedCloud, per_cent: bool = False) -> No
     )
     points = laspy.LasData(header)
     points.xyz = cloud.position_map_m
-    points.red, points.green, points.blue = cloud.colour.astype(np.uint16).T * 257  # type: ignore[union-attr]
+    assert cloud.colour is not None
+    points.red, points.green, points.blue = cloud.colour.astype(np.uint16).T * 257
     confidence = cloud.figures["confidence"]
     points["Sigma_Z"] = cloud.figures["sigma z"]
     points["confidence"] = np.rint(100 * confidence).astype(np.uint8) if per_cent else confidence

@@ -218,7 +218,8 @@ def test_a_point_of_the_cloud_tells_its_coordinates_and_sigmas(
     """Straight from above, at the pixel where a point of the cloud must be."""
     sigma = cloud.figures["sigma z"]
     # a key point found twice makes two points at one place: one that stands alone is asked for
-    alone = np.flatnonzero(cKDTree(cloud.position_map_m[:, :2]).query(cloud.position_map_m[:, :2], k=2)[0][:, 1] > 0.3)
+    apart_m, _ = cKDTree(cloud.position_map_m[:, :2]).query(cloud.position_map_m[:, :2], k=2)
+    alone = np.flatnonzero(np.asarray(apart_m)[:, 1] > 0.3)
     away = cloud.position_map_m[alone] - np.median(cloud.position_map_m, axis=0)
     index = alone[np.argmin(np.linalg.norm(away, axis=1))]
     place = cloud.position_map_m[index]
@@ -262,7 +263,9 @@ def test_scale_bar_is_as_long_as_it_says(browser: Chrome, page: Path) -> None:
         "return [document.getElementById('scale-length').textContent,"
         " document.getElementById('scale-bar').getBoundingClientRect().width]"
     )
-    value, unit = re.fullmatch(r"([\d.]+) (km|m|cm|mm)", text).groups()  # type: ignore[union-attr]
+    said = re.fullmatch(r"([\d.]+) (km|m|cm|mm)", text)
+    assert said is not None
+    value, unit = said.groups()
     length = float(value) * {"km": 1000, "m": 1, "cm": 0.01, "mm": 0.001}[unit]
     metres_per_pixel = float(view["distance"]) * np.tan(np.pi / 8) * 2 / WIDE[1]
     assert bar * metres_per_pixel == pytest.approx(length, rel=0.02)
@@ -492,10 +495,11 @@ def at_nodes(grid: Json, place: NDArray[np.float64]) -> tuple[NDArray[np.float64
     c, r = min(int(u), n - 2), min(int(v), n - 2)
     p, q = u - c, v - r
     weights = {(0, 0): (1 - p) * (1 - q), (0, 1): p * (1 - q), (1, 0): (1 - p) * q, (1, 1): p * q}
-    return tuple(  # type: ignore[return-value]
-        sum(w * np.array(grid[key][(r + i) * n + c + j]) for (i, j), w in weights.items())
+    sigma, factor = (
+        sum((w * np.array(grid[key][(r + i) * n + c + j]) for (i, j), w in weights.items()), start=np.zeros(()))
         for key in ("sigma_m", "factor_m")
     )
+    return sigma, factor
 
 
 def test_a_photograph_and_a_place_show_their_picture(browser: Chrome, page: Path, full_report: Json) -> None:

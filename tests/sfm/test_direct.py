@@ -40,6 +40,7 @@ def turned(degrees: float, axis: str, *, each: bool = False) -> Change:
         rng = np.random.default_rng(i)
         own = Rotation.from_rotvec(np.deg2rad(degrees) * rng.standard_normal(3))
         turn = own if each else Rotation.from_euler(axis, degrees, degrees=True)
+        assert p.attitude_world_from_camera is not None
         return replace(p, attitude_world_from_camera=p.attitude_world_from_camera @ turn.as_matrix())
 
     return change

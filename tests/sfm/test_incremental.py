@@ -40,9 +40,8 @@ def firm_points(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     """Tie points (P,) that three or more rays agree in, where there are three, none of them a mismatch."""
     tie = structure.tie_points
     wrong = np.bincount(tie.point[structure.good & block.mismatch], minlength=len(tie))
-    return (np.bincount(tie.point[structure.good], minlength=len(tie)) >= min(3, len(structure.registered))) & (
-        wrong == 0
-    )
+    seen = np.bincount(tie.point[structure.good], minlength=len(tie))
+    return np.asarray((seen >= min(3, len(structure.registered))) & (wrong == 0))
 
 
 def world(structure: Structure, block: SimulatedBlock) -> Similarity:
@@ -61,7 +60,7 @@ def centre_error_m(structure: Structure, block: SimulatedBlock) -> np.ndarray:
 def attitude_error_deg(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     truth = np.array([pose.rotation_world_from_camera for pose in block.truth.poses])
     turn = np.swapaxes(world(structure, block).rotation @ structure.rotation, 1, 2) @ truth
-    return np.rad2deg(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    return np.asarray(np.rad2deg(np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))))
 
 
 def assert_whole_and_true(components: list[Structure], block: SimulatedBlock, gsd: float) -> Structure:

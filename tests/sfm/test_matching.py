@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def test_a_pair_is_matched_and_verified() -> None:
 
 
 @pytest.mark.parametrize(("name", "value"), [("ratio", 1.2), ("threshold_px", 0.0), ("minimum_inliers", 7)])
-def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
+def test_settings_out_of_range_are_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(SettingError, match=f"^{name}: must be .*, found {value:g}$"):
         replace(SETTINGS, **{name: value})
 

@@ -174,6 +174,7 @@ def no_tags(_: int, p: Photograph) -> Photograph:
 
 def turned(i: int, p: Photograph) -> Photograph:
     turn = Rotation.random(random_state=i).as_matrix()
+    assert p.attitude_world_from_camera is not None
     return replace(p, attitude_world_from_camera=p.attitude_world_from_camera @ turn)
 
 
@@ -477,7 +478,7 @@ def test_what_is_missing_is_told() -> None:
     with pytest.raises(OrientationError, match=expected):
         orient(bare(block, no_tags, control=False), AUTO)
     points = block.block.control_points
-    two = points.with_roles(["control"] * 2 + ["check"] * 4)
+    two = points.with_roles(["control", "control", "check", "check", "check", "check"])
     with pytest.raises(OrientationError, match="2 control points are marked in two of them, 1 have a GNSS position"):
         orient(replace(bare(block, lambda i, p: no_tags(i, p) if i else no_attitude(i, p)), control_points=two), AUTO)
     straight = simulated(1, replace(STRIP, position_noise_m=0.05, gnss_sigma_m=(0.02, 0.02, 0.02)))

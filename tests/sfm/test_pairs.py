@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.errors import ImageError, OrientationError, SettingError
-from photogram.sfm.tie_points.pairs import PairSettings, SelectedPairs, predicted_overlap, select_pairs
+from photogram.sfm.tie_points.pairs import PairSettings, Reason, SelectedPairs, predicted_overlap, select_pairs
 from photogram.survey import Photograph
 
 SETTINGS = PairSettings()
@@ -51,6 +52,7 @@ def moved(
     result = []
     for p in photographs:
         assert p.gnss_world_m is not None
+        assert p.attitude_world_from_camera is not None
         turn = Rotation.from_rotvec(np.radians(sigma_deg) * rng.standard_normal(3)).as_matrix()
         result.append(
             replace(
@@ -219,7 +221,9 @@ def test_no_photograph_chooses_more_partners_than_it_may(maximum: int, neighbour
 
 def test_two_photographs_of_one_place_are_a_pair() -> None:
     twice = [photograph(0, 0), photograph(0, 0)]
-    for kind, reason in ((twice, "footprint"), (bare(twice), "neighbour"), (lost(twice), "exhaustive")):
+    kinds: tuple[tuple[list[Photograph], Reason], ...]
+    kinds = ((twice, "footprint"), (bare(twice), "neighbour"), (lost(twice), "exhaustive"))
+    for kind, reason in kinds:
         assert select(kind) == SelectedPairs(((0, 1),), (reason,))
     for none in ([], [photograph(0, 0)]):
         assert select(none) == SelectedPairs((), ())
@@ -407,6 +411,6 @@ def test_a_distortion_that_cannot_be_undone_is_named() -> None:
 @pytest.mark.parametrize(
     ("name", "value"), [("neighbours", 0), ("retrieved", 0), ("maximum", 0), ("footprint_overlap", 0.0)]
 )
-def test_settings_out_of_range_are_refused_by_name(name: str, value: float) -> None:
+def test_settings_out_of_range_are_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(SettingError, match=f"^{name}: must be .*, found {value:g}$"):
         replace(SETTINGS, **{name: value})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from math import comb
+from typing import Any
 
 import cv2
 import numpy as np
@@ -56,7 +57,7 @@ def test_exact_points_give_the_true_matrix_and_no_residual(count: int) -> None:
     F = fundamental_matrix(first, second)
     assert min(np.abs(F - truth).max(), np.abs(F + truth).max()) < 1e-8
     for kind in ("sampson", "symmetric"):
-        assert epipolar_residual(F, first, second, kind).max() < 1e-6  # type: ignore[arg-type]
+        assert epipolar_residual(F, first, second, kind).max() < 1e-6
     assert abs(np.linalg.det(F / np.abs(F).max())) < 1e-12
 
 
@@ -120,13 +121,14 @@ def test_success_frequency_agrees_with_theory() -> None:
     for s, size in enumerate(result.sample_sizes):
         # exact points: a sample without outliers, and hardly any other, finds every inlier
         hits = int(np.sum(result.inliers[s, 0] >= good.sum()))
-        low, high = binom.ppf([0.0005, 0.9995], iterations, 0.7**size)
+        low, high = (binom.ppf(q, iterations, 0.7**size) for q in (0.0005, 0.9995))
         assert low <= hits <= high
         assert result.inliers[s, 0].max() <= good.sum() + 8
     # the first success of 200 blocks of n iterations, against 1 − (1 − wˢ)ⁿ
     n = 20
     success = (result.inliers[0, 0] >= good.sum()).reshape(-1, n).any(axis=1)
-    low, high = binom.ppf([0.0005, 0.9995], len(success), success_probability(0.7, 8, n))
+    probability = float(success_probability(0.7, 8, n))
+    low, high = (binom.ppf(q, len(success), probability) for q in (0.0005, 0.9995))
     assert low <= success.sum() <= high
 
 
@@ -192,7 +194,7 @@ def test_a_seed_repeats_and_sample_sizes_do_not_disturb_each_other(monkeypatch: 
         ({"residual": "sampsom"}, "sampson, symmetric, algebraic"),
     ],
 )
-def test_wrong_options_are_refused(options: dict[str, object], message: str) -> None:
+def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:
     first, second, _ = two_photographs(20)
     with pytest.raises(PhotogramError, match=message):
-        study(first, second, **{"sample_sizes": (8,), **options})  # type: ignore[arg-type]
+        study(first, second, **{"sample_sizes": (8,), **options})

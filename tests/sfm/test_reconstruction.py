@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,15 +53,15 @@ def settled(structure: Structure) -> Structure:
 
 
 def point_error(structure: Structure, block: SimulatedBlock) -> np.ndarray:
-    return np.linalg.norm(structure.point - block.tie_point_position_world_m, axis=1)
+    return np.asarray(np.linalg.norm(structure.point - block.tie_point_position_world_m, axis=1))
 
 
 @pytest.mark.parametrize(
     "wrong", [{"threshold_px": 0.0}, {"minimum_ray_angle_deg": 0.0}, {"minimum_points": 5}, {"minimum_share": 0.0}]
 )
-def test_settings_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
+def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        StructureSettings(**wrong)  # type: ignore[arg-type]
+        StructureSettings(**wrong)
 
 
 # ---- intersection ----------------------------------------------------------------------------------------------------

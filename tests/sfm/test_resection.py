@@ -201,9 +201,9 @@ def test_errors_of_the_resection_are_as_large_as_predicted() -> None:
         errors.append(np.concatenate([turn, R.T @ (found.position_world_m - POSE.position_world_m)]))
         fits.append(np.sum(((project(CAMERA, found, points) - pixel) / sigma_px[:, None]) ** 2))
     error = np.array(errors)
-    low, high = chi2.ppf([0.0005, 0.9995], 6 * 200)
+    low, high = (chi2.ppf(q, 6 * 200) for q in (0.0005, 0.9995))
     assert low < np.einsum("ni,ij,nj->", error, information, error) < high
-    low, high = chi2.ppf([0.0005, 0.9995], (12 - 6) * 200)
+    low, high = (chi2.ppf(q, (12 - 6) * 200) for q in (0.0005, 0.9995))
     assert low < np.sum(fits) < high
     np.testing.assert_allclose(error.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.2)
     assert np.all(np.abs(error.mean(axis=0)) < 4 * np.sqrt(np.diag(covariance) / 200))

@@ -149,7 +149,8 @@ def missed_lines(
     ]
     lines = ray[1] @ E, ray[0] @ E.T
     slope = [np.linalg.norm(line[:, :2], axis=1) / cameras.focal_px for line in lines]
-    return np.einsum("ni,ni->n", ray[1], lines[1]) / np.hypot(slope[0] * sigma[0], slope[1] * sigma[1])
+    across = np.einsum("ni,ni->n", ray[1], lines[1])
+    return np.asarray(across / np.hypot(slope[0] * sigma[0], slope[1] * sigma[1]))
 
 
 def test_matches_miss_their_true_epipolar_lines_as_their_sigmas_say() -> None:

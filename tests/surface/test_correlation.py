@@ -59,7 +59,7 @@ def photographs_alike(rng: np.random.Generator, count: int, n: int) -> NDArray[n
 def test_the_score_is_the_mean_correlation_of_all_pairs(seed: int, count: int, n: int) -> None:
     samples = photographs_alike(np.random.default_rng(seed), count, n)
     score, used = agreed(samples, count)
-    correlation = np.corrcoef(samples)
+    correlation = np.atleast_2d(np.corrcoef(samples))
     assert score == pytest.approx(np.mean([correlation[i, j] for i, j in combinations(range(count), 2)]), abs=2e-5)
     assert used == list(range(count))
 
@@ -68,7 +68,7 @@ def test_the_score_is_the_mean_correlation_of_all_pairs(seed: int, count: int, n
 def test_the_photograph_that_agrees_least_goes_first(seed: int, count: int, data: st.DataObject) -> None:
     samples = photographs_alike(np.random.default_rng(seed), count, 25)
     least = data.draw(st.integers(2, count))
-    correlation = np.corrcoef(samples)
+    correlation = np.atleast_2d(np.corrcoef(samples))
     left = list(range(count))
     while len(left) > least:
         left.remove(min(left, key=lambda i: sum(correlation[i, j] for j in left if j != i)))

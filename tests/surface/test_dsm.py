@@ -41,8 +41,8 @@ def test_two_photographs_do_not_outvote_three_others() -> None:
     height = np.zeros((12, 12), np.float32)
     some = np.full(height.shape, 0.9, np.float32)
     for rays, seen, stays in ((2, 2, True), (2, 4, True), (2, 5, False), (2, 6, False), (3, 6, True), (1, 2, False)):
-        counts = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
-        assert np.isfinite(kept_heights(height, 0 * some, some, *counts, CELL_M, 0.6)[INSIDE]).all() == stays
+        agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
+        assert np.isfinite(kept_heights(height, 0 * some, some, agree, see, CELL_M, 0.6)[INSIDE]).all() == stays
 
 
 def pit(side: int) -> NDArray[np.float64]:
@@ -67,9 +67,9 @@ def test_a_small_patch_that_stands_alone_needs_a_third_photograph(side: int, ray
 def test_small_patches_need_nearly_all_photographs_and_single_cells_go() -> None:
     for side, rays, seen, stays in ((8, 3, 4, True), (8, 3, 5, False), (4, 6, 6, False)):
         height = pit(side).astype(np.float32)
-        counts = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
+        agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
         some = np.full(height.shape, 0.9, np.float32)
-        found = kept_heights(height, np.zeros_like(height), some, *counts, CELL_M, 0.6)
+        found = kept_heights(height, np.zeros_like(height), some, agree, see, CELL_M, 0.6)
         assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays, side
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array, FloatArray
 from photogram.surface.dense.semi_global import CostVolume, regularised
 
 PATHS = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
 
 
-def volume_of(costs: list[list[list[int]]], first: list[list[int]], guide: NDArray[np.float32]) -> CostVolume:
+def volume_of(costs: list[list[list[int]]], first: list[list[int]], guide: FloatArray | Float32Array) -> CostVolume:
     """Return the volume of costs[row][column][hypothesis]."""
     cells = [cell for row in costs for cell in row]
     start = np.concatenate([[0], np.cumsum([len(cell) for cell in cells])]).astype(np.int64)
@@ -86,7 +86,7 @@ def test_without_penalties_every_cell_takes_its_cheapest_hypothesis() -> None:
     assert np.all(own == 0)
 
 
-def sloping_costs(noise: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sloping_costs(noise: float) -> tuple[FloatArray, FloatArray]:
     """Return a plane, in hypotheses, and costs (rows, columns, 24) that are lowest there but for their noise."""
     row, column = np.mgrid[:60, :70]
     plane = 4.0 + 0.11 * column + 0.13 * row

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -183,20 +185,18 @@ def test_grid_corners_are_multiples_of_the_cell_and_cover_the_points(cell_m: flo
         (np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), {"cell_m": 50.0}, "smaller cell_m"),
     ],
 )
-def test_points_that_make_no_surface_are_told_apart(
-    points: FloatArray, options: dict[str, float], message: str
-) -> None:
+def test_points_that_make_no_surface_are_told_apart(points: FloatArray, options: dict[str, Any], message: str) -> None:
     with pytest.raises(PhotogramError, match=message):
-        surface_from_points(PointCloud(points + np.array([EASTING, NORTHING, 0])), SurfaceSettings(**options))  # type: ignore[arg-type]
+        surface_from_points(PointCloud(points + np.array([EASTING, NORTHING, 0])), SurfaceSettings(**options))
 
 
 @pytest.mark.parametrize(
     "options",
     [{"cell_m": 0.0}, {"cell_m": float("nan")}, {"maximum_gap_m": -1.0}, {"spike_nmad": -1.0}, {"spike_neighbours": 3}],
 )
-def test_settings_that_cannot_be_are_refused(options: dict[str, float]) -> None:
+def test_settings_that_cannot_be_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(SettingError, match=rf"^{next(iter(options))}: must be .*, found"):
-        SurfaceSettings(**options)  # type: ignore[arg-type]
+        SurfaceSettings(**options)
 
 
 # ---- standard deviations ---------------------------------------------------------------------------------------------

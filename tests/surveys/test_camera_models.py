@@ -105,10 +105,7 @@ def test_both_engines_take_the_same_steps(name: str) -> None:
     block = simulated(name, 1, 150).block
     problem = make_problem(block, AdjustmentSettings(robust_threshold=200.0))  # none is a mismatch
     start = start_state(block, problem.flights)
-    fast, slow = (
-        minimise(problem, start, AdjustmentSettings(engine=engine))  # type: ignore[arg-type]
-        for engine in ("fast", "reference")
-    )
+    fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, True)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)

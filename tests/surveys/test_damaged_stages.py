@@ -17,7 +17,7 @@ from photogram.errors import DamagedStageError, ImageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
 from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_files import checksum, journalled
+from photogram.pipeline.store.stage_files import Checksum, checksum, journalled
 from photogram.pipeline.store.workspace import Workspace
 
 Run = Callable[..., Any]
@@ -222,12 +222,16 @@ def test_every_file_stands_in_the_note_with_its_checksum(tmp_path: Path) -> None
 
 
 def test_what_is_read_twice_is_compared_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    workspace, compared = Workspace(tmp_path), []
+    workspace = Workspace(tmp_path)
     make(workspace)
     workspace.finish("features", "m", {})
-    monkeypatch.setattr(
-        "photogram.pipeline.store.stage_files.checksum", lambda path: compared.append(path) or checksum(path)
-    )
+    compared: list[Path] = []
+
+    def noted(path: Path) -> Checksum:
+        compared.append(path)
+        return checksum(path)
+
+    monkeypatch.setattr("photogram.pipeline.store.stage_files.checksum", noted)
     assert workspace.is_complete("features", "m")
     assert compared == []
     for _ in range(3):

@@ -27,6 +27,7 @@ from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.workspace import Workspace
 from photogram.surface.dense import tile_matching as dense_matching
 from photogram.surface.dense.pyramid import round_cell_m
+from photogram.surface.dense.semi_global import regularised
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
@@ -135,7 +136,6 @@ def test_heights_do_not_depend_on_the_order_of_blocks(
         seen.append(volume.shape)
         return regularised(volume, *settings)
 
-    regularised = dense_matching.regularised
     monkeypatch.setattr(dense_matching, "regularised", noted)
     with AnyOrder(1) as order:
         assert match(dense_survey, tmp_path / "any", order) == matched_once
@@ -174,7 +174,7 @@ def test_a_run_interrupted_while_it_tidies_up_goes_on(
     dense_survey: Path, matched_once: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     """In place of the last folder that is removed, or of the note of the grid."""
-    calls, place = 0, dense_stages.shutil if call == "rmtree" else dense_stages
+    calls, place = 0, shutil if call == "rmtree" else dense_stages
     real = getattr(place, call)
 
     def stop(*values: Any) -> None:

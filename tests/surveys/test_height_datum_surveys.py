@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def test_heights_of_the_file_are_brought_to_those_of_the_map(survey: Path, edit:
         ("ellipsoidal", "orthometric", n), ("orthometric", "ellipsoidal", -n), ("orthometric", "orthometric", 0 * n),
     ):  # fmt: skip
         block = {"output": output, "control_points": given, "gnss": "ellipsoidal", "geoid": sloping_geoid.path}
-        edit(path, lambda values, block=block: values.update(heights=block))
+        edit(path, partial(dict.update, heights=block))
         project = load_project(path)
         moved = np.array([p.position_map_m for p in project.control_points])
         np.testing.assert_allclose(moved - plain, np.column_stack([0 * n, 0 * n, raised]), rtol=0, atol=2e-5)
@@ -207,7 +208,11 @@ def test_the_geoid_of_the_site_says_who_is_wrong(survey: Path, edit: Edit, slopi
     block = {"output": "ellipsoidal", "gnss": "ellipsoidal", "control_points": "ellipsoidal"}
 
     def text(by_m: float, **heights: str) -> str:
-        edit(path, lambda v: (lowered(v, by_m), v.update(heights=block | {"geoid": sloping_geoid.path} | heights)))
+        def change(values: dict[str, Any]) -> None:
+            lowered(values, by_m)
+            values.update(heights=block | {"geoid": sloping_geoid.path} | heights)
+
+        edit(path, change)
         findings = found(path, rtk_flag=None, height_is_ellipsoidal=None)
         (one,) = [str(f) for f in findings if "check points" not in f.text]
         edit(path, lambda v: lowered(v, -by_m))
@@ -229,7 +234,12 @@ def test_the_geoid_of_the_site_says_who_is_wrong(survey: Path, edit: Edit, slopi
 
 def test_positions_that_prove_nothing_raise_no_alarm(survey: Path, edit: Edit) -> None:
     path = survey / "project.yaml"
-    edit(path, lambda v: (lowered(v, 30.0), v["photographs"].update(gnss_sigma_m=[2.0, 2.0, 5.0])))
+
+    def barometric(values: dict[str, Any]) -> None:
+        lowered(values, 30.0)
+        values["photographs"].update(gnss_sigma_m=[2.0, 2.0, 5.0])
+
+    edit(path, barometric)
     assert found(path) == []  # a barometer
     edit(path, lambda v: (v["photographs"].pop("gnss_sigma_m"), v["gnss"].update(offset_sigma_m=[0.3, 0.3, 50.0])))
     assert found(path) == []  # an offset that is said to be unknown

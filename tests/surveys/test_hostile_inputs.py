@@ -350,7 +350,12 @@ def test_npz_with_a_damaged_header(tmp_path: Path, old: bytes, new: bytes) -> No
 
 
 def test_npz_comes_back_as_written(tmp_path: Path) -> None:
-    arrays = {"a": np.arange(12.0).reshape(3, 4), "b": np.array(7), "c": np.zeros((0, 3)), "d": np.array(["x", "yz"])}
+    arrays: dict[str, Any] = {
+        "a": np.arange(12.0).reshape(3, 4),
+        "b": np.array(7),
+        "c": np.zeros((0, 3)),
+        "d": np.array(["x", "yz"]),
+    }
     np.savez(tmp_path / "a.npz", **arrays)
     read = read_npz(tmp_path / "a.npz")
     assert read.keys() == arrays.keys()
@@ -526,7 +531,7 @@ def test_every_number_of_the_files_has_a_range(schema: type[BaseModel]) -> None:
 def test_every_setting_has_a_range(section: str) -> None:
     kinds = {name: str(kind) for name, kind in SECTIONS[section].__annotations__.items()}
     if section == "orientation":
-        kinds |= {name: str(kind) for name, kind in SECTIONS[section].__base__.__annotations__.items()}  # type: ignore[union-attr]
+        kinds |= {name: str(kind) for name, kind in SECTIONS[section].__base__.__annotations__.items()}
     numbers = {name for name, kind in kinds.items() if "float" in kind or "int" in kind}
     assert numbers == set(SETTINGS[section])
 
@@ -721,7 +726,7 @@ def test_libraries_do_not_write_to_the_terminal(tmp_path: Path) -> None:
 
 def test_spoilt_inputs(finished_survey: Path, tmp_path: Path) -> None:
     program = Path(__file__).parents[1] / "fuzz/fuzz.py"
-    command = [sys.executable, program, "--cases", "200", "--seed", "7", "--survey", finished_survey]
+    command: list[str | Path] = [sys.executable, program, "--cases", "200", "--seed", "7", "--survey", finished_survey]
     outcome = subprocess.run([*command, "--keep", tmp_path / "failed"], capture_output=True, text=True, timeout=300)
     assert outcome.returncode == 0, outcome.stdout + outcome.stderr
     assert "200 cases, 0 failed" in outcome.stdout

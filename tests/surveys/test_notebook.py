@@ -22,9 +22,13 @@ pytestmark = pytest.mark.survey
 def run_cell(code: str, names: dict[str, Any]) -> object:
     """Run one cell and return what a notebook would show of it: the value of its last line, if that is one."""
     tree = ast.parse(code)
-    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    last = tree.body[-1]
+    if not isinstance(last, ast.Expr):
+        exec(compile(tree, str(PAGE), "exec"), names)
+        return None
+    tree.body.pop()
     exec(compile(tree, str(PAGE), "exec"), names)
-    return None if last is None else eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names)
+    return eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names)
 
 
 def test_the_page_runs_and_its_numbers_are_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,10 @@ import pytest
 from makers import SharedData
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.report.record.report import Report
 
 
-def reported(folder: Path, photogram: Callable[..., Any], settings: str, *options: object) -> dict[str, Any]:
+def reported(folder: Path, photogram: Callable[..., Any], settings: str, *options: object) -> Report:
     """Draft a project, add settings, and run it."""
     project = folder / "project.yaml"
     outcome = photogram("init", *options, "--project", project)
@@ -34,15 +35,21 @@ def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
     block, adjustment = report["block"], report["adjustment"]
     assert adjustment["converged"]
     assert (block["registered"], block["photographs"], block["method"]) == (18, 18, "growth")
-    assert block["mean_track_length"] >= 3.5
+    track_length, gnss_rms_m = block["mean_track_length"], block["gnss_residual_rms_m"]["three_d"]
+    assert track_length is not None
+    assert track_length >= 3.5
+    assert adjustment["reprojection_rms_px"] is not None
     assert adjustment["reprojection_rms_px"] <= 1.2
-    assert block["gnss_residual_rms_m"]["three_d"] <= 0.75
+    assert gnss_rms_m is not None
+    assert gnss_rms_m <= 0.75
     assert adjustment["discarded_observations"] <= 0.15 * adjustment["observations"]
     camera = next(iter(report["cameras"].values()))
     # the photographs give a fifth more, but parts of the images disagree: near the tags, and not sure of it
     assert "parts of the images disagree by" in camera["held"]["focal_px"]
     assert camera["focal_px"] == pytest.approx(2340.0, rel=0.08)
-    assert 80.0 < camera["sigma"]["focal_px"] < 400.0
+    sigma_px = camera["sigma"]["focal_px"]
+    assert sigma_px is not None
+    assert 80.0 < sigma_px < 400.0
     assert report["blunders"] == []
 
 

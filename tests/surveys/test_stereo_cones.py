@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 import rasterio
 from makers import SharedData
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from photogram.arrays import Float32Array
+from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, oriented_cameras
 from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, Window, fill_costs
 from photogram.surface.dense.pyramid import median_of_known
@@ -25,7 +24,7 @@ from photogram.surface.dense.refinement import refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
 
-Read = Callable[[str], NDArray[np.generic]]
+Read = Callable[[str], Float32Array]
 
 HEIGHT_M = 1e9
 LARGEST_PX, STEP_PX = 60, 1.0
@@ -40,19 +39,19 @@ def read(shared_data: SharedData) -> Read:
     """Read one of the pair's pictures."""
     folder = shared_data("stereo_cones")
 
-    def picture(name: str) -> NDArray[np.generic]:
+    def picture(name: str) -> Float32Array:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with rasterio.open(folder / name) as file:
-                return np.asarray(file.read(1))
+                return np.asarray(file.read(1), np.float32)
 
     return picture
 
 
-def pair(left: NDArray[np.generic], right: NDArray[np.generic]) -> tuple[Crops, Ground]:
+def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, Ground]:
     """Return a rectified pair as photographs of the ground."""
     rows, columns = left.shape
-    pictures = [np.pad(picture, RIM_PX, mode="edge").astype(np.float32) for picture in (left, right)]
+    pictures = [np.pad(picture, RIM_PX, mode="edge") for picture in (left, right)]
     height, width = pictures[0].shape
     cameras = oriented_cameras(
         [Camera("c", width, height, HEIGHT_M, np.array([cx, 0.0])) for cx in (0.0, HEIGHT_M)],
@@ -80,7 +79,7 @@ def disparity(read: Read) -> Float32Array:
     cost, level = np.empty(start[-1], np.uint8), np.zeros((*left.shape, 2), np.float32)
     fill_costs(crops, ground, Window(2, settings.noise_dn, 0.5), STEP_PX, start, first, level, cost)
     unit = NEUTRAL / 100.0
-    volume = CostVolume(cost, start, first, left.astype(np.float32))
+    volume = CostVolume(cost, start, first, left)
     best, _ = regularised(volume, settings.small_step * unit, settings.large_step * unit, settings.contrast_dn)
     z = (median_of_known(best) * np.float32(STEP_PX)).astype(np.float32)
     found, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
@@ -92,12 +91,12 @@ def disparity(read: Read) -> Float32Array:
     return found
 
 
-def wrong(read: Read, disparity: Float32Array, limit_px: float) -> NDArray[np.bool_]:
+def wrong(read: Read, disparity: Float32Array, limit_px: float) -> BoolArray:
     """Return which pixels are off by more than a limit or have no disparity."""
-    return ~(np.abs(disparity - read("Cones_LEFT_GT.tif")) <= limit_px)
+    return np.asarray(~(np.abs(disparity - read("Cones_LEFT_GT.tif")) <= limit_px))
 
 
-def visible(read: Read) -> NDArray[np.bool_]:
+def visible(read: Read) -> BoolArray:
     """Return which pixels both pictures show, as the data say, and whose disparity is known."""
     return np.asarray((read("mask_from_occlusion_left.tif") == 0) & (read("Cones_LEFT_GT.tif") > 0))
 

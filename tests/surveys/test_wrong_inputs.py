@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,9 +44,9 @@ def clean(plan: SurveyPlan = RTK) -> Verdict:
     return adjust_and_judge(survey(plan), SETTINGS)
 
 
-def with_photograph(block: Block, i: int, **changed: object) -> Block:
+def with_photograph(block: Block, i: int, **changed: Any) -> Block:
     photographs = list(block.photographs)
-    photographs[i] = replace(photographs[i], **changed)  # type: ignore[arg-type]
+    photographs[i] = replace(photographs[i], **changed)
     return replace(block, photographs=tuple(photographs))
 
 
