@@ -19,6 +19,7 @@ from photogram.files.photographs.headers import PhotographHeader, read_headers
 from photogram.files.stage_folders import earlier_folders
 from photogram.machine import cores, memory_bytes
 from photogram.pipeline.pipeline import STAGES, load_project
+from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
@@ -38,6 +39,9 @@ def folder_findings(project: Project) -> list[Finding]:
         reason = unwritable(folder.absolute())
         if reason:
             findings.append(Finding("error", key, reason, f"allow it, or give another folder under {key}"))
+    foreign = foreign_products(project.results)
+    if foreign:
+        findings.append(Finding("error", "results", f"{some(foreign)}: {FOREIGN}", FOREIGN_REMEDY))
     earlier = earlier_folders(project.work, tuple(stage.name for stage in STAGES))
     if earlier:
         names = some([folder.name for folder in earlier])

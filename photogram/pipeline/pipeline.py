@@ -49,6 +49,7 @@ from photogram.pipeline.store.dependence import (
     photographs_settings,
 )
 from photogram.pipeline.store.memory import peak_memory
+from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
@@ -58,6 +59,7 @@ from photogram.project.validation.heights import stop_at_contradictions
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
 from photogram.report.titles import STAGE_TITLES
+from photogram.wording import some
 
 _LOG = logging.getLogger(__name__)
 
@@ -287,6 +289,9 @@ def run_pipeline(
         reason = unwritable(project.results)
         if reason:
             raise WorkspaceError(f"{project.results}: {reason}: allow it, or give another folder under results")
+        foreign = foreign_products(project.results)
+        if foreign:
+            raise WorkspaceError(f"{project.results}: {some(foreign)}: {FOREIGN}: {FOREIGN_REMEDY}")
         _Progress(run, watcher, first, last).go_on()
     return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
 

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from photogram.files.atomic import replacing
-from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded, remove_made, remove_outdated
+from photogram.pipeline.store.results_record import (
+    CHECKSUMS,
+    PRODUCTS,
+    foreign_products,
+    read_record,
+    recorded,
+    remove_made,
+    remove_outdated,
+)
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -59,6 +68,38 @@ def test_a_record_leads_nowhere_else(tmp_path: Path) -> None:
     assert remove_outdated(results, []) == []
     assert (tmp_path / "mine.txt").is_file()
     assert (results / "inner/a.txt").is_file()
+
+
+def test_files_of_others_are_told_by_the_record(tmp_path: Path) -> None:
+    assert foreign_products(tmp_path / "none yet") == []
+    write(tmp_path, "dsm.tif", "report.json", "pictures/plan.png")
+    (tmp_path / "pictures/site.png").write_text("mine, and no product")
+    (tmp_path / "dsm.tif.aux.xml").write_text("statistics of another program")
+    (tmp_path / "dsm.tif").write_text("opened and saved by another program")
+    assert foreign_products(tmp_path) == []
+    (tmp_path / "orthophoto.tif").write_text("mine")
+    (tmp_path / "pictures/matches_1_2.png").write_text("mine")
+    assert foreign_products(tmp_path) == ["orthophoto.tif", "pictures/matches_1_2.png"]
+
+
+def test_files_of_others_are_an_error_before_any_work(survey: Path, photogram: Run) -> None:
+    results = survey / "results"
+    results.mkdir()
+    (results / "report.json").write_text("mine")
+    (results / "notes.txt").write_text("mine too")
+    for command in (("check",), ("adjust",), ("adjust", "--no-check")):
+        outcome = photogram(*command, survey / "project.yaml")
+        assert outcome.code == 1
+        said = " ".join((outcome.out + outcome.err).split())
+        assert "report.json: not written by photogram, and would be overwritten" in said
+        assert "notes.txt" not in said
+    assert names(results) == ["notes.txt", "report.json"]
+    assert (results / "report.json").read_text() == "mine"
+
+
+def test_every_product_of_a_run_is_known_by_name(finished_survey: Path) -> None:
+    for name in names(finished_survey / "results"):
+        assert name == CHECKSUMS or any(fnmatchcase(name, product) for product in PRODUCTS), name
 
 
 def test_another_program_reads_the_record(finished_survey: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from photogram.files.atomic import observed, replacing
@@ -16,6 +17,41 @@ from photogram.files.stage_folders import faults_of
 
 CHECKSUMS = "checksums.sha256"
 _PLACES = (Path("."), Path("pictures"))
+PRODUCTS = (
+    "report.json",
+    "report.schema.json",
+    "report.html",
+    "photographs.csv",
+    "photographs.csvt",
+    "photographs.prj",
+    "photographs.geojson",
+    "footprints.geojson",
+    "points_*.txt",
+    "points_*.laz",
+    "tie_points*.npz",
+    "tie_points.mat",
+    "dsm.tif",
+    "dsm_*.tif",
+    "dsm_source.tif.aux.xml",
+    "dtm.tif",
+    "dtm_source.tif",
+    "dtm_source.tif.aux.xml",
+    "dense.laz",
+    "contours.gpkg",
+    "orthophoto.tif",
+    "pictures/surface.png",
+    "pictures/plan.png",
+    "pictures/comparison.png",
+    "pictures/orthophoto.png",
+    "pictures/dense_*.png",
+    "pictures/residuals_*.png",
+    "pictures/matches_*.png",
+)
+"""Patterns of the names that a run writes to a folder of results."""
+
+FOREIGN = "not written by photogram, and would be overwritten"
+FOREIGN_REMEDY = "move such files elsewhere, or give another folder under results"
+
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
@@ -29,6 +65,14 @@ def read_record(results: Path) -> dict[str, str]:
         text = path.read_text(encoding="utf-8", errors="replace")
     found = (_LINE.fullmatch(line) for line in text.splitlines())
     return {match[2]: match[1] for match in found if match}
+
+
+def foreign_products(results: Path) -> list[str]:
+    """Return the names of files in a folder of results that a run would overwrite and that photogram has not written.
+    Raises WorkspaceError where the record cannot be read."""
+    known = read_record(results)
+    there = [path.relative_to(results).as_posix() for place in _PLACES for path in (results / place).glob("*")]
+    return sorted(n for n in there if n not in known and any(fnmatchcase(n, product) for product in PRODUCTS))
 
 
 def _write_record(results: Path, files: dict[str, str]) -> None:
