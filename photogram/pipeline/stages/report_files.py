@@ -43,7 +43,7 @@ class RunFacts:
 def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
     """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
     tags = run.notes()
-    days = sorted(tag["time"][:10] for tag in tags if tag.get("time"))
+    days = sorted(tag["time"][:10] for tag in tags if tag["time"])
     names = run.project.report
     survey: SurveyRecord = {
         "flown_first": days[0] if days else None,

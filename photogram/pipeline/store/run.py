@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record
+from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
@@ -31,7 +32,7 @@ from photogram.pipeline.store.stored_results import (
     resection_from,
 )
 from photogram.pipeline.store.workspace import Workspace
-from photogram.project.measured_block import block_of
+from photogram.project.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
@@ -43,6 +44,11 @@ from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
 
 FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
+
+
+@cache
+def _note_types() -> TypeAdapter[list[PhotographNote]]:
+    return TypeAdapter(list[PhotographNote])
 
 
 @dataclass(frozen=True)
@@ -90,10 +96,10 @@ class Run:
             self._blocks[mark] = block_of(self.project, measured)
         return self._blocks[mark]
 
-    def notes(self) -> list[dict[str, Any]]:
+    def notes(self) -> list[PhotographNote]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
         `photographs`."""
-        return list(read_json(self.workspace.file("photographs", "tags.json")))
+        return read_json_as(self.workspace.file("photographs", "tags.json"), _note_types())
 
     def gnss_systems(self) -> list[HeightSystem | None]:
         """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
