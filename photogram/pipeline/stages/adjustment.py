@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from photogram.frames import LocalFrame
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import resection_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
@@ -41,7 +41,7 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
     return tuple(found.get(i) for i in range(len(block.photographs)))
 
 
-def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Adjust the block jointly."""
     orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)

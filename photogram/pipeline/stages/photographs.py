@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.store.dependence import placing_fingerprint
 from photogram.pipeline.store.run import FRAME, MEASURED, Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
 from photogram.project.measured_block import PhotographNote, measured_photographs, photograph_note
 from photogram.project.measured_positions import measured_position
@@ -63,7 +64,7 @@ def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime 
     return int(frozen.sum())
 
 
-def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
     damaged one is named at once.
 
@@ -93,5 +94,9 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     write_arrays(folder / MEASURED, measured_arrays(measured))
     placing = placing_fingerprint(run.project)
     write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
-    summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
-    return {name: count for name, count in summary.items() if count or name == "photographs"}
+    summary: StageSummary = {"photographs": len(notes)}
+    if copies:
+        summary["copies"] = copies
+    if frozen:
+        summary["frozen_positions"] = frozen
+    return summary

@@ -60,7 +60,7 @@ def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
 def disbelieved(run: Run) -> Disbelieved:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
     summary = run.workspace.summary("adjustment")
-    return Disbelieved(int(summary.get("disbelieved_attitudes", 0)), int(summary.get("disbelieved_headings", 0)))
+    return Disbelieved(summary.get("disbelieved_attitudes", 0), summary.get("disbelieved_headings", 0))
 
 
 def found_blunders(run: Run) -> FoundBlunders:
