@@ -67,7 +67,7 @@ def found_blunders(run: Run) -> FoundBlunders:
     """Return the blunders that the adjustment left out, and what they do to the check points."""
     verdict = run.verdict()
     return FoundBlunders(
-        verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict.get("focal_lengths", {})
+        verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict["focal_lengths"]
     )
 
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +23,14 @@ from photogram.pipeline.store.stored_results import (
     ADJUSTED,
     COVARIANCES,
     PlacedBy,
+    StoredVerdict,
     adjusted_block_from,
     adjustment_from,
     comparison_from,
     measured_from,
     orientation_from,
+    read_verdict,
+    rejected_from,
     resection_from,
 )
 from photogram.pipeline.store.workspace import Workspace
@@ -36,7 +38,6 @@ from photogram.project.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.results import Adjustment, Deformation
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -154,18 +155,12 @@ class Run:
         out. Needs the stage `adjustment`, of which no covariance is read."""
         arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
         tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
-        return adjusted_block_from(self.block(), arrays, tie_points, self._rejected())
+        return adjusted_block_from(self.block(), arrays, tie_points, rejected_from(self.verdict()))
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
         `adjustment`."""
         return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
-
-    def _rejected(self) -> list[Hypothesis]:
-        return [
-            replace(unmeasured(kind, name, photograph), axes=tuple(axes))
-            for kind, name, photograph, axes in self.verdict()["accused"]
-        ]
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
@@ -190,10 +185,10 @@ class Run:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.file("adjustment", "held.json")))
 
-    def verdict(self) -> dict[str, Any]:
+    def verdict(self) -> StoredVerdict:
         """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
         Needs the stage `adjustment`."""
-        return dict(read_json(self.workspace.file("adjustment", "verdict.json")))
+        return read_verdict(self.workspace.file("adjustment", "verdict.json"))
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
