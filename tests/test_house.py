@@ -1,10 +1,12 @@
-"""The rooms of the house: how large they are, what they say of themselves, and where each module is tested."""
+"""The rooms of the house: how large they are, what they say of themselves, where each module is tested, and what may
+cross their borders."""
 
 from __future__ import annotations
 
 import ast
 import importlib
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -82,6 +84,142 @@ def test_every_module_has_a_test_of_its_name_or_stands_in_the_table(name: str) -
 
 def test_the_table_lists_no_module_that_is_gone() -> None:
     assert set(covered()) <= set(modules())
+
+
+def sources() -> dict[str, str]:
+    """Return the text of every module by its dotted name, and of every room by that of its ``__init__``."""
+    named = {
+        **modules(),
+        **{".".join(["photogram", *p.relative_to(ROOT).parts]).replace("photogram.photogram", "photogram")[:-3]: p
+           for p in rooms()},
+    }  # fmt: skip
+    return {name: path.read_text(encoding="utf-8") for name, path in named.items()}
+
+
+def types_said(node: ast.AST) -> list[ast.expr]:
+    """Return what a definition says of types: of a function's parameters and result, of a class's public members."""
+    if isinstance(node, ast.AnnAssign):
+        return [node.annotation]
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        a = node.args
+        every = [
+            *a.posonlyargs,
+            *a.args,
+            *a.kwonlyargs,
+            *([a.vararg] if a.vararg else []),
+            *([a.kwarg] if a.kwarg else []),
+        ]
+        return [note for note in [*(arg.annotation for arg in every), node.returns] if note is not None]
+    if isinstance(node, ast.ClassDef):
+        members = [(member, name) for member in node.body for name in defined(member)]
+        shown = [member for member, name in members if name[0] != "_" or name in ("__init__", "__call__")]
+        return [*node.bases, *(note for member in shown for note in types_said(member))]
+    return []
+
+
+def defined(node: ast.AST) -> list[str]:
+    """Return the names that a statement defines."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
+def mappings_of_anything(text: str) -> set[str]:
+    """Return the public names of a module that take, give or hold a mapping to ``Any``, under whatever alias."""
+    tree, said = ast.parse(text), r"\b(?:[dD]ict|\w*Mapping)\[str, Any\]"
+    while True:
+        aliases = {
+            name
+            for node in tree.body
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
+            for name in defined(node)
+            if isinstance(node.value, ast.Name | ast.Subscript | ast.BinOp) and re.search(said, ast.unparse(node.value))
+        }
+        wider = "|".join([r"\b(?:[dD]ict|\w*Mapping)\[str, Any\]", *(rf"\b{name}\b" for name in sorted(aliases))])
+        if wider == said:
+            break
+        said = wider
+    named = {
+        name
+        for node in tree.body
+        for name in defined(node)
+        if any(re.search(said, ast.unparse(a)) for a in types_said(node))
+    }
+    return {name for name in named | aliases if name[0] != "_"}
+
+
+def used_names(text: str, module: str) -> set[str]:
+    """Return the names of a module that a text imports, or takes from the module itself."""
+    tree, (room, _, own) = ast.parse(text), module.rpartition(".")
+    names, called = set[str](), {module}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == module:
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module == room:
+            called |= {alias.asname or alias.name for alias in node.names if alias.name == own}
+        elif isinstance(node, ast.Import):
+            called |= {alias.asname for alias in node.names if alias.name == module and alias.asname}
+    taken = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    return names | {node.attr for node in taken if ast.unparse(node.value) in called}
+
+
+def untyped_crossings(texts: Mapping[str, str]) -> list[str]:
+    """Return who uses a mapping of anything from another room, of modules given by name and text."""
+    found = []
+    for module, text in texts.items():
+        untyped, room = mappings_of_anything(text), module.rpartition(".")[0]
+        for user, own in texts.items() if untyped else ():
+            if user.rpartition(".")[0] != room:
+                found += [f"{user}: {module}.{name}" for name in sorted(untyped & used_names(own, module))]
+    return found
+
+
+def test_no_mapping_of_anything_crosses_a_border() -> None:
+    assert untyped_crossings(sources()) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f(x: dict[str, Any]) -> None: ...",
+        "def f(*, x: list[Mapping[str, Any]] | None = None) -> None: ...",
+        "async def f() -> dict[str, Any]: ...",
+        "Json = dict[str, Any]\nNotes = list[Json]\ndef f() -> Notes: ...",
+        "f = dict[str, Any]",
+        "f: dict[str, Any] = {}",
+        "class f:\n    def m(self) -> dict[str, Any]: ...",
+        "class f:\n    def __init__(self, x: dict[str, Any]) -> None: ...",
+        "class f:\n    x: MutableMapping[str, Any]",
+        "class f(dict[str, Any]): ...",
+    ],
+)
+@pytest.mark.parametrize(
+    "use",
+    [
+        "from photogram.lower.a import f",
+        "if TYPE_CHECKING:\n    from photogram.lower.a import f",
+        "from photogram.lower import a\na.f",
+        "import photogram.lower.a as low\nlow.f",
+        "import photogram.lower.a\nphotogram.lower.a.f",
+    ],
+)
+def test_a_mapping_of_anything_that_crosses_is_found(text: str, use: str) -> None:
+    lower = "photogram.lower.a"
+    assert untyped_crossings({lower: text, "photogram.upper.b": use}) == [f"photogram.upper.b: {lower}.f"]
+    assert untyped_crossings({lower: text, "photogram.lower.b": use}) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f(x: dict[str, int]) -> None:\n    y: dict[str, Any] = {}",
+        "def _g(x: dict[str, Any]) -> None: ...\ndef f() -> None: ...",
+        "class f:\n    def _m(self) -> dict[str, Any]: ...",
+    ],
+)
+def test_a_mapping_of_anything_within_a_module_may_stay(text: str) -> None:
+    assert untyped_crossings({"photogram.lower.a": text, "photogram.b": "from photogram.lower.a import f"}) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

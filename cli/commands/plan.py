@@ -53,20 +53,20 @@ def plan(
 ) -> None:
     """Predict the accuracy of a planned flight, and the effect of single changes."""
     width, length = _area(area)
-    from photogram.cli.work.plan import run
+    from photogram.cli.work.plan import PlanOptions, run
 
-    given = {
-        "width_m": width,
-        "length_m": length,
-        "gsd_m": gsd,
-        "flying_height_m": height,
-        "forward_overlap": forward,
-        "side_overlap": side,
-        "cross_strips": cross,
-        "oblique_strips": oblique,
-        "relief_m": relief,
-        "gnss": gnss,
-        "control_points": control,
-        "control_layout": layout,
-    }
+    given = PlanOptions(
+        width_m=width,
+        length_m=length,
+        gsd_m=gsd,
+        flying_height_m=height,
+        forward_overlap=forward,
+        side_overlap=side,
+        cross_strips=cross,
+        oblique_strips=oblique,
+        relief_m=relief,
+        gnss=gnss,
+        control_points=control,
+        control_layout=layout,
+    )
     run(file, given, changes=changes, picture=picture, as_json=as_json)

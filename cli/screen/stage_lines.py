@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from math import nan
 from statistics import median
-from typing import Any
 
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.wording import things
-
-Summary = Mapping[str, Any]
 
 _METHODS = {
     "control": "from control points",
@@ -17,11 +16,11 @@ _METHODS = {
 }
 
 
-def _cells(summary: Summary) -> str:
+def _cells(summary: StageSummary) -> str:
     return f"{summary['columns']} × {summary['rows']} cells of {summary['cell_m']:g} m"
 
 
-def _photographs(summary: Summary) -> str:
+def _photographs(summary: StageSummary) -> str:
     parts = [f"{things(summary['photographs'], 'photograph')} read"]
     if summary.get("copies"):
         parts.append(f"{things(summary['copies'], 'copy', 'copies')} left out")
@@ -30,65 +29,62 @@ def _photographs(summary: Summary) -> str:
     return ", ".join(parts)
 
 
-def _features(summary: Summary) -> str:
+def _features(summary: StageSummary) -> str:
     counts = summary["key_points"]
     return f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
 
 
-def _pairs(summary: Summary) -> str:
+def _pairs(summary: StageSummary) -> str:
     return f"{things(summary['pairs'], 'pair')} selected"
 
 
-def _matches(summary: Summary) -> str:
+def _matches(summary: StageSummary) -> str:
     return f"{summary['verified_pairs']} of {things(summary['pairs'], 'pair')} verified"
 
 
-def _tie_points(summary: Summary) -> str:
+def _tie_points(summary: StageSummary) -> str:
     left_out = summary["conflicts"]
     return f"{things(summary['tie_points'], 'tie point')}" + (
         f", {left_out} contradictory rejected" if left_out else ""
     )
 
 
-def _orientation(summary: Summary) -> str:
+def _orientation(summary: StageSummary) -> str:
     how = _METHODS.get(summary["method"], f"by {summary['method']}")
     return f"{things(summary['registered'], 'photograph')} oriented, {how}"
 
 
-def _transfer(summary: Summary) -> str:
+def _transfer(summary: StageSummary) -> str:
     if not summary["transferred"]:
         return f"{things(summary['tie_points'], 'tie point')}, no further observations"
     return f"{things(summary['transferred'], 'further observation')} of {things(summary['tie_points'], 'tie point')}"
 
 
-def _intersection(summary: Summary) -> str:
+def _intersection(summary: StageSummary) -> str:
     return f"{summary['linear_2view']} points from two views, {summary['linear_3view']} from three"
 
 
-def _adjustment(summary: Summary) -> str:
+def _adjustment(summary: StageSummary) -> str:
     iterations = things(summary["iterations"], "iteration")
     parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
-    parts.append(f"sigma0 {summary['sigma0']:.3f}")
+    sigma0 = summary["sigma0"]
+    parts.append(f"sigma0 {nan if sigma0 is None else sigma0:.3f}")
     if summary.get("blunders"):
         parts.append(f"{things(summary['blunders'], 'blunder')} rejected")
-    for key, what in (("disbelieved_headings", "heading"), ("disbelieved_attitudes", "attitude")):
-        if summary.get(key):
-            parts.append(f"{things(summary[key], what)} not used")
+    headings, attitudes = summary.get("disbelieved_headings", 0), summary.get("disbelieved_attitudes", 0)
+    parts += [f"{things(n, what)} not used" for n, what in ((headings, "heading"), (attitudes, "attitude")) if n]
     return ", ".join(parts)
 
 
-def _dense(summary: Summary) -> str:
+def _dense(summary: StageSummary) -> str:
     return f"{_cells(summary)}, {things(summary['levels'], 'level')}" if "columns" in summary else "not requested"
 
 
-def _surface(summary: Summary) -> str:
-    found = _cells(summary)
-    if "measured" in summary:
-        found += f", {summary['measured']} measured, {summary['filled']} filled"
-    return found
+def _surface(summary: StageSummary) -> str:
+    return _cells(summary)
 
 
-def _relief(summary: Summary) -> str:
+def _relief(summary: StageSummary) -> str:
     parts = []
     if "interpolated" in summary:
         parts.append(f"terrain with {things(summary['interpolated'], 'interpolated cell')}")
@@ -98,7 +94,7 @@ def _relief(summary: Summary) -> str:
     return ", ".join(parts) or "not requested"
 
 
-def _orthophoto(summary: Summary) -> str:
+def _orthophoto(summary: StageSummary) -> str:
     if "left_out" in summary:
         return f"left out: {summary['left_out']}"
     if "columns" not in summary:
@@ -106,16 +102,16 @@ def _orthophoto(summary: Summary) -> str:
     return f"{_cells(summary)} from {things(summary['photographs'], 'photograph')}"
 
 
-def _comparison(summary: Summary) -> str:
+def _comparison(summary: StageSummary) -> str:
     clouds = summary["clouds"]
     return f"{things(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
 
 
-def _results(summary: Summary) -> str:
+def _results(summary: StageSummary) -> str:
     return f"{things(len(summary['products']), 'file')} written"
 
 
-SENTENCES: dict[str, Callable[[Summary], str]] = {
+SENTENCES: dict[str, Callable[[StageSummary], str]] = {
     "photographs": _photographs,
     "features": _features,
     "pairs": _pairs,
@@ -135,6 +131,6 @@ SENTENCES: dict[str, Callable[[Summary], str]] = {
 """By the name of the stage."""
 
 
-def sentence(stage: str, summary: Summary) -> str:
+def sentence(stage: str, summary: StageSummary) -> str:
     """Return what a finished stage did, from the summary that it left."""
     return SENTENCES[stage](summary)

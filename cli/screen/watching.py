@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from rich.markup import escape
 from rich.progress import Progress, TaskID
@@ -13,6 +12,7 @@ from photogram.cli.interruption import raise_if_interrupted
 from photogram.cli.screen.stage_lines import sentence
 from photogram.cli.screen.time_left import TimeLeft
 from photogram.pipeline.store.stage import Stage
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 
 COARSE_CELLS = 0.3
@@ -75,7 +75,7 @@ class Terminal:
             shown = escape(text)
             self._progress.update(self._task, description=stage.title, completed=done, total=total or None, text=shown)
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
         """End a stage."""
         self._left.end(stage.name, seconds)
         if self._task is not None:

@@ -5,26 +5,57 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import typer
 from rich.markup import escape
 from rich.table import Table
 
+from photogram.arrays import FloatArray
 from photogram.cli.screen.terminal import console, errors, steps
-from photogram.project.flight_file import flight_plan, plan_settings
+from photogram.project.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
 from photogram.report.figures.prediction import prediction_picture
 from photogram.report.numbers.prediction import prediction_numbers
-from photogram.simulation.flight_plan import RANGES, FlightPlan
+from photogram.simulation.flight_plan import RANGES, FlightPlan, Gnss, Layout
 from photogram.simulation.prediction import Alternative, Prediction, alternatives, predict
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What the options say of a flight, named as in FlightPlan; None where they say nothing."""
+
+    width_m: float | None = None
+    """Extent of the site to the east."""
+    length_m: float | None = None
+    """Extent of the site to the north."""
+    gsd_m: float | None = None
+    """Ground sampling distance."""
+    flying_height_m: float | None = None
+    """Flying height above mean ground."""
+    forward_overlap: float | None = None
+    """Forward overlap, 0 to 1."""
+    side_overlap: float | None = None
+    """Side overlap, 0 to 1."""
+    cross_strips: int | None = None
+    """Number of strips across the others."""
+    oblique_strips: int | None = None
+    """Number of oblique strips along the longer side."""
+    relief_m: float | None = None
+    """Relief from valley to hill."""
+    gnss: Gnss | None = None
+    """Kind of GNSS positions."""
+    control_points: int | None = None
+    """Number of control points."""
+    control_layout: Layout | None = None
+    """Their layout."""
 
 
 def _centimetres(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{100 * value:.1f} cm"
 
 
-def _both(found: Prediction, values: Any) -> str:  # noqa: ANN401 - an array of sigmas
+def _both(found: Prediction, values: FloatArray) -> str:
     median, worst = found.typical_m(values)
     return f"{_centimetres(median)}, {_centimetres(worst)} at worst"
 
@@ -84,18 +115,19 @@ def _changes(found: Prediction, changes: Sequence[Alternative]) -> Table:
     return table
 
 
-def _settings(file: Path | None, given: dict[str, Any]) -> FlightPlan:
+def _settings(file: Path | None, given: PlanSettings) -> FlightPlan:
     """Return the plan of a file with what the options change."""
-    settings = {} if file is None else plan_settings(file)
-    for one, other in (("gsd_m", "flying_height_m"), ("flying_height_m", "gsd_m")):
-        if given[one] is not None and given[other] is None:
-            settings.pop(other, None)
-    if given["gnss"] is not None:
+    settings: PlanSettings = {} if file is None else plan_settings(file)
+    if "gsd_m" in given and "flying_height_m" not in given:
+        settings.pop("flying_height_m", None)
+    if "flying_height_m" in given and "gsd_m" not in given:
+        settings.pop("gsd_m", None)
+    if "gnss" in given:
         settings.pop("gnss_sigma_m", None)
         settings.pop("gnss_offset_sigma_m", None)
-    if given["control_points"] is not None:
+    if "control_points" in given:
         settings.pop("control_world_m", None)
-    settings |= {name: value for name, value in given.items() if value is not None}
+    settings |= given
     return flight_plan(settings, str(file) if file is not None else "photogram plan")
 
 
@@ -113,19 +145,19 @@ _OPTIONS = {
 }
 
 
-def _check_ranges(given: dict[str, Any]) -> None:
+def _check_ranges(options: PlanOptions) -> None:
     """Refuse figures that cannot be. Raises typer.BadParameter."""
     for name, option in _OPTIONS.items():
         low, high = RANGES[name]
-        value = given[name]
+        value = getattr(options, name)
         if value is not None and not low <= value <= high:
             raise typer.BadParameter(f"{value:g} must be from {low:g} to {high:g}", param_hint=option)
 
 
-def run(file: Path | None, given: dict[str, Any], *, changes: bool, picture: Path | None, as_json: bool) -> None:
+def run(file: Path | None, options: PlanOptions, *, changes: bool, picture: Path | None, as_json: bool) -> None:
     """Predict the accuracy of a plan, of a file and of what the options change in it, and show it."""
-    _check_ranges(given)
-    settled = _settings(file, given)
+    _check_ranges(options)
+    settled = _settings(file, settings_of({n: v for n, v in vars(options).items() if v is not None}))
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")
         found = predict(settled)

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from photogram.errors import WorkspaceError
 from photogram.files.arrays import read_npz
@@ -22,6 +23,7 @@ FORMAT = 8
 
 
 RecordT = TypeVar("RecordT")
+JsonT = TypeVar("JsonT")
 
 
 def _plain(value: object) -> object:
@@ -71,6 +73,18 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as fault:
+        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+
+
+def read_json_as(path: Path, types: TypeAdapter[JsonT]) -> JsonT:
+    """Read JSON of known types, as they check it; keys that they do not know are left out. Raises WorkspaceError when
+    the file is missing or damaged, or holds something else."""
+    try:
+        return types.validate_json(path.read_bytes(), strict=True)
+    except ValidationError as fault:
+        place = ".".join(map(str, fault.errors(include_url=False)[0]["loc"])) or "JSON"
+        raise WorkspaceError(f"{path}: cannot be read ({place} is damaged): delete it and run again") from fault
+    except OSError as fault:
         raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
 
 

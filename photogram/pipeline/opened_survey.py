@@ -3,10 +3,10 @@ types."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.report_files import NUMBERS
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Stage
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
@@ -41,7 +42,7 @@ class _Lines:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
         """End a stage."""
         self.say(f"{stage.title}: {'up to date' if seconds is None else f'{seconds:.1f} s'}")
 

@@ -53,6 +53,7 @@ from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, for
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
@@ -371,6 +372,6 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
     with journalled(folder), peak_memory() as peak:
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
-    measured = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}
+    measured: StageSummary = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}
     run.workspace.finish(stage.name, mark, {**measured, **summary})
     watcher.end(stage, seconds, summary)

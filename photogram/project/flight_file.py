@@ -5,18 +5,19 @@ Read and checked as project.yaml is: every fault at once, with its line.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import create_model
+from pydantic import TypeAdapter, create_model
+from typing_extensions import TypedDict
 
 from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
 from photogram.project.ranges import Within
 from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
 from photogram.projection import CAMERA_PARAMETERS
-from photogram.simulation.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout
+from photogram.simulation.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
 
 
 def _of(name: str) -> Within:
@@ -105,6 +106,63 @@ class FlightFile(Entry):
     tie_points: TiePointsEntry = TiePointsEntry()
 
 
+class PlanSettings(TypedDict, total=False):
+    """What is said of a flight: those fields of FlightPlan that are not to be as usual."""
+
+    width_m: float
+    """Extent of the site to the east."""
+    length_m: float
+    """Extent of the site to the north."""
+    relief_m: float
+    """Relief from valley to hill."""
+    width_px: int
+    """Width of the photographs."""
+    height_px: int
+    """Height of the photographs."""
+    focal_px: float
+    """Focal length."""
+    calibration: Calibration
+    """Prior sigmas of the calibration."""
+    gsd_m: float
+    """Ground sampling distance."""
+    flying_height_m: float
+    """Flying height above mean ground."""
+    forward_overlap: float
+    """Forward overlap, 0 to 1."""
+    side_overlap: float
+    """Side overlap, 0 to 1."""
+    cross_strips: int
+    """Number of strips across the others."""
+    cross_height: float
+    """Their flying height over that of the others."""
+    oblique_strips: int
+    """Number of oblique strips along the longer side."""
+    oblique_angle_deg: float
+    """Their forward tilt."""
+    gnss: Gnss
+    """Kind of GNSS positions."""
+    gnss_sigma_m: Vector
+    """Their sigmas."""
+    gnss_offset_sigma_m: Vector
+    """Sigmas of the GNSS offset."""
+    control_points: int
+    """Number of control points laid out by ``control_layout``."""
+    control_layout: Layout
+    """Their layout."""
+    control_world_m: tuple[tuple[float, float], ...]
+    """Further control points: east, north from the centre of the site."""
+    control_sigma_m: Vector
+    """Sigmas of the control points."""
+    mark_sigma_px: float
+    """Standard deviation of the marks."""
+    tie_points_per_photograph: int
+    """Tie points per photograph."""
+    tie_point_sigma_px: float
+    """Standard deviation of their image coordinates."""
+    tie_point_detection: float
+    """Share of the photographs showing a tie point in which it is found."""
+
+
 _NAMES = {
     "control": {
         "points": "control_points", "layout": "control_layout", "positions_m": "control_world_m",
@@ -124,7 +182,12 @@ def _given(entry: Entry, names: dict[str, str]) -> dict[str, Any]:
     return {names.get(k, k): v for k, v in values.items() if v is not None and not isinstance(v, Entry)}
 
 
-def plan_settings(path: Path) -> dict[str, Any]:
+def settings_of(values: Mapping[str, object]) -> PlanSettings:
+    """Return values by the names of fields of FlightPlan as settings. Raises ValueError where one has another type."""
+    return TypeAdapter(PlanSettings).validate_python(values, strict=True)
+
+
+def plan_settings(path: Path) -> PlanSettings:
     """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every fault of it."""
     document = Document(path)
     file = read_entry(document, FlightFile)
@@ -138,10 +201,10 @@ def plan_settings(path: Path) -> dict[str, Any]:
     calibration = _given(file.camera.sigmas, {})
     if calibration:
         settings["calibration"] = Calibration(**calibration)
-    return settings
+    return settings_of(settings)
 
 
-def flight_plan(settings: dict[str, Any], where: str) -> FlightPlan:
+def flight_plan(settings: PlanSettings, where: str) -> FlightPlan:
     """Return the plan of settings as ``plan_settings`` gives them. Raises ProjectError, beginning with ``where``, when
     they contradict each other."""
     try:

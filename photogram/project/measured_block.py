@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
-from photogram.project.measured_positions import MeasuredPosition, position_note
+from photogram.project.measured_positions import MeasuredPosition, PositionNote, position_note
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
@@ -31,6 +30,21 @@ NO_TIE_POINTS = TiePoints(
 
 AROUND_M = 10.0
 """The origin of a frame may lie so far beside the survey: it is rounded to as much."""
+
+
+class PhotographNote(PositionNote):
+    """What project, files of positions and tags say of a photograph, as the first stage stores it."""
+
+    name: str
+    """Name of the photograph."""
+    height_is_ellipsoidal: bool | None
+    """Whether its tags call their height ellipsoidal, None where they do not say."""
+    attitude_deg: list[float] | None
+    """Yaw, pitch and roll of the gimbal, None where one is missing."""
+    time: str | None
+    """Time of exposure in ISO 8601, None where the tags tell none."""
+    height_above_ground_m: float | None
+    """Flying height above ground, or above the place of take-off, None where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +69,9 @@ def _gimbal_deg(photograph: ProjectPhotograph, tags: PhotographTags | None) -> t
 
 def photograph_note(
     photograph: ProjectPhotograph, tags: PhotographTags | None, position: MeasuredPosition | None
-) -> dict[str, object]:
-    """Return what project and tags say of a photograph beside its ``position``, as JSON; ``tags`` are None where they
-    cannot be read."""
+) -> PhotographNote:
+    """Return what project and tags say of a photograph beside its ``position``, as it is stored; ``tags`` are None
+    where they cannot be read."""
     angles = _gimbal_deg(photograph, tags)
     return {
         "name": photograph.name,
@@ -70,13 +84,13 @@ def photograph_note(
     }
 
 
-def _stated_map_m(notes: Sequence[Mapping[str, Any]]) -> FloatArray:
+def _stated_map_m(notes: Sequence[PhotographNote]) -> FloatArray:
     """Return the measured positions (F, 3) in the map, NaN where there is none."""
     nowhere = (np.nan,) * 3
     return np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
 
 
-def _placing_map_m(project: Project, notes: Sequence[Mapping[str, Any]]) -> FloatArray:
+def _placing_map_m(project: Project, notes: Sequence[PhotographNote]) -> FloatArray:
     """Return the positions (N, 3) in the map that say where the survey is; NaN for what is no control."""
     # not the check points: they take no part in anything, the origin of the frame included
     positions = [p.control_map_m for p in project.control_points if p.role == "control"]
@@ -84,7 +98,7 @@ def _placing_map_m(project: Project, notes: Sequence[Mapping[str, Any]]) -> Floa
     return np.array(positions).reshape(-1, 3)
 
 
-def survey_frame(project: Project, notes: Sequence[Mapping[str, Any]]) -> LocalFrame | None:
+def survey_frame(project: Project, notes: Sequence[PhotographNote]) -> LocalFrame | None:
     """Return the frame in which a survey is adjusted, None where neither control points nor GNSS positions say where it
     is. Raises FrameError as LocalFrame does."""
     positions = _placing_map_m(project, notes)
@@ -97,7 +111,7 @@ def survey_frame(project: Project, notes: Sequence[Mapping[str, Any]]) -> LocalF
     )
 
 
-def is_amid(origin_map_m: Sequence[float] | FloatArray, project: Project, notes: Sequence[Mapping[str, Any]]) -> bool:
+def is_amid(origin_map_m: Sequence[float] | FloatArray, project: Project, notes: Sequence[PhotographNote]) -> bool:
     """Return whether a frame of this origin (3,) serves the survey: whether it lies among control and GNSS positions,
     or not more than AROUND_M beside them."""
     positions = _placing_map_m(project, notes)
@@ -109,7 +123,7 @@ def is_amid(origin_map_m: Sequence[float] | FloatArray, project: Project, notes:
 
 
 def measured_photographs(
-    project: Project, notes: Sequence[Mapping[str, Any]], frame: LocalFrame | None = None
+    project: Project, notes: Sequence[PhotographNote], frame: LocalFrame | None = None
 ) -> MeasuredPhotographs:
     """Return the photographs as their notes (``photograph_note``) give them, in ``frame``, else in that of the survey.
 
@@ -135,7 +149,7 @@ def measured_photographs(
 
 
 def _photograph(
-    source: ProjectPhotograph, frame: LocalFrame, gnss_world_m: FloatArray | None, note: Mapping[str, Any]
+    source: ProjectPhotograph, frame: LocalFrame, gnss_world_m: FloatArray | None, note: PhotographNote
 ) -> Photograph:
     gnss, attitude = gnss_world_m, None
     if note["attitude_deg"] is not None:
@@ -194,7 +208,7 @@ def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
     )
 
 
-def measured_block(project: Project, notes: Sequence[Mapping[str, Any]], frame: LocalFrame | None = None) -> Block:
+def measured_block(project: Project, notes: Sequence[PhotographNote], frame: LocalFrame | None = None) -> Block:
     """Return the block as project and notes give it: no poses, no tie points. Raises as ``measured_photographs`` and
     ``block_of``."""
     return block_of(project, measured_photographs(project, notes, frame))

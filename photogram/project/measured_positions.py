@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NotRequired
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
@@ -52,6 +54,32 @@ class MeasuredPosition:
     def lacks_arm(self) -> bool:
         """Return whether this is known to be the antenna's position, and not where the camera is from it."""
         return self.of_antenna and self.arm_enu_m is None and self.arm_camera_m is None
+
+
+class PositionNote(TypedDict):
+    """A measured position as the first stage stores it; where there is none, ``gnss_map_m`` and ``gnss_sigma_m`` are
+    None and nothing is noted but why."""
+
+    gnss_map_m: list[float] | None
+    """Position in the map: easting, northing, height."""
+    gnss_sigma_m: list[float] | None
+    """Standard deviations that are believed: east, north, up."""
+    gnss_source: NotRequired[str]
+    """What gives the position: FROM_PROJECT, FROM_TAGS, or the file of positions."""
+    gnss_solution: NotRequired[Solution]
+    """Kind of solution."""
+    gnss_stated_sigma_m: NotRequired[list[float] | None]
+    """Standard deviations that were stated: east, north, up; None where they are believed."""
+    gnss_lacks_lever_arm: NotRequired[bool]
+    """Whether it is known to be the antenna's position, and not where the camera is from it."""
+    lever_arm_enu_m: NotRequired[list[float] | None]
+    """Lever arm from the antenna to the camera along true east, north and up, None where there is none of this kind."""
+    lever_arm_camera_m: NotRequired[list[float] | None]
+    """Lever arm from the antenna to the camera along its axes x, y, z, None where there is none of this kind."""
+    gnss_frozen: NotRequired[bool]
+    """Whether a position is not used because the receiver had stopped."""
+    copy_of: NotRequired[str]
+    """Name of the photograph of which this is a copy, which then measures nothing."""
 
 
 def claims_too_much(solution: Solution, believed_m: Sigma3, stated_m: Sigma3) -> bool:
@@ -231,8 +259,8 @@ def measured_position(project: Project, photograph: ProjectPhotograph, tags: Pho
     return found
 
 
-def position_note(measured: MeasuredPosition | None) -> dict[str, object]:
-    """Return a measured position as JSON."""
+def position_note(measured: MeasuredPosition | None) -> PositionNote:
+    """Return a measured position as it is stored, None where there is none."""
     if measured is None:
         return {"gnss_map_m": None, "gnss_sigma_m": None}
     return {

@@ -6,11 +6,10 @@ difference of the errors at i and j has the covariance (L_i − L_j)(L_i − L_j
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import QhullError
+from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
 from photogram.report.record.report import Report
@@ -21,15 +20,32 @@ NODES = 9
 _DIGITS = 6  # of a metre
 
 
+class ErrorGrid(TypedDict):
+    """Errors of the ground on a grid over the cloud, NODES by NODES, nodes east by east within north by north."""
+
+    low_m: list[float]
+    """First node: east, north from the origin."""
+    step_m: list[float]
+    """Distance between neighbouring nodes to the east and to the north."""
+    nodes: int
+    """Number of nodes along each side."""
+    rank: int
+    """Columns R of the factors."""
+    sigma_m: list[list[float]]
+    """Standard deviations (nodes, 3) of the ground without what its points scatter by themselves."""
+    factor_m: list[list[list[float]]]
+    """Factors (nodes, 3, R) of them for differences."""
+    own_m: list[float | None]
+    """What points of the cloud scatter by themselves in the median, in plan and in height; None where not known."""
+
+
 def error_grid(
     report: Report, origin_map_m: FloatArray, low_m: FloatArray, high_m: FloatArray, in_plan: bool
-) -> dict[str, Any] | None:
+) -> ErrorGrid | None:
     """Return the grid over the cloud, whose corners are given relative to the origin; None where nothing is known.
 
-    ``sigma_m`` (nodes, 3) is the standard deviation of the ground without what its points scatter by themselves, nodes
-    east by east within north by north; ``factor_m`` (nodes, 3, R) its factor for differences. ``own_m`` is what points
-    of the cloud scatter by themselves in the median, in plan and in height, None where that is not known: tie points
-    where the cloud tells sigmas ``in_plan``, else the dense surface.
+    What points of the cloud scatter by themselves is that of tie points where the cloud tells sigmas ``in_plan``, else
+    that of the dense surface.
     """
     errors = report["diagnosis"]["ground_errors"]
     if not errors or not errors["position_map_m"]:

@@ -21,6 +21,7 @@ from photogram.cli.work import plan as run_plan
 from photogram.cli.work import view as run_view
 from photogram.files.clouds.points import write_xyz
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.survey import PointCloud
 
 Run = Callable[..., Any]
@@ -48,6 +49,11 @@ Run = Callable[..., Any]
             {"converged": False, "iterations": 1, "sigma0": 2.0, "blunders": 0},
             "NOT converged after 1 iteration, sigma0 2.000",
         ),
+        (
+            "adjustment",
+            {"converged": True, "iterations": 3, "sigma0": None},
+            "converged after 3 iterations, sigma0 nan",
+        ),
         ("dense", {}, "not requested"),
         (
             "dense",
@@ -60,7 +66,7 @@ Run = Callable[..., Any]
         ("results", {"products": ["report.json", "report.html"]}, "2 files written"),
     ],
 )
-def test_a_stage_is_a_sentence(stage: str, summary: dict[str, Any], words: str) -> None:
+def test_a_stage_is_a_sentence(stage: str, summary: StageSummary, words: str) -> None:
     assert sentence(stage, summary) == words
 
 

@@ -115,14 +115,14 @@ def test_work_within_the_results_is_none_of_them(survey: Path, photogram: Run, e
 
     edit(survey / "project.yaml", sparse)
     (survey / "results").mkdir()
-    (survey / "results/dtm.tif").write_text("mine")
+    (survey / "results/terrain.tif").write_text("mine")
     assert photogram("adjust", survey / "project.yaml").code == 0
     assert (survey / "results/work/results.stage/figures.json").is_file()
-    assert (survey / "results/dtm.tif").read_text() == "mine"
+    assert (survey / "results/terrain.tif").read_text() == "mine"
     assert photogram("report", survey / "project.yaml").code == 0
     assert "<img " in (survey / "results/report.html").read_text(encoding="utf-8")
     edit(survey / "project.yaml", lambda v: v.update(contours={"enabled": False}))
     assert (survey / "results/contours.gpkg").is_file()
     assert photogram("adjust", survey / "project.yaml").code == 0
     assert not (survey / "results/contours.gpkg").exists()
-    assert (survey / "results/dtm.tif").read_text() == "mine"
+    assert (survey / "results/terrain.tif").read_text() == "mine"

@@ -231,7 +231,7 @@ def test_damaged_json_is_a_fault_that_says_what_to_delete(tmp_path: Path, damage
 def test_a_damaged_note_is_that_of_a_damaged_stage(tmp_path: Path, damage: str) -> None:
     workspace = Workspace(tmp_path)
     workspace.begin("adjustment", "abc")
-    workspace.finish("adjustment", "abc", {"seconds": [1.5] * 9})
+    workspace.finish("adjustment", "abc", {"key_points": [1500] * 9})
     path = workspace.stage("adjustment") / "stage.json"
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
     with pytest.raises(DamagedStageError, match=r"stage\.json: was modified .*runs the stage adjustment again"):

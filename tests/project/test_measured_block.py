@@ -8,14 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
-from photogram.errors import ProjectError
-from photogram.files.npz_json import read_arrays, write_arrays
+from photogram.errors import ProjectError, WorkspaceError
+from photogram.files.npz_json import read_arrays, read_json, read_json_as, write_arrays, write_json
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.store.stored_results import measured_arrays, measured_from
 from photogram.project.measured_block import (
     MeasuredPhotographs,
+    PhotographNote,
     is_amid,
     measured_block,
     measured_photographs,
@@ -28,7 +30,7 @@ from photogram.project.project import Project
 from photogram.survey import Photograph
 
 
-def notes_of(project: Project) -> list[dict[str, object]]:
+def notes_of(project: Project) -> list[PhotographNote]:
     """Return what the stage `photographs` notes."""
     tags = [read_tags(p.path) for p in project.photographs]
     pairs = zip(project.photographs, tags, strict=True)
@@ -73,11 +75,34 @@ def test_what_is_stored_is_read_back_bit_for_bit(pristine_survey: Path, tmp_path
             assert (getattr(one, name) is None) == (value is None)
 
 
+def test_notes_are_read_as_they_lie_on_disk(adjusted_survey: Path) -> None:
+    project = load_project(adjusted_survey / "project.yaml")
+    with open_run(project) as run:
+        assert run.notes() == read_json(run.workspace.file("photographs", "tags.json")) == notes_of(project)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "place"),
+    [({"gnss_map_m": "here"}, r"0\.gnss_map_m"), ({"name": None}, r"0\.name"), ({"lever_arm_enu_m": [1, "2"]}, "1")],
+)
+def test_notes_that_are_something_else_are_refused(
+    pristine_survey: Path, tmp_path: Path, spoilt: dict[str, object], place: str
+) -> None:
+    notes = notes_of(load_project(pristine_survey / "project.yaml"))
+    path, types = tmp_path / "tags.json", TypeAdapter(list[PhotographNote])
+    write_json(path, notes)
+    assert read_json_as(path, types) == notes
+    write_json(path, [{**notes[0], **spoilt}, *notes[1:]])
+    with pytest.raises(WorkspaceError, match=rf"tags\.json: cannot be read \(.*{place} is damaged\): delete it"):
+        read_json_as(path, types)
+
+
 def test_a_copy_hands_its_marks_to_the_original(pristine_survey: Path) -> None:
     project = load_project(pristine_survey / "project.yaml")
     notes = notes_of(project)
     whole = measured_block(project, notes).control_points
-    notes[1].update(gnss_map_m=None, attitude_deg=None, copy_of=notes[0]["name"])
+    notes[1]["gnss_map_m"] = notes[1]["attitude_deg"] = None
+    notes[1]["copy_of"] = notes[0]["name"]
     block = measured_block(project, notes)
     assert block.photographs[1].gnss_world_m is None
     points = block.control_points
@@ -102,7 +127,9 @@ def test_the_frame_serves_as_long_as_its_origin_lies_amid_the_survey(pristine_su
 
 def test_a_survey_that_lies_nowhere_is_refused(pristine_survey: Path) -> None:
     project = load_project(pristine_survey / "project.yaml")
-    notes = [{**note, "gnss_map_m": None} for note in notes_of(project)]
+    notes = notes_of(project)
+    for note in notes:
+        note["gnss_map_m"] = None
     checks = tuple(replace(p, roles=("check", "check")) for p in project.control_points)
     nowhere = replace(project, control_points=checks)
     assert survey_frame(nowhere, notes) is None

@@ -7,7 +7,7 @@ import json
 import os
 import random
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from photogram.files.npz_json import FORMAT, write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
 from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.stage_files import Checksum, checksum, journalled
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.workspace import Workspace
 
 Run = Callable[..., Any]
@@ -38,7 +39,7 @@ class Witness:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         pass
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
         if seconds is not None:
             self.ran.append(stage.name)
 
@@ -139,7 +140,7 @@ def test_damage_that_comes_back_ends_the_run(adjusted_survey: Path, monkeypatch:
     path = adjusted_survey / "work/tie_points.stage/tie_points.npz"
     finish = Workspace.finish
 
-    def damaging(self: Workspace, name: str, mark: str, summary: Mapping[str, object]) -> None:
+    def damaging(self: Workspace, name: str, mark: str, summary: StageSummary) -> None:
         finish(self, name, mark, summary)
         if name == "tie_points":
             path.write_bytes(b"nothing")

@@ -68,7 +68,10 @@ def test_what_was_left_out_is_left_out_when_it_is_read_back(adjusted_survey: Pat
     run_pipeline(load_project(project), until="adjustment")
     with open_run(load_project(project)) as run:
         result: Adjustment = run.adjustment()
-        accused = run.verdict()["accused"]
+        verdict = run.verdict()
+        stored = json.loads(run.workspace.file("adjustment", "verdict.json").read_text(encoding="utf-8"))
+    assert json.loads(json.dumps(verdict)) == stored
+    accused = verdict["accused"]
     points = result.block.control_points
     assert {(kind, name) for kind, name, *_ in accused} == {("mark", "G03"), ("control point", "G05")}
     assert np.isinf(points.sigma_m[points.name.index("G05"), 2])

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
 from photogram.pipeline.store.stage import Stage
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
 from photogram.survey import Block
@@ -127,7 +128,7 @@ class Witness:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         pass
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
         (self.done if seconds is None else self.ran).append(stage.name)
 
     def warn(self, text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,8 @@ from photogram.frames import LocalFrame
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage import Progress
-from photogram.pipeline.store.stored_results import resection_to, write_adjustment
+from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stored_results import resection_to, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.quality.improvements import block_deformation
@@ -41,7 +41,7 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
     return tuple(found.get(i) for i in range(len(block.photographs)))
 
 
-def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Adjust the block jointly."""
     orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
@@ -68,16 +68,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     write_adjustment(folder, result)
     write_json(folder / RESECTIONS, [None if r is None else resection_to(r) for r in resections])
     write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
-    write_json(
-        folder / "verdict.json",
-        {
-            "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
-            "blunders": blunders,
-            "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
-            "check_points": verdict.check_before,
-            "check_points_without": verdict.check_after,
-        },
-    )
+    write_json(folder / "verdict.json", verdict_to(verdict, blunders))
     return {
         "sigma0": result.sigma0,
         "converged": result.converged,

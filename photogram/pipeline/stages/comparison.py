@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from photogram.files.npz_json import write_json
 from photogram.frames import map_heights
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import write_comparison
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import compare, triangulate
@@ -42,7 +42,7 @@ def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raste
     return replace(reference, values=values)
 
 
-def compare_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
     if run.project.reference is not None:

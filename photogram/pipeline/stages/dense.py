@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +17,7 @@ from photogram.files.npz_json import write_json
 from photogram.grid import Window
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
@@ -69,7 +70,7 @@ class ReducedPictures:
         return picture
 
 
-def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match heights for every cell of the surface, level by level; blocks that an interrupted run has finished are
     kept."""
     settings: DenseSettings = run.project.dense
@@ -99,8 +100,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, ob
         shutil.rmtree(store.folder)
     note = {"side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2], "flying_height_m": known.flying_height_m}
     write_json(folder / "grid.json", {**asdict(grid), **note})
-    size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
-    return {**size, "levels": len(levels)}
+    return {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "levels": len(levels)}
 
 
 def _matched(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from photogram.files.npz_json import write_json, write_record
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import PLACED_BY, Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
@@ -37,7 +38,7 @@ def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str |
     )
 
 
-def orient_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Find a starting pose for every photograph that can be joined to the block."""
     block = replace(run.block(), tie_points=run.tie_points())
     copies = [note.get("copy_of") for note in run.notes()]
@@ -63,7 +64,7 @@ def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
 
 
-def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Measure tie points in the further photographs that show them.
 
     Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
@@ -95,17 +96,17 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[s
     }
 
 
-def intersect_clouds(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def intersect_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
     block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
     camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
     ideal = ideal_observations(orientation.calibrated(block.cameras), camera_of, tie_points)
-    counts = {}
+    counts = list[int]()
     for rays in (2, 3):
         world = intersect_tie_points(tie_points, ideal, orientation.poses, rays)
         known = np.isfinite(world).all(axis=1)
         cloud = PointCloud.from_world(block.frame, world[known], tie_points.colour[known])
         write_record(folder / f"linear_{rays}view.npz", cloud)
-        counts[f"linear_{rays}view"] = len(cloud)
+        counts.append(len(cloud))
         progress(rays - 1, 2, f"{len(cloud)} points from {rays} views")
-    return counts
+    return {"linear_2view": counts[0], "linear_3view": counts[1]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from threading import Lock
@@ -19,6 +19,7 @@ from photogram.grid import Window
 from photogram.machine import memory_bytes
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.views import Views
 
@@ -76,7 +77,7 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
     return max(LEAST_HELD, memory_bytes() // 16 // largest)
 
 
-def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile; of photographs that look
     sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
@@ -108,11 +109,11 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> Mapping[str, 
 
     write_cog_rgba(folder / "orthophoto.tif", grid, plan_of(run.project.crs), counted())
     write_json(folder / "grid.json", grid)
-    size = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
+    size: StageSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
     return {**size, "cells": shown, **summary(orthophoto)}
 
 
-def summary(orthophoto: Orthophoto) -> dict[str, object]:
+def summary(orthophoto: Orthophoto) -> StageSummary:
     """Return how many photographs an orthophoto is made of, and by what the brightest and the darkest of them are
     multiplied, as the mean of the channels."""
     label = orthophoto.seams.label

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -16,17 +16,16 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.store.dependence import placing_fingerprint
 from photogram.pipeline.store.run import FRAME, MEASURED, Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
-from photogram.project.measured_block import measured_photographs, photograph_note
-from photogram.project.measured_positions import measured_position, position_note
+from photogram.project.measured_block import PhotographNote, measured_photographs, photograph_note
+from photogram.project.measured_positions import measured_position
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.positions import time_findings
 
 
-def _described(
-    project: Project, photograph: ProjectPhotograph, sha256: str
-) -> tuple[dict[str, object], PhotographTags]:
+def _described(project: Project, photograph: ProjectPhotograph, sha256: str) -> tuple[PhotographNote, PhotographTags]:
     """Decode a photograph once, so that damage shows before hours of work, and return what is known of its pose, and
     its tags."""
     camera = project.cameras[photograph.camera]
@@ -35,29 +34,37 @@ def _described(
     return photograph_note(photograph, tags, measured_position(project, photograph, tags)), tags
 
 
-def _leave_out_copies(run: Run, notes: Sequence[dict[str, object]], tags: Sequence[PhotographTags]) -> int:
+def _withdraw_position(note: PhotographNote) -> None:
+    """Note that a photograph has no position; what was known of its source stays noted."""
+    note["gnss_map_m"] = note["gnss_sigma_m"] = None
+
+
+def _leave_out_copies(run: Run, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags]) -> int:
     """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
     there are."""
     photographs = run.project.photographs
     groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], run.executor)
     for original, *copies in groups:
         for i in copies:
-            notes[i].update(position_note(None), attitude_deg=None, copy_of=photographs[original].name)
+            _withdraw_position(notes[i])
+            notes[i]["attitude_deg"] = None
+            notes[i]["copy_of"] = photographs[original].name
     return sum(len(group) - 1 for group in groups)
 
 
-def _leave_out_frozen(notes: Sequence[dict[str, object]], times: Sequence[datetime | None]) -> int:
+def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime | None]) -> int:
     """Note which positions a receiver gave that had stopped; they are not used. Returns how many there are."""
     nowhere = (np.nan,) * 3
     stated = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
     frozen = frozen_positions(stated, times)
     for note, stopped in zip(notes, frozen, strict=True):
         if stopped:
-            note.update(position_note(None), gnss_frozen=True)
+            _withdraw_position(note)
+            note["gnss_frozen"] = True
     return int(frozen.sum())
 
 
-def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
     damaged one is named at once.
 
@@ -66,7 +73,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     photographs = run.project.photographs
     known = zip(photographs, run.photograph_fingerprints, strict=True)
     futures = [run.executor.submit(_described, run.project, photograph, sha256) for photograph, sha256 in known]
-    notes, tags, faults = list[dict[str, object]](), list[PhotographTags](), list[str]()
+    notes, tags, faults = list[PhotographNote](), list[PhotographTags](), list[str]()
     for done, future in enumerate(futures, 1):
         try:
             note, own = future.result()
@@ -77,7 +84,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
         progress(done, len(futures), photographs[done - 1].name)
     if faults:
         raise ImageError("\n".join(faults))
-    times = [None if note["time"] is None else datetime.fromisoformat(str(note["time"])) for note in notes]
+    times = [None if note["time"] is None else datetime.fromisoformat(note["time"]) for note in notes]
     contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "error"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
@@ -87,5 +94,9 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str,
     write_arrays(folder / MEASURED, measured_arrays(measured))
     placing = placing_fingerprint(run.project)
     write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
-    summary = {"photographs": len(notes), "copies": copies, "frozen_positions": frozen}
-    return {name: count for name, count in summary.items() if count or name == "photographs"}
+    summary: StageSummary = {"photographs": len(notes)}
+    if copies:
+        summary["copies"] = copies
+    if frozen:
+        summary["frozen_positions"] = frozen
+    return summary

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from photogram.pipeline.stages.orthophoto import LEFT_OUT
 from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
+from photogram.project.measured_block import PhotographNote
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.surface_figures import (
     DrawnFigure,
@@ -83,7 +83,7 @@ def copy_products(run: Run, results: Path) -> list[str]:
     return names
 
 
-def flight_date(notes: Sequence[Mapping[str, Any]], poses: Sequence[Pose | None]) -> date:
+def flight_date(notes: Sequence[PhotographNote], poses: Sequence[Pose | None]) -> date:
     """Return the day of the last exposure with a pose whose time the tags give, in their notes, NO_DATE where none
     does: the date of the clouds."""
     times = [note["time"] for note, pose in zip(notes, poses, strict=True) if pose is not None]

@@ -43,7 +43,7 @@ class RunFacts:
 def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
     """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
     tags = run.notes()
-    days = sorted(tag["time"][:10] for tag in tags if tag.get("time"))
+    days = sorted(tag["time"][:10] for tag in tags if tag["time"])
     names = run.project.report
     survey: SurveyRecord = {
         "flown_first": days[0] if days else None,
@@ -60,14 +60,14 @@ def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
 def disbelieved(run: Run) -> Disbelieved:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
     summary = run.workspace.summary("adjustment")
-    return Disbelieved(int(summary.get("disbelieved_attitudes", 0)), int(summary.get("disbelieved_headings", 0)))
+    return Disbelieved(summary.get("disbelieved_attitudes", 0), summary.get("disbelieved_headings", 0))
 
 
 def found_blunders(run: Run) -> FoundBlunders:
     """Return the blunders that the adjustment left out, and what they do to the check points."""
     verdict = run.verdict()
     return FoundBlunders(
-        verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict.get("focal_lengths", {})
+        verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict["focal_lengths"]
     )
 
 

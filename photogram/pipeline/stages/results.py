@@ -7,7 +7,6 @@ only when all of them are there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from heapq import nlargest
 from pathlib import Path
@@ -35,6 +34,7 @@ from photogram.pipeline.stages.report_files import (
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_picture
 from photogram.report.figures.style import (
@@ -73,7 +73,7 @@ class _Outcome:
     folder: Path
 
 
-def publish(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def publish(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
     folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
@@ -190,7 +190,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         run.comparisons(),
         outcome.overlap,
         version=__version__,
-        seconds={name: float(run.workspace.summary(name)["seconds"]) for name in stages},
+        seconds={name: run.workspace.summary(name)["seconds"] for name in stages},
         held=run.held(),
         found=found_blunders(run),
         disbelieved=disbelieved(run),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
@@ -102,7 +103,7 @@ def matched(run: Run) -> bool:
     return run.workspace.has("dense", "grid.json")
 
 
-def model_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
     alone where nothing was matched."""
     if not matched(run):
@@ -183,10 +184,10 @@ def _tile(heights: MatchedHeights, shared: Sequence[SharedError], window: Window
     )  # fmt: skip
 
 
-def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the terrain model and the contour lines that the project asks for."""
     terrain, contours = run.project.terrain, run.project.contours
-    summary: dict[str, object] = {}
+    summary: StageSummary = {}
     surface: Raster | None = None
     if terrain.enabled:
         progress(0, 0, "terrain model")
@@ -202,11 +203,13 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
         progress(0, 0, "contour lines")
         lines = contour_lines(surface or run.filled_surface(), contours)
         write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
-        summary |= {"contours": len(lines), "interval_m": lines.interval_m, "of": "terrain" if surface else "surface"}
+        summary["contours"] = len(lines)
+        summary["interval_m"] = lines.interval_m
+        summary["of"] = "terrain" if surface else "surface"
     return summary
 
 
-def interpolate_surface(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def interpolate_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface, run.shape())
     raster = surface.heights

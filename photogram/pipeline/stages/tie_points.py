@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -14,6 +13,7 @@ from photogram.errors import ImageError
 from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
@@ -31,7 +31,7 @@ def _coarseness(project: Project, photograph: int) -> float:
     return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
 
 
-def detect_features(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Find key points, one file per photograph; photographs that an interrupted run has finished are kept.
 
     As many photographs at once as there are workers and as the memory holds.
@@ -68,7 +68,7 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
     return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
 
 
-def choose_pairs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def choose_pairs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Select the pairs of photographs to match."""
     selected = select_photograph_pairs(run)
     write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
@@ -79,7 +79,7 @@ def choose_pairs(run: Run, folder: Path, progress: Progress) -> Mapping[str, obj
     }
 
 
-def match_photographs(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def match_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
     project, pairs = run.project, run.selected_pairs()
 
@@ -110,7 +110,7 @@ def _key_point_sigmas_px(project: Project, photograph: int, features: Features) 
     return key_point_sigmas_px(features.size_px, SMALLEST_PX * scale, best_px)
 
 
-def join_tie_points(run: Run, folder: Path, progress: Progress) -> Mapping[str, object]:
+def join_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Join verified matches to tie points over all photographs."""
     features = [run.features(i) for i in range(len(run.names))]
     matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_record
+from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
@@ -23,19 +23,21 @@ from photogram.pipeline.store.stored_results import (
     ADJUSTED,
     COVARIANCES,
     PlacedBy,
+    StoredVerdict,
     adjusted_block_from,
     adjustment_from,
     comparison_from,
     measured_from,
     orientation_from,
+    read_verdict,
+    rejected_from,
     resection_from,
 )
 from photogram.pipeline.store.workspace import Workspace
-from photogram.project.measured_block import block_of
+from photogram.project.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.results import Adjustment, Deformation
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -43,6 +45,11 @@ from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
 
 FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
+
+
+@cache
+def _note_types() -> TypeAdapter[list[PhotographNote]]:
+    return TypeAdapter(list[PhotographNote])
 
 
 @dataclass(frozen=True)
@@ -90,10 +97,10 @@ class Run:
             self._blocks[mark] = block_of(self.project, measured)
         return self._blocks[mark]
 
-    def notes(self) -> list[dict[str, Any]]:
+    def notes(self) -> list[PhotographNote]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
         `photographs`."""
-        return list(read_json(self.workspace.file("photographs", "tags.json")))
+        return read_json_as(self.workspace.file("photographs", "tags.json"), _note_types())
 
     def gnss_systems(self) -> list[HeightSystem | None]:
         """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
@@ -148,18 +155,12 @@ class Run:
         out. Needs the stage `adjustment`, of which no covariance is read."""
         arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
         tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
-        return adjusted_block_from(self.block(), arrays, tie_points, self._rejected())
+        return adjusted_block_from(self.block(), arrays, tie_points, rejected_from(self.verdict()))
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
         `adjustment`."""
         return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
-
-    def _rejected(self) -> list[Hypothesis]:
-        return [
-            replace(unmeasured(kind, name, photograph), axes=tuple(axes))
-            for kind, name, photograph, axes in self.verdict()["accused"]
-        ]
 
     def precision(self) -> PointPrecision:
         """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
@@ -184,10 +185,10 @@ class Run:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.file("adjustment", "held.json")))
 
-    def verdict(self) -> dict[str, Any]:
+    def verdict(self) -> StoredVerdict:
         """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
         Needs the stage `adjustment`."""
-        return dict(read_json(self.workspace.file("adjustment", "verdict.json")))
+        return read_verdict(self.workspace.file("adjustment", "verdict.json"))
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage_summary import StageSummary
 
 
 class Progress(Protocol):
@@ -18,7 +19,7 @@ class Progress(Protocol):
 
 
 Settings = Callable[[Run], object]
-Work = Callable[[Run, Path, Progress], Mapping[str, object]]
+Work = Callable[[Run, Path, Progress], StageSummary]
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Watcher(Protocol):
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
         """End a stage; ``seconds`` is None when its result was already there."""
 
     def warn(self, text: str) -> None:
@@ -64,7 +65,7 @@ class Silent:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
 
-    def end(self, stage: Stage, seconds: float | None, summary: Mapping[str, Any]) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
         """End a stage."""
 
     def warn(self, text: str) -> None:

@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
+from typing_extensions import TypedDict
 
 from photogram.camera import Pose
-from photogram.files.npz_json import read_arrays, read_record, record_arrays, write_arrays, write_record
+from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame
 from photogram.project.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
-from photogram.quality.gross_errors.data_snooping import Hypothesis, without
+from photogram.quality.gross_errors.blunder_naming import Blunder
+from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
+from photogram.quality.gross_errors.snooped_adjustment import Verdict
+from photogram.report.record.ground import BlunderRecord, CheckPointsRecord
 from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -32,6 +38,21 @@ class PlacedBy:
 
     control: str
     poses: bool
+
+
+class StoredVerdict(TypedDict):
+    """What the data snooping decided, as ``verdict.json`` holds it."""
+
+    accused: list[tuple[Suspected, str, str | None, tuple[int, ...]]]
+    """Rejected measurements: kind, name, photograph of a mark, and axes, as in Hypothesis."""
+    blunders: list[BlunderRecord]
+    """Blunders by their names."""
+    focal_lengths: dict[str, str]
+    """Sentences on focal lengths whose source the photographs contradict, by camera."""
+    check_points: CheckPointsRecord
+    """Accuracy at the check points with all measurements; null where the block cannot be adjusted with them."""
+    check_points_without: CheckPointsRecord
+    """Accuracy at the check points of the result."""
 
 
 _UNKNOWN, _NOWHERE, _UNTURNED = np.array(np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -219,6 +240,34 @@ def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
         deformation=read_record(file("deformation.npz"), Deformation),
         **values,
     )
+
+
+def verdict_to(verdict: Verdict, blunders: Sequence[Blunder]) -> dict[str, object]:
+    """Return a verdict as JSON; ``blunders`` are its own and those that were left out before."""
+    return {
+        "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
+        "blunders": list(blunders),
+        "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
+        "check_points": verdict.check_before,
+        "check_points_without": verdict.check_after,
+    }
+
+
+@cache
+def _verdict_types() -> TypeAdapter[StoredVerdict]:
+    return TypeAdapter(StoredVerdict)
+
+
+def read_verdict(path: Path) -> StoredVerdict:
+    """Read what ``verdict_to`` returned. Raises WorkspaceError where it cannot be read or is something else."""
+    return read_json_as(path, _verdict_types())
+
+
+def rejected_from(verdict: StoredVerdict) -> list[Hypothesis]:
+    """Return the rejected measurements, of unknown size."""
+    return [
+        replace(unmeasured(kind, name, photograph), axes=axes) for kind, name, photograph, axes in verdict["accused"]
+    ]
 
 
 def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from photogram.errors import DamagedStageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, _plain, write_json
@@ -39,6 +38,7 @@ from photogram.pipeline.store.stage_files import (
     keep_whole_files,
     looks_unchanged,
 )
+from photogram.pipeline.store.stage_summary import StageSummary, summary_from
 
 _MISSING, _CHANGED = "is missing", "was modified since it was written"
 _UNKNOWN = "was not written by the stage"
@@ -48,7 +48,7 @@ _UNKNOWN = "was not written by the stage"
 class _Note:
     """What ``stage.json`` of a complete stage says, and when that file was written."""
 
-    value: dict[str, Any]
+    value: StageSummary
     files: dict[str, StageFile]
     mtime_ns: int
 
@@ -85,7 +85,8 @@ class Workspace:
                 value = json.loads(path.read_text(encoding="utf-8"))
                 if value.pop("sha256") != _seal(value):
                     raise DamagedStageError(name, path, _CHANGED)
-                known = _Note(value, {n: StageFile.of(f) for n, f in value.pop("files").items()}, mtime_ns)
+                files = {n: StageFile.of(f) for n, f in value.pop("files").items()}
+                known = _Note(summary_from(value), files, mtime_ns)
                 self._notes[name] = known
         except (FileNotFoundError, NotADirectoryError) as fault:
             raise DamagedStageError(name, path, _MISSING) from fault
@@ -154,9 +155,9 @@ class Workspace:
             self._checked.add(path)
         return path
 
-    def summary(self, name: str) -> dict[str, Any]:
+    def summary(self, name: str) -> StageSummary:
         """Return what a complete stage said of itself: seconds and counts."""
-        return dict(self._note(name).value)
+        return self._note(name).value.copy()
 
     def begin(self, name: str, mark: str, warn: Callable[[str], None] = lambda _: None) -> Path:
         """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept,
@@ -175,7 +176,7 @@ class Workspace:
             write_json(partial / NOTE, note)
         return partial
 
-    def finish(self, name: str, mark: str, summary: Mapping[str, object]) -> None:
+    def finish(self, name: str, mark: str, summary: StageSummary) -> None:
         """Make the partial folder of a stage the complete one, replacing what was there."""
         partial, complete = self.partial(name), self.stage(name)
         with faults_of(partial):

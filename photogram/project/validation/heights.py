@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
 from photogram.height_systems import Geoid, HeightSystem
 from photogram.project.findings import Finding, Severity
+from photogram.project.measured_block import PhotographNote
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
@@ -248,7 +249,7 @@ def _of_both_roles(
     return shift, findings + [replace(f, severity="warning") if agree else f for f in of_checks]
 
 
-def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Mapping[str, Any]]) -> None:
+def stop_at_contradictions(project: Project, block: Block, tags: Sequence[PhotographNote]) -> None:
     """Raise ProjectError where the heights of control points and GNSS contradict each other as two height systems do,
     and neither a focal length nor a picture size would explain it.
 

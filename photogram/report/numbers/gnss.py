@@ -4,14 +4,16 @@ which lever arm was counted, and what must be known before they are believed."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
 from photogram.adjustment.lever_arms import LeftArm
 from photogram.arrays import FloatArray
+from photogram.project.measured_block import PhotographNote
+from photogram.project.measured_positions import position_note
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.record.positions import (
     FlightRecord,
@@ -24,8 +26,8 @@ from photogram.results import Adjustment
 from photogram.survey import Photograph
 from photogram.wording import some, things
 
-Notes = Sequence[Mapping[str, Any]]
-"""By photograph, what measured_positions.position_note says of its position."""
+Notes = Sequence[PhotographNote]
+"""By photograph, what the first stage has noted of it."""
 
 BEYOND_PRIOR = 3.29
 """An offset of more prior sigmas contradicts its prior."""
@@ -174,10 +176,11 @@ def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> 
     arms: dict[str, list[tuple[Literal["world", "camera"], float]]] = {}
     for photograph, takes_part, note in zip(photographs, used, notes, strict=True):
         kept = arms.setdefault(photograph.flight, [])
-        if takes_part and note.get("lever_arm_enu_m") is not None:
-            kept.append(("world", float(np.linalg.norm(note["lever_arm_enu_m"]))))
-        if takes_part and note.get("lever_arm_camera_m") is not None:
-            kept.append(("camera", float(np.linalg.norm(note["lever_arm_camera_m"]))))
+        enu_m, camera_m = note.get("lever_arm_enu_m"), note.get("lever_arm_camera_m")
+        if takes_part and enu_m is not None:
+            kept.append(("world", float(np.linalg.norm(enu_m))))
+        if takes_part and camera_m is not None:
+            kept.append(("camera", float(np.linalg.norm(camera_m))))
     counted: dict[str, LeverArmRecord] = {
         flight: {
             "n": len(kept),
@@ -216,21 +219,30 @@ def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     )
 
 
+def _least(sigmas_m: Sequence[Sequence[float]]) -> str:
+    """Return the smallest of standard deviations (n, 3) along each axis, in words."""
+    return ", ".join(f"{s:.3g}" for s in np.min(sigmas_m, axis=0))
+
+
 def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     """Return what the sources of the positions give reason to warn of."""
     taken = [note for note, u in zip(notes, used, strict=True) if u]
     warnings = []
     for solution, one in (("float", "float solution"), ("single", "single (autonomous) solution")):
-        claimed = [n for n in taken if n.get("gnss_stated_sigma_m") and n.get("gnss_solution") == solution]
+        claimed = [
+            (n["name"], stated, believed)
+            for n in taken
+            if n.get("gnss_solution") == solution
+            and (stated := n.get("gnss_stated_sigma_m")) is not None
+            and (believed := n["gnss_sigma_m"]) is not None
+        ]
         if claimed:
-            stated, believed = (
-                ", ".join(f"{s:.3g}" for s in np.min([n[key] for n in claimed], axis=0))
-                for key in ("gnss_stated_sigma_m", "gnss_sigma_m")
-            )
+            names = [name for name, _, _ in claimed]
+            stated_m, believed_m = _least([s for _, s, _ in claimed]), _least([b for _, _, b in claimed])
             several = one.replace("solution", "solutions", 1)
             warnings.append(
-                f"{things(len(claimed), one, several)} ({some([n['name'] for n in claimed])}) stated with "
-                f"{stated} m, weighted with {believed} m or more: centimetres need fixed ambiguities."
+                f"{things(len(claimed), one, several)} ({some(names)}) stated with "
+                f"{stated_m} m, weighted with {believed_m} m or more: centimetres need fixed ambiguities."
             )
     without = [n["name"] for n in taken if n.get("gnss_lacks_lever_arm")]
     if without:
@@ -259,10 +271,22 @@ def _large(offset_m: Sequence[float | None] | None) -> bool:
     return any(o is not None and abs(o) > LARGE_OFFSET_M for o in offset_m or ())
 
 
+def _unknown(name: str) -> PhotographNote:
+    """Return the note of a photograph of which nothing is known but its name."""
+    return {
+        "name": name,
+        **position_note(None),
+        "height_is_ellipsoidal": None,
+        "attitude_deg": None,
+        "time": None,
+        "height_above_ground_m": None,
+    }
+
+
 def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
     """Return ``gnss`` of report.json; ``notes`` are those of the photographs, in their order, or none."""
     photographs = result.block.photographs
-    notes = notes or [{"name": p.name} for p in photographs]
+    notes = notes or [_unknown(p.name) for p in photographs]
     names, used = _flights(result)
     flights = {flight: _flight_numbers(result, flight, used) for flight in names}
     arm, arm_warning = _left_arm(result)

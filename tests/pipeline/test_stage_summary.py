@@ -1,0 +1,42 @@
+"""What stages say of themselves, as it is stored and read back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from photogram.cli.screen.stage_lines import SENTENCES
+from photogram.errors import DamagedStageError
+from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.store.stage_summary import StageSummary, summary_from
+from photogram.pipeline.store.workspace import Workspace, _seal
+
+
+def test_what_every_stage_says_is_read_as_it_lies_on_disk(finished_survey: Path) -> None:
+    with open_run(load_project(finished_survey / "project.yaml")) as run:
+        for stage in SENTENCES:
+            stored = json.loads((run.workspace.stage(stage) / "stage.json").read_text(encoding="utf-8"))
+            del stored["files"], stored["sha256"]
+            assert run.workspace.summary(stage) == stored
+
+
+def test_an_unknown_key_is_left_out_and_a_wrong_value_refused() -> None:
+    assert summary_from({"pairs": 3, "triples": 1}) == {"pairs": 3}
+    refused: list[object] = [{"pairs": "3"}, {"products": "report.json"}, {"sigma0": "1.0"}, [], None]
+    for wrong in refused:
+        with pytest.raises(ValueError, match="1 validation error"):
+            summary_from(wrong)
+
+
+def test_a_stage_that_says_something_else_is_a_damaged_one(tmp_path: Path) -> None:
+    workspace, said = Workspace(tmp_path), StageSummary(pairs=3)
+    workspace.begin("pairs", "m")
+    workspace.finish("pairs", "m", said)
+    path = workspace.stage("pairs") / "stage.json"
+    note = json.loads(path.read_text(encoding="utf-8")) | {"pairs": "three"}
+    del note["sha256"]
+    path.write_text(json.dumps({**note, "sha256": _seal(note)}), encoding="utf-8")
+    with pytest.raises(DamagedStageError, match=r"stage\.json: was modified since it was written"):
+        workspace.summary("pairs")
