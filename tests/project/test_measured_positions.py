@@ -17,7 +17,7 @@ from photogram.files.photographs.images import PhotographTags, read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
 from photogram.project.findings import Finding
-from photogram.project.measured_block import measured_block
+from photogram.project.measured_block import PhotographNote, measured_block
 from photogram.project.measured_positions import measured_position, position_note
 from photogram.project.project import Project, read_project
 from photogram.project.validation.positions import gnss_findings, time_findings
@@ -184,7 +184,10 @@ def test_an_mrk_of_the_antenna_is_brought_to_the_camera(folder: Path) -> None:
     assert found.arm_enu_m is not None
     np.testing.assert_allclose(found.arm_enu_m, [-0.005, 0.01, -0.2])
     frame = LocalFrame.near(CRS, found.map_m[None])
-    note = {"name": NAMES[0], "attitude_deg": None, "height_above_ground_m": None, **position_note(found)}
+    note: PhotographNote = {
+        "name": NAMES[0], "height_is_ellipsoidal": None, "attitude_deg": None, "time": None,
+        "height_above_ground_m": None, **position_note(found),
+    }  # fmt: skip
     photograph = measured_block(replace(project, photographs=project.photographs[:1]), [note]).photographs[0]
     assert photograph.gnss_world_m is not None
     shift = photograph.gnss_world_m - frame.world_from_map(found.map_m[None])[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.quality.deformation import places_of
 from photogram.quality.ground_errors import ground_errors
-from photogram.report.distances import NODES, error_grid
+from photogram.report.distances import NODES, ErrorGrid, error_grid
 from photogram.report.numbers.diagnosis import ground_error_numbers
 from photogram.report.record.diagnosis import GroundErrorsRecord
 from photogram.report.record.report import Report
@@ -29,7 +29,7 @@ def reported(errors: GroundErrorsRecord | None) -> Report:
     return cast(Report, {"diagnosis": diagnosis})
 
 
-def at(grid: dict[str, Any], place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def at(grid: ErrorGrid, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the page does: bilinear between the nodes, the last beyond them; sigmas (3,) and L (3, R)."""
     u = np.clip((place[:2] - grid["low_m"]) / grid["step_m"], 0, NODES - 1)
     c = np.minimum(np.floor(u), NODES - 2).astype(int)

@@ -34,13 +34,13 @@ def result() -> Adjustment:
     return adjust(simulate_block(PLAN, 2, tie_points=150).block, AdjustmentSettings(robust_loss="none"))
 
 
-def notes(result: Adjustment, *changes: Json) -> list[Json]:
+def notes(result: Adjustment, *changes: Json) -> list[Any]:
     """What is said of each photograph: RTK fixes from the tags, but for the changes to the first ones."""
     plain: Json = {
         "gnss_source": "tags", "gnss_solution": "fix", "gnss_sigma_m": [0.02, 0.02, 0.04], "gnss_stated_sigma_m": None,
         "gnss_lacks_lever_arm": False, "lever_arm_enu_m": None, "lever_arm_camera_m": None,
     }  # fmt: skip
-    made = [{"name": p.name, **plain} for p in result.block.photographs]
+    made: list[Any] = [{"name": p.name, **plain} for p in result.block.photographs]
     for note, change in zip(made, changes, strict=False):
         note.update(change)
     return made
