@@ -29,7 +29,21 @@ from photogram.survey import Block
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 NAMES = [stage.name for stage in STAGES]
-PRODUCTS = {".xml", ".csvt", ".prj", ".gpkg", ".txt", ".laz", ".tif", ".npz", ".mat", ".png", ".csv", ".geojson"}
+PRODUCTS = {
+    ".json",
+    ".xml",
+    ".csvt",
+    ".prj",
+    ".gpkg",
+    ".txt",
+    ".laz",
+    ".tif",
+    ".npz",
+    ".mat",
+    ".png",
+    ".csv",
+    ".geojson",
+}
 
 KILLED_AT = """
 import json, os, signal, sys
