@@ -23,7 +23,7 @@ def adjust(
     pdf: Pdf = False,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Exit with 1 if a measurement was left out because the others contradict it."),
+        typer.Option("--strict", help="Exit with 1 if a measurement was rejected because the others contradict it."),
     ] = False,
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")

@@ -10,8 +10,11 @@ import pytest
 
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.adjustment.self_calibration import held_parameters
+from photogram.quality.gross_errors import snooped_adjustment
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.results import FocalDecision
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
+from photogram.survey import Block
 
 SETTINGS = AdjustmentSettings()
 LENS = 0.06
@@ -24,13 +27,16 @@ PLAN = replace(
 )  # fmt: skip
 
 
-@cache
-def judged(plan: SurveyPlan = PLAN, seed: int = 2) -> Verdict:
+def block_of(plan: SurveyPlan, seed: int) -> Block:
     block = simulate_block(
         plan, seed, tie_points=1500, sigma_px=0.3, start_position_sigma_m=0.5, start_attitude_sigma_deg=0.5
     ).block
-    camera = replace(block.cameras[0], focal_px=plan.focal_px, radial=np.zeros(4))
-    return adjust_and_judge(replace(block, cameras=(camera,)), SETTINGS)
+    return replace(block, cameras=(replace(block.cameras[0], focal_px=plan.focal_px, radial=np.zeros(4)),))
+
+
+@cache
+def judged(plan: SurveyPlan = PLAN, seed: int = 2) -> Verdict:
+    return adjust_and_judge(block_of(plan, seed), SETTINGS)
 
 
 def test_the_source_is_not_rejected_where_parts_of_the_pictures_disagree() -> None:
@@ -40,6 +46,23 @@ def test_the_source_is_not_rejected_where_parts_of_the_pictures_disagree() -> No
     assert decision.says.model_sigma_px > 3.0 * decision.says.formal_sigma_px
     assert not decision.says.trustworthy
     assert not [b for b in verdict.blunders if b.kind == "focal length"]
+
+
+def test_a_settled_focal_length_that_cannot_be_adjusted_ends_no_survey(monkeypatch: pytest.MonkeyPatch) -> None:
+    def undetermined(block: Block, *_: object) -> tuple[Block, dict[str, FocalDecision]]:
+        nothing = tuple(
+            replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
+            for p in block.photographs
+        )
+        return replace(block, photographs=nothing), judged().focal_lengths
+
+    monkeypatch.setattr(snooped_adjustment, "settle_focal_lengths", undetermined)
+    verdict = adjust_and_judge(block_of(PLAN, 2), SETTINGS)
+    assert verdict.result.converged
+    assert verdict.focal_lengths == {}
+    assert [b.kind for b in verdict.blunders] == ["focal length"]
+    (warning,) = [w for w in verdict.result.warnings if w.startswith("The focal length of simulated contradicts")]
+    assert "could not be settled" in warning
 
 
 def test_what_is_settled_lies_near_the_source_and_its_sigma_counts() -> None:

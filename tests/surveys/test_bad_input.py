@@ -77,7 +77,7 @@ FILE_FAULTS: dict[str, tuple[Callable[[Values], object], tuple[str, ...]]] = {
         lambda v: v.update(crs="EPSG:4326"),
         ("'EPSG:4326' (WGS 84) is not a projected CRS", "UTM zone"),
     ),
-    "unknown CRS": (lambda v: v.update(crs="EPSG:99999"), ("crs: 'EPSG:99999'", "write EPSG:25832, for example")),
+    "unknown CRS": (lambda v: v.update(crs="EPSG:99999"), ("crs: 'EPSG:99999'", "expected e.g. EPSG:25832")),
     "far zone": (lambda v: v.update(crs="EPSG:2193"), ("outside the area of use of EPSG:2193", "check crs")),
     "no CRS": (lambda v: v.pop("crs"), ("crs: ",)),
     "swapped": (swap_one, ("[G05].position_m: easting and northing look swapped", "write [easting, northing")),

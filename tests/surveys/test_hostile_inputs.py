@@ -663,7 +663,7 @@ def test_a_photograph_whose_name_is_no_utf8(survey: Path, photogram: Run, edit: 
     outcome = photogram("check", survey / "project.yaml")
     assert outcome.code == 1
     assert "Traceback" not in outcome.err
-    assert "cannot be printed" in " ".join((outcome.out + outcome.err).split())
+    assert "unprintable" in " ".join((outcome.out + outcome.err).split())
     assert "\x1b" not in outcome.out + outcome.err
 
 

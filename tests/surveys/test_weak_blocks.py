@@ -112,7 +112,7 @@ def test_positions_of_a_metre_nearly_in_one_line_are_a_weak_datum_with_its_sigma
     whole = [w for w in result.warnings if w.startswith("The rotation of the block about a horizontal axis at")]
     assert len(whole) == 1
     assert not [w for w in result.warnings if "weakly determined" in w]
-    stated = np.deg2rad(float(re.findall(r"by ([0-9.]+)° \(1 sigma\)", whole[0])[0]))
+    stated = np.deg2rad(float(re.findall(r"known to ([0-9.]+)° only \(1 sigma\)", whole[0])[0]))
     sigma = np.sqrt(np.linalg.eigvalsh(result.rotation_covariance_rad2)[:, -1])
     np.testing.assert_allclose(sigma, stated, rtol=0.1)
     assert stated > 0.05

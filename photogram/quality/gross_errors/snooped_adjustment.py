@@ -9,7 +9,7 @@ photogram.quality.gross_errors.focal_length.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -204,6 +204,20 @@ def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hy
     return [unmeasured("mark", points.name[g], names[i]) for g, i in marks], [blunder]
 
 
+NOT_SETTLED = (
+    "The focal length of {names} contradicts its source, and could not be settled between the two: the adjustment with "
+    "the settled value failed; the one shown rejects the source. Calibrate the camera"
+)
+
+
+def _with_settled(settled: Block, found: Search, decisions: Mapping[str, FocalDecision], adjuster: Adjuster) -> Search:
+    """Return the data snooping of a block with settled focal lengths, from what was ``found`` without. Raises
+    AdjustmentError where the block cannot be adjusted so."""
+    sure = {name for name, decision in decisions.items() if decision.says.trustworthy}
+    others = [a for a in found.rejected if a.kind != "focal length" or a.name in sure]
+    return search(settled, adjuster(without(settled, others)), adjuster, others)
+
+
 def adjust_and_judge(
     block: Block,
     settings: AdjustmentSettings,
@@ -231,9 +245,12 @@ def adjust_and_judge(
         raise AdjustmentError(f"{size[0].sentence}; without them {fault}") from fault
     settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
     if settled is not None:
-        sure = {d for d, decision in decisions.items() if decision.says.trustworthy}
-        others = [a for a in found.rejected if a.kind != "focal length" or a.name in sure]
-        found = search(settled, adjuster(without(settled, others)), adjuster, others)
+        try:
+            found = _with_settled(settled, found, decisions, adjuster)
+        except PhotogramError as fault:
+            sentence = f"{NOT_SETTLED.format(names=', '.join(decisions))} ({fault})"
+            warned = replace(found.result, warnings=(*found.result.warnings, sentence))
+            found, settled, decisions = replace(found, result=warned), None, {}
     off = marks_off_checks(found.result)
     if off:
         cleared = block if settled is None else settled
