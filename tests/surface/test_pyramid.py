@@ -168,7 +168,7 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     data: st.DataObject, rows: int, columns: int, odd: bool
 ) -> None:
     coarse = MapGrid(0.0, 0.0, 1.0, -(-rows // 2) + odd, -(-columns // 2) + odd)
-    step_m = data.draw(st.sampled_from([0.4, 0.2]))  # 250 and 500 steps in all
+    step_m = data.draw(st.sampled_from([0.4, 0.15]))  # 250 and 667 steps in all
     fine = Level(MapGrid(0.0, 0.0, 0.5, rows, columns), 1, 0.5, step_m)
     rng = np.random.default_rng(data.draw(st.integers(0, 999)))
     shape = (coarse.rows, coarse.columns)
@@ -223,7 +223,7 @@ def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_the
 
 def test_a_range_of_too_many_steps_is_searched_between_confirmed_heights_alone() -> None:
     """From a great flying height; a cell that agreed on a height of its own widens no search."""
-    level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.2)
+    level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.15)
     assert MOST_STEPS * level.step_m < 100.0
     heights, correlation = np.zeros((30, 30), np.float32), np.full((30, 30), 0.9, np.float32)
     heights[10:20, 10:20] = 5.0

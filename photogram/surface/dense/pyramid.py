@@ -32,7 +32,7 @@ DOUBTFUL_NMAD, DOUBTFUL_BETWEEN = 3.0, (0.3, 0.75)
 AROUND_CELLS = 8
 """How far around a doubtful cell, in cells of the coarser level, the finest one looks for heights to try."""
 
-MOST_STEPS = 400
+MOST_STEPS = 550
 """Hypotheses that the whole range of a doubtful cell may have; where it has more, only heights nearby are tried."""
 
 CONFIRMED_STEPS, CONFIRMED_SHARE = 6.0, 0.7
