@@ -20,7 +20,7 @@ from photogram.report.printing import browser_options, find_browser
 
 DESK_PX, TELEPHONE_PX = (1280, 900), (400, 900)
 GAP_PX = 24
-SHARE = 0.62
+SHARE = 0.75
 """Of the size on the screen."""
 COLOURS = 200
 
