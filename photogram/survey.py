@@ -304,12 +304,16 @@ class Block:
             raise ValueError("one pose, or None, per photograph")
         check_shape("gnss_offset_sigma_m", self.gnss_offset_sigma_m, (3,))
 
+    @property
+    def camera_of(self) -> IntArray:
+        """Return the number of the camera of every photograph (F,)."""
+        return np.array([p.camera for p in self.photographs], dtype=np.int64)
+
     def oriented_cameras(self, chosen: Sequence[int] | None = None) -> OrientedCameras:
         """Return the photographs, all or those of the numbers ``chosen``, in their order, as compiled code takes them;
         NaN for those that have no pose."""
         index = range(len(self.photographs)) if chosen is None else chosen
-        camera_of = np.array([self.photographs[i].camera for i in index], dtype=np.int64)
-        return oriented_by(self.cameras, camera_of, [self.poses[i] for i in index])
+        return oriented_by(self.cameras, self.camera_of[list(index)], [self.poses[i] for i in index])
 
     def _facts(self) -> list[tuple[str, str]]:
         oriented = sum(pose is not None for pose in self.poses)

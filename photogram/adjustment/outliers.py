@@ -59,7 +59,7 @@ def agreeing_observations(
     one, so the limit is wider.
     """
     block, tie = problem.block, problem.block.tie_points
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     known = np.isfinite(state.tie_point).all(axis=1)
     whitened = residuals(problem.tie, state.cameras, np.nan_to_num(state.tie_point))
     misfit_px = np.linalg.norm(whitened, axis=1) * tie.sigma_px

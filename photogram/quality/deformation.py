@@ -180,7 +180,7 @@ def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -
     layout, cameras = found.layout, len(problem.block.cameras)
     ground = functions_of_tie_points(problem, state, layout, places.points, _ground_weights(state, places))
     count, singled = ground.columns.shape[1], slice(6, 9 + 3 * len(places.corners))
-    camera_of = np.array([p.camera for p in problem.block.photographs], dtype=np.int64)
+    camera_of = problem.block.camera_of
     use = (camera_of == np.arange(cameras)[:, None]).astype(np.float64)
     use /= np.maximum(use.sum(axis=1, keepdims=True), 1.0)
     parts: list[Functions] = [

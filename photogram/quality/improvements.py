@@ -149,7 +149,7 @@ def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem,
     """Return the problem with the photographs of a strip, as the camera with the most photographs would take them; None
     where they see too little of the block."""
     block, tie = problem.block, problem.tie
-    camera = int(np.bincount([p.camera for p in block.photographs]).argmax())
+    camera = int(np.bincount(block.camera_of).argmax())
     R, C = flown([course])
     known = np.bincount(tie.point, minlength=len(state.tie_point)) > 0
     most = int(np.median(np.bincount(tie.photograph, minlength=len(block.photographs))))

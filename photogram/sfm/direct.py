@@ -110,7 +110,7 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
 
     The frame stays near the world frame; photographs that do not agree with the others are not in it.
     """
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     structure = Structure.empty(block.tie_points, block.cameras, camera_of, settings)
     usable = measured(block)
     usable &= np.bincount(block.tie_points.photograph, minlength=len(usable)) >= settings.minimum_points

@@ -24,7 +24,7 @@ def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
     oriented = np.array([pose is not None for pose in block.poses])
     order = order[oriented[points.mark_photograph[order]] & np.isfinite(points.mark_sigma_px[order])]
     photograph, pixel = points.mark_photograph[order], points.mark_pixel[order]
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     ideal = np.empty_like(pixel)
     for c, camera in enumerate(block.cameras):
         own = camera_of[photograph] == c

@@ -23,7 +23,14 @@ from photogram.sfm.incremental import extend, grow, settle
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, collinear, resect
-from photogram.sfm.similarity import Similarity, open_turn_rad, robust_similarity, similarity_from_attitudes, straight
+from photogram.sfm.similarity import (
+    Similarity,
+    common_rotation,
+    open_turn_rad,
+    robust_similarity,
+    similarity_from_attitudes,
+    straight,
+)
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
 
@@ -140,7 +147,7 @@ def _confirmed(
 ) -> tuple[Resection | None, ...]:
     """Return the resections without those that the tie points contradict: P3P of three or four points may pick a pose
     far away, and its control points alone do not show it."""
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     loose = replace(settings, threshold_px=LOOSE * settings.threshold_px)
     poses = [None if resection is None else resection.refined for resection in resections]
     structure = Structure.oriented(block.tie_points, block.cameras, camera_of, loose, poses)
@@ -218,7 +225,7 @@ def georeference(structure: Structure, block: Block) -> Similarity:
 
 
 def _components(block: Block, settings: OrientationSettings, progress: Progress) -> tuple[list[Structure], Method]:
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     everything = np.ones(len(camera_of), dtype=bool)
     if settings.method != "growth" and measured(block).sum() >= 3:
         progress(0, len(camera_of), "from measured poses")
@@ -313,7 +320,7 @@ def placed_again(block: Block, orientation: Orientation, settings: OrientationSe
 
     ``block`` has the tie points. Raises OrientationError where nothing places the block in the world.
     """
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
     structure = Structure.oriented(block.tie_points, cameras, camera_of, settings, orientation.poses)
     fit = georeference(structure, block)
@@ -336,18 +343,6 @@ def _angle_rad(a: FloatArray, b: FloatArray) -> float:
     return float(np.arccos(np.clip((np.trace(a.T @ b) - 1.0) / 2.0, -1.0, 1.0)))
 
 
-def _common_turn(turns: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) nearest to most of the turns (K, 3, 3), by an iteratively reweighted chordal mean
-    (Hartley et al. 2013, sec. 5): positions that are metres off turn a block as a whole."""
-    weight = np.ones(len(turns))
-    common = np.eye(3)
-    for _ in range(30):
-        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turns))
-        common = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        weight = 1.0 / np.maximum(np.linalg.norm(turns - common, axis=(1, 2)), 0.02)
-    return np.asarray(common)
-
-
 def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
     """Return the photographs with the measured attitudes that may take part in the adjustment.
 
@@ -364,7 +359,7 @@ def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Phot
     if not given:
         return block.photographs
     turns = np.array(turned)
-    common = _common_turn(turns)
+    common = common_rotation(turns)  # positions that are metres off turn a block as a whole
     agrees = {
         i: _angle_rad(common, turn) < _limit_rad(block.photographs[i]) for i, turn in zip(given, turns, strict=True)
     }

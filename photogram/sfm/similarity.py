@@ -130,23 +130,28 @@ def robust_similarity(
     return fit, best
 
 
+def common_rotation(rotations: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to most of the rotations (N, 3, 3): an iteratively reweighted chordal mean
+    (Hartley et al. 2013, sec. 5)."""
+    weight = np.ones(len(rotations))
+    R = np.eye(3)
+    for _ in range(30):
+        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, rotations))
+        R = np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+        weight = 1.0 / np.maximum(np.linalg.norm(rotations - R, axis=(1, 2)), 0.02)
+    return R
+
+
 def similarity_from_attitudes(
     source: FloatArray, rotation_source: FloatArray, target: FloatArray, rotation_target: FloatArray
 ) -> Similarity:
     """Return the similarity of photographs whose attitudes are measured too; two positions are enough.
 
     ``source``, ``target`` (N, 3) projection centres, ``rotation_source``, ``rotation_target`` (N, 3, 3) frame from
-    camera. The rotation is the one nearest to all measured ones, weighted down where they disagree with the others
-    (iteratively reweighted chordal mean; Hartley et al. 2013, sec. 5). Raises OrientationError when the positions
-    coincide.
+    camera. The rotation is the one nearest to most of the measured ones (``common_rotation``). Raises
+    OrientationError when the positions coincide.
     """
-    turn = rotation_target @ np.swapaxes(rotation_source, 1, 2)
-    weight = np.ones(len(turn))
-    R = np.eye(3)
-    for _ in range(30):
-        U, _, Vt = np.linalg.svd(np.einsum("n,nij->ij", weight, turn))
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        weight = 1.0 / np.maximum(np.linalg.norm(turn - R, axis=(1, 2)), 0.02)
+    R = common_rotation(rotation_target @ np.swapaxes(rotation_source, 1, 2))
     turned = source @ R.T  # before the medians, which are taken axis by axis
     p, q = turned - np.median(turned, axis=0), target - np.median(target, axis=0)
     length, wanted = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)

@@ -51,7 +51,7 @@ def position_error(block: SimulatedBlock, result: Adjustment) -> FloatArray:
 
 def state_of(result: Adjustment) -> State:
     control = [g for g, role in enumerate(result.block.control_points.role) if role == "control"]
-    camera_of = np.array([p.camera for p in result.block.photographs])
+    camera_of = result.block.camera_of
     return State(
         oriented_by(result.block.cameras, camera_of, result.block.poses),
         result.block.tie_points.position_world_m,

@@ -32,7 +32,7 @@ def simulated(plan: SurveyPlan, seed: int = 1, *, mismatches: float = 0.1, tie_p
 def grown(
     block: SimulatedBlock, tie: TiePoints | None = None, settings: StructureSettings = SETTINGS
 ) -> list[Structure]:
-    camera_of = np.array([p.camera for p in block.block.photographs], dtype=np.int64)
+    camera_of = block.block.camera_of
     return grow(block.block.tie_points if tie is None else tie, block.block.cameras, camera_of, settings)
 
 

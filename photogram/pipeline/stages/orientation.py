@@ -58,7 +58,7 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSumma
 def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     """Return the tie points with positions, and those of their observations that agree with the oriented block."""
     block, tie_points = run.block(), run.tie_points()
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
     structure = Structure.oriented(tie_points, cameras, camera_of, run.project.orientation, orientation.poses)
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
@@ -99,7 +99,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
 def intersect_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
     block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     ideal = ideal_observations(orientation.calibrated(block.cameras), camera_of, tie_points)
     counts = list[int]()
     for rays in (2, 3):

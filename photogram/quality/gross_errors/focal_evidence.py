@@ -48,7 +48,7 @@ def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) 
     camera = block.cameras[c]
     focal_px, sigma_px = _focal_of(free, camera, c)
     ties = free.block.tie_points
-    camera_of = np.array([p.camera for p in block.photographs], dtype=np.int64)
+    camera_of = block.camera_of
     start = replace(block, poses=free.block.poses, tie_points=ties)
     parts: list[tuple[float, float]] = []
     for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
