@@ -29,6 +29,7 @@ from photogram.report.page import fixed, templates
 from photogram.report.record.block import CameraRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.thinning import even_choice
+from photogram.wording import printable, shortened
 
 Json = dict[str, Any]
 
@@ -101,7 +102,7 @@ def _check_together(position_map_m: FloatArray, report: Report, cloud_name: str)
     if apart.min() > _FARTHEST_M:
         raise ReportError(
             f"{cloud_name}: the cloud lies {apart.min() / 1000:.0f} km from every photograph and ground point of "
-            f"report.json: give a cloud of this survey in its map grid, {report['crs']}"
+            f"report.json: give a cloud of this survey in its map grid, {printable(shortened(report['crs'], 60))}"
         )
 
 

@@ -307,6 +307,9 @@ def test_a_cloud_of_another_survey_is_refused(full_report: dict[str, Any]) -> No
     away = DescribedCloud(cloud.position_map_m - [0, 90_000, 0], cloud.colour, cloud.figures)
     with pytest.raises(ReportError, match=r"dense\.laz: the cloud lies 90 km from every photograph"):
         view_page(away, recorded(full_report), "dense.laz", 1000)
+    with pytest.raises(ReportError) as fault:
+        view_page(away, recorded({**full_report, "crs": "x" * 5000}), "dense.laz", 1000)
+    assert len(str(fault.value)) < 300
 
 
 # ---- the command and its faults ------------------------------------------------------------------------------------
