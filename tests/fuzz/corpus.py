@@ -100,7 +100,7 @@ def _pictures(folder: Path) -> None:
 
 def _clouds(folder: Path) -> None:
     rng = np.random.default_rng(2)
-    position = np.array([719_000.0, 6_191_000.0, 70.0]) + rng.uniform(0, 100, (600, 3))
+    position = np.array([602_300.0, 5_794_070.0, 120.0]) + rng.uniform(0, 100, (600, 3))
     colour = rng.integers(0, 256, (600, 3), dtype=np.uint8)
     write_laz(folder / "cloud.laz", PointCloud(position, colour, rng.uniform(0.01, 0.1, (600, 3))), CRS)
     for version, kind in (("1.2", 3), ("1.4", 7)):

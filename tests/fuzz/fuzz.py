@@ -19,6 +19,8 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from random import Random
 from types import FrameType
@@ -65,6 +67,21 @@ def _check_message(fault: PhotogramError) -> None:
             raise AssertionError(f"a line of {len(line)} characters: {line[:200]!r}")
 
 
+def _place(bench: Bench, sound: Path) -> Path:
+    return bench.folder / f"spoilt{sound.suffix}" if sound.name != "report.json" else bench.folder / "report.json"
+
+
+def _check_sound(bench: Bench) -> None:
+    """Use every sound input: what refuses those would refuse all others, and try nothing."""
+    for target in TARGETS.values():
+        for seed in target.seeds:
+            path = _place(bench, bench.corpus / seed)
+            shutil.copy(bench.corpus / seed, path)
+            with redirect_stdout(StringIO()):
+                target.use(Case(bench, path, bench.corpus / seed, False))
+            path.unlink()
+
+
 def _run(bench: Bench, seed: int, number: int) -> tuple[str, str]:
     """Run a case; return its target and how it ended."""
     random = Random(f"{seed}/{number}")
@@ -73,7 +90,7 @@ def _run(bench: Bench, seed: int, number: int) -> tuple[str, str]:
     sound = bench.corpus / random.choice(target.seeds)
     was_cut = name in CUT and random.random() < 0.25
     content = sound.read_bytes()
-    path = bench.folder / f"spoilt{sound.suffix}" if sound.name != "report.json" else bench.folder / "report.json"
+    path = _place(bench, sound)
     path.write_bytes(cut(content, random) if was_cut else target.spoil(content, random))
     try:
         target.use(Case(bench, path, sound, was_cut))
@@ -154,6 +171,7 @@ def _run_all(folder: Path, options: argparse.Namespace) -> int:
     shutil.copytree(survey, folder / "survey", ignore=shutil.ignore_patterns("work", "results"))
     shutil.copy(survey / "project.yaml", folder / "corpus")
     bench = Bench(folder / "corpus", folder / "survey", folder / "spoilt")
+    _check_sound(bench)
     numbers = range(options.first, options.cases) if options.only is None else [options.only]
     counts: Counter[tuple[str, str]] = Counter()
     failed, start, used, slowest = 0, time.monotonic(), time.process_time(), 0.0
