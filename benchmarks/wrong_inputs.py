@@ -71,7 +71,7 @@ def plan_of(seed: int, receiver: str) -> SurveyPlan:
         strips=int(rng.integers(3, 6)), photographs_per_strip=int(rng.integers(5, 9)),
         forward_overlap=0.78, side_overlap=0.68, control_points=int(rng.integers(6, 11)), check_points=6,
         calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
-        if rtk else (50.0, 10.0, 10.0, 0.05, 0.05, 0.02, 0.001, 0.001),
+        if rtk else (50.0, 10.0, 10.0, 0.05, 0.05, 0.02, 0.0, 0.001, 0.001, 0.0, 0.0),
         gnss_sigma_m=(0.02, 0.02, 0.03) if rtk else (2.0, 2.0, 3.0),
         gnss_offset_sigma_m=(0.05, 0.05, 0.08) if rtk else (1.0, 1.0, 2.0),
         gnss_tags=receiver != "none", control_sigma_m=(0.02, 0.02, 0.03),
