@@ -87,7 +87,7 @@ def test_red_beside_good_check_points_is_said(bare: Json) -> None:
     verdict = checked(report, 0.04, 30, **TARGETS)["verdict"]
     assert verdict["grade"] == "attention"
     assert "Blunders" in verdict["also"]
-    assert verdict["to_do"][0] == "it is rejected: check the measurement"
+    assert verdict["to_do"][0] == "check the measurements that were rejected as blunders"
 
 
 def test_a_survey_that_did_not_converge_is_bad_whatever_its_check_points(bare: Json) -> None:

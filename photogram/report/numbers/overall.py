@@ -101,7 +101,7 @@ def _also(lights: Sequence[LightRecord]) -> str:
     """Return which other lights are red, those of the check points being said already."""
     red = [light["subject"] for light in lights if light["grade"] == "bad"]
     red = [subject for subject in red if not subject.startswith(("Check points", "Adjustment"))]
-    return f"Red below: {', '.join(red)}." if red else ""
+    return f"Red below: {', '.join(subject.removesuffix('?') for subject in red)}." if red else ""
 
 
 def _figure(report: SurveyNumbers, tested: Direction) -> VerdictFigureRecord:

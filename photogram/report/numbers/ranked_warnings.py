@@ -92,7 +92,7 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
     decided = any(camera["focal_length"] for camera in report["cameras"].values())
     named = [b for b in report["blunders"] if not (decided and b["kind"] == "focal length")]
     found = list[WarningRecord]()
-    remedy = "it is rejected: check the measurement"
+    remedy = "check the measurements that were rejected as blunders"
     harmless = ("GNSS position", "attitude")
     found += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
     found += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
@@ -104,8 +104,9 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
     if suspects:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
         severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
-        remedy = "check it, and remove it if it is wrong"
-        found.append(_warning("suspects", severity, f"{suspects[0]['sentence']}{others}", remedy))
+        first = suspects[0]
+        remedy = f"check {first['kind']} {first['name']}, and remove it if it is wrong"
+        found.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
     return found
 
 
