@@ -27,6 +27,17 @@ SharedData = Callable[[str], Path]
 Json = Any
 """What a file of JSON holds, as a script of a user reads it: nothing is known of its keys, and a test may change it."""
 
+PHANTOM = Camera(
+    "p",
+    5472,
+    3648,
+    3670.0,
+    np.array([2741.0, 1837.0]),
+    np.array([-0.26, 0.11, -0.035, 0.0]),
+    np.array([-0.001, 0.0008]),
+)
+"""A camera like that of a Phantom 4."""
+
 LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
 """Of everything: no loss, nothing rejected."""
 

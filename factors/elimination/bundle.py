@@ -35,7 +35,7 @@ from photogram.factors.elimination.points import (
 from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
 from photogram.factors.elimination.reprojection import Observations, calibration_scale
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
-from photogram.factors.elimination.state import State
+from photogram.factors.elimination.state import OfCameras, State
 from photogram.machine import cores
 from photogram.projection import FOCAL, OrientedCameras
 
@@ -189,7 +189,7 @@ def minimise_bundle(
 
 
 @dataclass(frozen=True, eq=False)
-class BundleState:
+class BundleState(OfCameras):
     """A block in its own frame: ``cameras`` interior and exterior orientation, ``point`` (P, 3).
 
     ``cost`` is half the sum of squared whitened residuals under the loss, infinite before an adjustment; ``converged``
@@ -201,21 +201,6 @@ class BundleState:
     cost: float = float("inf")
     iterations: int = 0
     converged: bool = False
-
-    @property
-    def rotation(self) -> FloatArray:
-        """Return the rotations (N, 3, 3) of the photographs, world from camera."""
-        return self.cameras.rotation
-
-    @property
-    def position(self) -> FloatArray:
-        """Return the projection centres (N, 3)."""
-        return self.cameras.position
-
-    @property
-    def parameters(self) -> FloatArray:
-        """Return the interior orientations (cameras, 11)."""
-        return self.cameras.parameters
 
 
 class _CalibrationPrior:

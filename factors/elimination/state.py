@@ -8,15 +8,10 @@ from photogram.arrays import FloatArray
 from photogram.projection import OrientedCameras
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """Values of all variables: ``cameras`` interior and exterior orientation, ``tie_point`` (P, 3), ``control`` (G, 3),
-    ``offset`` (flights, 3); positions in the world, m."""
+class OfCameras:
+    """Values among which are ``cameras``, with their parts by name."""
 
     cameras: OrientedCameras
-    tie_point: FloatArray
-    control: FloatArray
-    offset: FloatArray
 
     @property
     def rotation(self) -> FloatArray:
@@ -32,3 +27,14 @@ class State:
     def parameters(self) -> FloatArray:
         """Return the interior orientations (cameras, 11)."""
         return self.cameras.parameters
+
+
+@dataclass(frozen=True, eq=False)
+class State(OfCameras):
+    """Values of all variables: ``cameras`` interior and exterior orientation, ``tie_point`` (P, 3), ``control`` (G, 3),
+    ``offset`` (flights, 3); positions in the world, m."""
+
+    cameras: OrientedCameras
+    tie_point: FloatArray
+    control: FloatArray
+    offset: FloatArray

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from makers import PHANTOM
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, image_plane, project, rotation_from_gimbal
@@ -23,15 +24,7 @@ BY_CONTROL, BY_ATTITUDE = OrientationSettings(method="control"), OrientationSett
 
 # ---- by control points ----------------------------------------------------------------------------------------------
 
-CAMERA = Camera(
-    "p",
-    5472,
-    3648,
-    3670.0,
-    np.array([2741.0, 1837.0]),
-    np.array([-0.26, 0.11, -0.035, 0.0]),
-    np.array([-0.001, 0.0008]),
-)
+CAMERA = PHANTOM
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from makers import SharedData
+from makers import PHANTOM, SharedData
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -22,15 +22,7 @@ from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect
 
 ROOT = Path(__file__).parents[2]
 
-CAMERA = Camera(
-    "p",
-    5472,
-    3648,
-    3670.0,
-    np.array([2741.0, 1837.0]),
-    np.array([-0.26, 0.11, -0.035, 0.0]),
-    np.array([-0.001, 0.0008]),
-)
+CAMERA = PHANTOM
 PINHOLE = replace(CAMERA, radial=np.zeros(4), tangential=np.zeros(2))
 POSE = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 58.0]))
 SIGMA = 1.5
