@@ -205,8 +205,8 @@ def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hy
 
 
 NOT_SETTLED = (
-    "The focal length of {names} contradicts its source, and could not be settled between the two: the adjustment with "
-    "the settled value failed; the one shown rejects the source. Calibrate the camera"
+    "The focal length of {names} contradicts its source and could not be settled: the adjustment between the two "
+    "failed ({fault}). The result rejects the source: calibrate the camera"
 )
 
 
@@ -248,7 +248,7 @@ def adjust_and_judge(
         try:
             found = _with_settled(settled, found, decisions, adjuster)
         except PhotogramError as fault:
-            sentence = f"{NOT_SETTLED.format(names=', '.join(decisions))} ({fault})"
+            sentence = NOT_SETTLED.format(names=", ".join(decisions), fault=fault)
             warned = replace(found.result, warnings=(*found.result.warnings, sentence))
             found, settled, decisions = replace(found, result=warned), None, {}
     off = marks_off_checks(found.result)
