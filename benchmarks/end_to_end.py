@@ -7,8 +7,8 @@ All work on the CPU alone, in turn, each in a process of its own, on pictures of
 key points of a photograph; how many there are is printed. pycolmap runs with its defaults (every pair is matched, as is
 usual for so few photographs, the focal length starts from EXIF, and one camera of its OPENCV model, f, k1 k2 p1 p2, is
 estimated) but for where it looks for key points: `pycolmap -1`, its default, begins in the picture of doubled size, and
-`pycolmap 0` in the picture itself, as photogram does with large photographs. Reading the tags, surface and report are not
-counted: COLMAP's mapper makes none of them.
+`pycolmap 0` in the picture itself, as photogram does with large photographs. Reading the tags, surface and report are
+not counted: COLMAP's mapper makes none of them.
 """
 
 from __future__ import annotations
