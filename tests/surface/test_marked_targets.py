@@ -42,7 +42,7 @@ def ground(seed: int) -> Texture:
 
     def texture(east: Array, north: Array) -> Array:
         x, y = east - TARGET[0], north - TARGET[1]
-        return 110.0 + 3.0 * sum(np.sin(k[0] * x + k[1] * y + p) for k, p in zip(wave, phase, strict=True))
+        return np.asarray(110.0 + 3.0 * sum(np.sin(k[0] * x + k[1] * y + p) for k, p in zip(wave, phase, strict=True)))
 
     return texture
 
@@ -54,7 +54,7 @@ def with_target(under: Texture, radius_m: float = 0.25) -> Texture:
         x, y = east - TARGET[0], north - TARGET[1]
         disc = 0.5 - 0.5 * np.tanh((np.hypot(x, y) - radius_m) / 0.04)
         quarters = np.tanh(x / 0.02) * np.tanh(y / 0.02)
-        return (1.0 - disc) * under(east, north) + disc * (128.0 + 100.0 * quarters)
+        return np.asarray((1.0 - disc) * under(east, north) + disc * (128.0 + 100.0 * quarters))
 
     return texture
 
@@ -66,7 +66,8 @@ def photograph(texture: Texture, pose: Pose, seed: int) -> Array:
     place = pose.position_world_m + ray * (-pose.position_world_m[2] / ray[:, 2])[:, None]
     place_map = FRAME.map_from_world(place)
     grey = texture(place_map[:, 0], place_map[:, 1]).reshape(u.shape)
-    return np.clip(grey + np.random.default_rng(seed).normal(0.0, 2.0, u.shape), 0, 255).astype(np.uint8)
+    noise = np.random.default_rng(seed).normal(0.0, 2.0, u.shape)
+    return np.asarray(np.clip(grey + noise, 0, 255), np.uint8)
 
 
 def centre_cell() -> Array:
@@ -126,11 +127,11 @@ def test_nothing_is_found_where_the_orthophoto_shows_something_else() -> None:
 
 def stripes(east: Array, north: Array) -> Array:
     del north
-    return 128.0 + 100.0 * np.tanh((east - TARGET[0]) / 0.03)
+    return np.asarray(128.0 + 100.0 * np.tanh((east - TARGET[0]) / 0.03))
 
 
 def chessboard(east: Array, north: Array) -> Array:
-    return 128.0 + 80.0 * np.sin((east - TARGET[0]) * 30.0) * np.sin((north - TARGET[1]) * 30.0)
+    return np.asarray(128.0 + 80.0 * np.sin((east - TARGET[0]) * 30.0) * np.sin((north - TARGET[1]) * 30.0))
 
 
 def level(east: Array, north: Array) -> Array:

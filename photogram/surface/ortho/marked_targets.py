@@ -2,9 +2,9 @@
 
 The neighbourhood of a mark is resampled onto the cells of the orthophoto, so that the mark lies in the middle: this is
 what the orthophoto should show around the target, whatever the target looks like. The place where it correlates best is
-where the orthophoto shows it (normalised cross-correlation, with a parabola through its peak: Förstner & Wrobel 2016,
-sec. 13.5). Surveyed coordinates are not used. A target is found only where the correlation is high and has one peak,
-which an edge has not, and where most of its marks agree.
+where the orthophoto shows it (normalised cross-correlation, Lewis 1995, with a parabola through its peak). Surveyed
+coordinates are not used. A target is found only where the correlation is high and has one peak, which an edge has not,
+and where most of its marks agree.
 """
 
 from __future__ import annotations
