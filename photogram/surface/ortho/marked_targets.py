@@ -94,9 +94,11 @@ def mark_neighbourhood(mark: Mark, centre_map_m: FloatArray, cell_m: float, fram
     place = centre_map_m + np.stack([east, north, np.zeros_like(east)], axis=-1).reshape(-1, 3)
     pixel = project(mark.camera, mark.pose, frame.world_from_map(place))
     pixel += mark.pixel - pixel[len(pixel) // 2]
+    if not np.isfinite(pixel).all():
+        return None
     height, width = mark.grey.shape
     low, high = np.floor(pixel.min(axis=0)).astype(int) - 4, np.ceil(pixel.max(axis=0)).astype(int) + 5
-    if not np.isfinite(pixel).all() or (low < 0).any() or high[0] > width or high[1] > height:
+    if (low < 0).any() or high[0] > width or high[1] > height:
         return None
     crop = mark.grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     side = pixel.reshape(*east.shape, 2)
