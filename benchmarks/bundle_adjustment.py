@@ -7,14 +7,20 @@ Observations are simulated, with 0.5 px noise and without mismatches, which woul
 photographs with 10 000 tie points, 100 with 50 000 and 500 with 200 000, five to seven photographs a point. Both
 engines minimise the same cost, image residuals under Huber's loss from 1.5 px on, over poses and points, once with
 the calibration held and once with f, k1 and k2 free, from the same start: projection centres off by 0.5 m, attitudes
-by 0.5°, points by 1 m, the focal length by 0.5 %. Every engine has a process of its own that may use one processor or
-two. Ceres chooses its linear solver as pycolmap does by default.
+by 0.5°, points by 1 m, the focal length by 0.5 %.
 
-`seconds` are those, from the call on, to the first cost within 1e-5 of the least that any engine reached, the median of
-the repetitions; `iteration` is that time over the steps taken; `memory` the peak of the first run above what the
-process held with the block's arrays loaded. `photogram` solves the reduced system by a banded factor, `photogram
-(gtsam)` by GTSAM. Before anything is printed as faster, costs must agree to 1e-4 and projection centres, after a
-similarity, to a twentieth of the GSD. What compilation costs a first run is measured apart.
+Nothing in it fixes the datum. photogram leaves it to the damping. Ceres runs twice: `two held` is pycolmap's own gauge
+(TWO_CAMS_FROM_WORLD), one photograph and a coordinate of another held where they start, so that the whole block has to
+move to where these two put it; in `free gauge` nothing is held and the damping decides, as in photogram. `--settings`
+tries other settings of Ceres with the free gauge; the table has those that were fastest, see CERES.
+
+Every run has a process of its own that may use one processor or two, and the engines take turns. `seconds` are those,
+from the call on, to the first cost within 1e-5 of the least that any engine reached: the best of the repetitions, and
+their median. `steps` are those accepted until then, `refused` the others; `a step` is the best time over both. `ratio`
+is that to the first row. `memory` is the peak above what the process held with the block's arrays loaded. `photogram`
+solves the reduced system by a banded factor, `photogram (gtsam)` by GTSAM. Before anything is printed, costs must agree
+to 1e-4 and projection centres, after a similarity, to a twentieth of the GSD. What compilation costs a first run is
+measured apart.
 """
 
 from __future__ import annotations
@@ -26,10 +32,13 @@ import os
 import pickle
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -37,6 +46,7 @@ from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, mi
 from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
+from photogram.factors.elimination.levenberg_marquardt import Damping
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.solvers import SolverName
 from photogram.sfm.similarity import fit_similarity
@@ -47,7 +57,7 @@ BLOCKS = {20: (4, 5, 10_000), 100: (5, 20, 50_000), 500: (10, 50, 200_000)}
 SIGMA_PX, THRESHOLD = 0.5, 3.0
 WITHIN, AGREEMENT = 1e-5, 1e-4
 NEAR_GSD = 0.05  # large self-calibrated blocks bend by more than that before their cost says so
-FREE = ("f", "k1", "k2")
+TWO_HELD, FREE_GAUGE = "TWO_CAMS_FROM_WORLD", "UNSPECIFIED"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +72,23 @@ class Task:
 
 
 @dataclass(frozen=True)
+class CeresSettings:
+    """How Ceres is run: pycolmap's gauge, its linear solver (None: as pycolmap chooses it) and the first radius of its
+    trust region, whose inverse damps the first step."""
+
+    gauge: str
+    linear_solver: str | None = None
+    radius: float = 1e4
+
+
+@dataclass(frozen=True)
 class Run:
-    """What one engine did: seconds and cost (as photogram counts it) of every step, and the result's centres."""
+    """What one engine did: seconds, cost (as photogram counts it) and refused attempts until every step accepted, and
+    the result's centres."""
 
     seconds: list[float]
     costs: list[float]
+    refused: list[int]
     memory_gb: float
     centres: list[list[float]]
     focal_px: float
@@ -108,21 +130,24 @@ def _forget_peak() -> float:
 
 
 class Clock:
-    """Seconds since the start and the cost of every step."""
+    """Seconds since the start, the cost, and the attempts refused so far, of every step accepted."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []
         self.costs: list[float] = []
+        self.refused: list[int] = []
+        self.refusals = 0
         self._began = time.perf_counter()
 
     def watch(self, _iteration: int, cost: float) -> None:
         """Note a step."""
         self.seconds.append(time.perf_counter() - self._began)
         self.costs.append(cost)
+        self.refused.append(self.refusals)
 
 
-def photogram(task: Task, repeat: int, solver: SolverName) -> list[Run]:
-    """Adjust with photogram, ``repeat`` times."""
+def photogram(task: Task, solver: SolverName) -> Run:
+    """Adjust with photogram."""
     q = task.start.parameters
     free = np.zeros(q.shape, dtype=bool)
     free[:, [0, 3, 4]] = task.free
@@ -136,25 +161,35 @@ def photogram(task: Task, repeat: int, solver: SolverName) -> list[Run]:
 
     few = task.observations.select(task.observations.point < 50)
     solve(task.start, few, Clock())  # loads what is compiled
-    before, runs = _forget_peak(), []
-    for _ in range(repeat):
-        clock = Clock()
+    before, clock = _forget_peak(), Clock()
+    with _refusals(clock):
         found = solve(task.start, task.observations, clock)
-        memory, focal_px = _memory_gb("VmHWM") - before, float(found.parameters[0, 0])
-        runs.append(Run(clock.seconds, clock.costs, memory, found.position.tolist(), focal_px))
-    return runs
+    memory, focal_px = _memory_gb("VmHWM") - before, float(found.parameters[0, 0])
+    return Run(clock.seconds, clock.costs, clock.refused, memory, found.position.tolist(), focal_px)
 
 
-def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN401 - pycolmap has no types
+@contextmanager
+def _refusals(clock: Clock) -> Iterator[None]:
+    """Count the steps that photogram's Levenberg–Marquardt refuses."""
+    refuse = Damping.refuse
+
+    def counted(damping: Damping) -> bool:
+        clock.refusals += 1
+        return refuse(damping)
+
+    with mock.patch.object(Damping, "refuse", counted):
+        yield
+
+
+def _adjuster(task: Task, reconstruction: Any, settings: CeresSettings) -> tuple[Any, Any]:  # noqa: ANN401 - pycolmap has no types
     """Return pycolmap's bundle adjuster of a reconstruction, and options for Ceres."""
     import pyceres
     import pycolmap
 
-    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     config = pycolmap.BundleAdjustmentConfig()
     for image in reconstruction.images:
         config.add_image(image)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.__members__[settings.gauge])
     if not task.free:
         config.set_constant_cam_intrinsics(1)
     options = pycolmap.BundleAdjustmentOptions()
@@ -167,16 +202,23 @@ def _adjuster(task: Task, reconstruction: Any) -> tuple[Any, Any]:  # noqa: ANN4
     for name in ("linear_solver_type", "sparse_linear_algebra_library_type", "dense_linear_algebra_library_type"):
         value = getattr(chosen, name)  # pycolmap's own types, of the same names
         setattr(solving, name, getattr(pyceres, type(value).__name__).__members__[value.name])
+    if settings.linear_solver is not None:
+        solving.linear_solver_type = pyceres.LinearSolverType.__members__[settings.linear_solver]
+    if "ITERATIVE" in solving.linear_solver_type.name:
+        solving.preconditioner_type = pyceres.PreconditionerType.SCHUR_JACOBI  # as pycolmap sets it
+    solving.initial_trust_region_radius = settings.radius
     solving.max_num_iterations, solving.function_tolerance, solving.num_threads = 200, 1e-7, _processors()
     solving.gradient_tolerance, solving.parameter_tolerance = 0.0, 0.0
     solving.logging_type = pyceres.LoggingType.SILENT
     return adjuster, solving
 
 
-def ceres(task: Task, repeat: int) -> list[Run]:
-    """Adjust with pycolmap's bundle adjuster, solved by Ceres, ``repeat`` times."""
+def ceres(task: Task, settings: CeresSettings) -> Run:
+    """Adjust with pycolmap's bundle adjuster, solved by Ceres."""
     import pyceres
     import pycolmap
+
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)  # and it is loaded before memory is measured
 
     class Watch(pyceres.IterationCallback):  # type: ignore[misc]
         def __init__(self, clock: Clock) -> None:
@@ -186,21 +228,20 @@ def ceres(task: Task, repeat: int) -> list[Run]:
         def __call__(self, summary: Any) -> Any:  # noqa: ANN401 - pyceres has no types
             if summary.iteration > 0 and summary.step_is_successful:
                 self.clock.watch(summary.iteration, summary.cost / SIGMA_PX**2)
+            elif summary.iteration > 0:
+                self.clock.refusals += 1
             return pyceres.CallbackReturnType.SOLVER_CONTINUE
 
-    before, start, runs = _forget_peak(), _reconstruction(task), []
-    for _ in range(repeat):
-        reconstruction = pycolmap.Reconstruction(start) if repeat > 1 else start
-        adjuster, solving = _adjuster(task, reconstruction)
-        summary, clock = pyceres.SolverSummary(), Clock()
-        watch = Watch(clock)
-        solving.callbacks = [watch]
-        pyceres.solve(solving, adjuster.problem, summary)
-        images = [reconstruction.images[i] for i in sorted(reconstruction.images)]
-        centres = [image.projection_center().tolist() for image in images]
-        focal_px = float(reconstruction.cameras[1].params[0])
-        runs.append(Run(clock.seconds, clock.costs, _memory_gb("VmHWM") - before, centres, focal_px))
-    return runs
+    before, reconstruction = _forget_peak(), _reconstruction(task)
+    adjuster, solving = _adjuster(task, reconstruction, settings)
+    summary, clock = pyceres.SolverSummary(), Clock()
+    watch = Watch(clock)
+    solving.callbacks = [watch]
+    pyceres.solve(solving, adjuster.problem, summary)
+    images = [reconstruction.images[i] for i in sorted(reconstruction.images)]
+    centres = [image.projection_center().tolist() for image in images]
+    focal_px = float(reconstruction.cameras[1].params[0])
+    return Run(clock.seconds, clock.costs, clock.refused, _memory_gb("VmHWM") - before, centres, focal_px)
 
 
 def photogram_covariances(task: Task) -> dict[str, float]:
@@ -220,8 +261,9 @@ def ceres_covariances(task: Task) -> dict[str, float]:
     """Return the seconds of pycolmap's covariances of all poses and all points."""
     import pycolmap
 
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     reconstruction = _reconstruction(task)
-    adjuster, _ = _adjuster(task, reconstruction)
+    adjuster, _ = _adjuster(task, reconstruction, CeresSettings(TWO_HELD))
     options = pycolmap.BACovarianceOptions()
     options.params = pycolmap.BACovarianceOptionsParams.POSES_AND_POINTS
     began = time.perf_counter()
@@ -259,21 +301,35 @@ def _reconstruction(task: Task) -> Any:  # noqa: ANN401 - pycolmap has no types
     return reconstruction
 
 
-ENGINES: dict[str, Callable[[Task, int], list[Run]]] = {
-    "photogram": lambda task, repeat: photogram(task, repeat, "banded"),
-    "photogram (gtsam)": lambda task, repeat: photogram(task, repeat, "gtsam"),
-    "Ceres": ceres,
+CERES = {
+    "Ceres, two held": CeresSettings(TWO_HELD),
+    "Ceres, free gauge": CeresSettings(FREE_GAUGE),
 }
+"""Ceres as the table has it: pycolmap's choice of the linear solver and Ceres' own first radius."""
+
+TRIED = {
+    f"{solver or 'as pycolmap'}, {radius:.0e}": CeresSettings(FREE_GAUGE, solver, radius)
+    for solver in (None, "DENSE_SCHUR", "SPARSE_SCHUR", "ITERATIVE_SCHUR")
+    for radius in (1e4, 1e6)
+}
+"""What `--settings` compares: linear solvers, and first radii."""
+
+ENGINES: dict[str, Callable[[Task], Run]] = {
+    "photogram": lambda task: photogram(task, "banded"),
+    "photogram (gtsam)": lambda task: photogram(task, "gtsam"),
+    **{name: partial(ceres, settings=settings) for name, settings in (CERES | TRIED).items()},
+}
+SHOWN = [name for name in ENGINES if name not in TRIED]
 
 
 def _processors() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _work(path: str, engine: str, task_path: str, processors: int, repeat: int) -> None:
+def _work(path: str, engine: str, task_path: str, processors: int) -> None:
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:processors])
-    runs = ENGINES[engine](pickle.loads(Path(task_path).read_bytes()), repeat)
-    Path(path).write_text(json.dumps([run.__dict__ for run in runs]), encoding="utf-8")
+    run = ENGINES[engine](pickle.loads(Path(task_path).read_bytes()))
+    Path(path).write_text(json.dumps(run.__dict__), encoding="utf-8")
 
 
 def _in_a_process_of_its_own(target: Callable[..., None], *arguments: object) -> None:
@@ -300,11 +356,11 @@ def compare_covariances(folder: Path, photographs: int) -> None:
         print(f"{engine:<18}" + ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items()), flush=True)
 
 
-def run_engine(folder: Path, engine: str, task: Path, processors: int, repeat: int) -> list[Run]:
-    """Run one engine on one task."""
-    result = folder / "runs.json"
-    _in_a_process_of_its_own(_work, str(result), engine, str(task), processors, repeat)
-    return [Run(**run) for run in json.loads(result.read_text(encoding="utf-8"))]
+def run_engine(folder: Path, engine: str, task: Path, processors: int) -> Run:
+    """Run one engine on one task, in a process of its own."""
+    result = folder / "run.json"
+    _in_a_process_of_its_own(_work, str(result), engine, str(task), processors)
+    return Run(**json.loads(result.read_text(encoding="utf-8")))
 
 
 def _first_run(path: str) -> None:
@@ -329,12 +385,13 @@ def compilation(folder: Path) -> tuple[float, float]:
     return seconds[0], seconds[1]
 
 
-def reached(run: Run, least: float) -> tuple[float, int]:
-    """Return the seconds and the steps to the first cost within WITHIN of ``least``."""
-    for step, (seconds, cost) in enumerate(zip(run.seconds, run.costs, strict=True), start=1):
+def reached(run: Run, least: float) -> tuple[float, int, int]:
+    """Return the seconds, the steps and the refused attempts to the first cost within WITHIN of ``least``."""
+    rows = zip(run.seconds, run.costs, run.refused, strict=True)
+    for step, (seconds, cost, refused) in enumerate(rows, start=1):
         if cost <= least * (1.0 + WITHIN):
-            return seconds, step
-    return float("nan"), len(run.costs)
+            return seconds, step, refused
+    return float("nan"), len(run.costs), run.refused[-1] if run.refused else 0
 
 
 def check_same_answer(task: Task, runs: dict[str, Run]) -> None:
@@ -359,22 +416,26 @@ def compare(
     threads: list[int],
     engines: list[str],
 ) -> None:
-    """Run all engines on one block with one processor and two, and print their rows."""
+    """Run all engines on one block, in turn, and print their rows."""
     path = folder / "task.pickle"
     path.write_bytes(pickle.dumps(make_task(photographs, 1, free=free)))
     task: Task = pickle.loads(path.read_bytes())
     for processors in threads:
-        runs = {engine: run_engine(folder, engine, path, processors, repeat) for engine in engines}
+        runs: dict[str, list[Run]] = {engine: [] for engine in engines}
+        for _ in range(repeat):
+            for engine in engines:  # in turn, so that none has the quiet minutes alone
+                runs[engine].append(run_engine(folder, engine, path, processors))
         check_same_answer(task, {engine: found[0] for engine, found in runs.items()})
         least = min(run.costs[-1] for found in runs.values() for run in found)
-        seconds = {e: float(np.median([reached(run, least)[0] for run in found])) for e, found in runs.items()}
+        first = min(reached(run, least)[0] for run in runs[engines[0]])
         for engine, found in runs.items():
-            steps = reached(found[0], least)[1]
-            ratio = seconds["Ceres"] / seconds[engine] if "Ceres" in seconds else float("nan")
+            seconds = [reached(run, least)[0] for run in found]
+            _, steps, refused = reached(found[0], least)
             print(
                 f"{photographs:11d}{len(task.observations):14d}  {'free' if free else 'held':<12}{processors:7d}  "
-                f"{engine:<18}{seconds[engine]:8.2f}{ratio:7.1f}{1e3 * seconds[engine] / steps:14.0f}{steps:7d}"
-                f"{found[0].memory_gb:13.2f}{found[0].costs[-1]:14.2f}",
+                f"{engine:<24}{min(seconds):8.2f}{np.median(seconds):8.2f}{min(seconds) / first:7.1f}{steps:7d}"
+                f"{refused:9d}{1e3 * min(seconds) / (steps + refused):12.0f}{found[0].memory_gb:13.2f}"
+                f"{found[0].costs[-1]:14.2f}",
                 flush=True,
             )
 
@@ -385,8 +446,10 @@ def main() -> None:
     parser.add_argument("photographs", nargs="*", type=int, default=list(BLOCKS), choices=list(BLOCKS))
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
+    parser.add_argument("--engines", nargs="+", default=SHOWN, choices=list(ENGINES))
+    parser.add_argument("--settings", action="store_true", help="compare settings of Ceres with the free gauge")
     arguments = parser.parse_args()
+    engines = ["photogram", *TRIED] if arguments.settings else arguments.engines
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         first, cached = compilation(folder)
@@ -394,16 +457,17 @@ def main() -> None:
             f"first adjustment of a machine, compiling: {first:.1f} s; of a process, from the cache: {cached:.2f} s\n"
         )
         print(
-            f"{'photographs':>11}{'observations':>14}  {'calibration':<12}{'threads':>7}  {'engine':<18}{'seconds':>8}"
-            f"{'ratio':>7}{'iteration, ms':>14}{'steps':>7}{'memory, GB':>13}{'final cost':>14}"
+            f"{'photographs':>11}{'observations':>14}  {'calibration':<12}{'threads':>7}  {'engine':<24}{'seconds':>8}"
+            f"{'median':>8}{'ratio':>7}{'steps':>7}{'refused':>9}{'a step, ms':>12}{'memory, GB':>13}{'final cost':>14}"
         )
         for photographs in arguments.photographs:
             for free in (False, True):
                 compare(
                     folder, photographs, free=free, repeat=arguments.repeat,
-                    threads=arguments.threads, engines=arguments.engines,
+                    threads=arguments.threads, engines=engines,
                 )  # fmt: skip
-        compare_covariances(folder, max(arguments.photographs))
+        if not arguments.settings:
+            compare_covariances(folder, max(arguments.photographs))
 
 
 if __name__ == "__main__":

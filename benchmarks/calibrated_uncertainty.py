@@ -1,6 +1,6 @@
 """Simulated surveys of varied geometry: are errors as large as predicted?
 
-    python benchmarks/calibrated_uncertainty.py [SURVEYS]                 default: 200
+    python benchmarks/calibrated_uncertainty.py [SURVEYS] [--common nothing|base|antenna|compass]     default: 200
 
 Every survey has a geometry of its own: strips, overlaps, flying height, relief, oblique photographs or none, number,
 place and sigma of control points, sigma of marks and tie points, kind of GNSS, mismatches, and what is known of the
@@ -11,6 +11,11 @@ the prediction is right, and the root mean square of errors in sigmas, which is 
 Check points: adjusted minus surveyed, the survey's own error included. Points left out: control points as everything
 but their own survey predicts them. All others: adjusted minus true. Errors within one survey are correlated, so the
 standard deviation of a share, in brackets, is that of the shares of the surveys divided by the root of their number.
+
+With --common, surveys without control points get an error that all photographs share and that nothing states: RTK from
+a base that is off by 2, 2, 3 cm (standard deviations), RTK with the antenna 5 cm ahead of the projection centre, or
+positions of 2 to 3 m with a compass that is off by 3°; `nothing` is RTK without control points and without such an
+error. Whether predictions still hold is printed, not assumed.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from lib.common_errors import COMMON_ERRORS
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
@@ -38,13 +44,18 @@ LIMITS, EXPECTED, TOLERANCE = (1.0, 2.0, 3.0), (0.6827, 0.9545, 0.9973), 0.03
 JUDGED = tuple(f"check points, {axis}" for axis in AXES)
 
 
-def plan_of(rng: np.random.Generator) -> SurveyPlan:
-    """Draw a geometry."""
+OF_COMMON = {"nothing": 1, "base": 1, "antenna": 1, "compass": 2}
+"""The kind of GNSS, see plan_of, whose surveys get a common error."""
+
+
+def plan_of(rng: np.random.Generator, kind: int | None = None) -> SurveyPlan:
+    """Draw a geometry; with a ``kind`` of GNSS, one without control points."""
+    drawn = int(rng.integers(3))
     nearest, offset = (
         ((0.02, 0.02, 0.04), (0.3, 0.3, 0.5)),  # RTK, base in another system
         ((0.015, 0.015, 0.03), (0.0, 0.0, 0.0)),  # RTK
         ((2.0, 2.0, 3.0), (1.0, 1.0, 2.0)),  # consumer
-    )[int(rng.integers(3))]
+    )[drawn if kind is None else kind]
     strips = int(rng.integers(2, 5))
     plan_sigma_m = float(rng.choice([0.005, 0.01, 0.02]))
     oblique = bool(rng.random() < 0.35)
@@ -55,17 +66,26 @@ def plan_of(rng: np.random.Generator) -> SurveyPlan:
         oblique_photographs=int(rng.integers(3, 6)) if oblique else None,
         oblique_angle_deg=float(rng.uniform(15.0, 30.0)), flights=int(rng.integers(1, 3)),
         relief_m=float(rng.uniform(0.0, 15.0)), gnss_sigma_m=nearest, gnss_offset_sigma_m=offset,
-        control_points=int(rng.integers(4, 11)), check_points=5,
+        control_points=int(rng.integers(4, 11)) if kind is None else 0, check_points=5,
         control_sigma_m=(plan_sigma_m, plan_sigma_m, 1.5 * plan_sigma_m),
         mark_sigma_px=float(rng.choice([0.3, 0.5, 1.0])),
         calibration_sigmas=(KNOWN, LABORATORY, FREE)[int(rng.integers(3))],
     )  # fmt: skip
 
 
-def survey(seed: int) -> SimulatedBlock:
-    """Simulate the observations of a survey."""
+def survey(seed: int, common: str | None = None) -> SimulatedBlock:
+    """Simulate the observations of a survey, with a common error."""
     rng = np.random.default_rng([seed, 11])
-    plan, sigma_px = plan_of(rng), float(rng.choice([0.3, 0.5, 1.0]))
+    plan = plan_of(rng, None if common is None else OF_COMMON[common])
+    sigma_px = float(rng.choice([0.3, 0.5, 1.0]))
+    made = _observed(seed, plan, sigma_px, rng)
+    if common is None:
+        return made
+    photographs = COMMON_ERRORS[common](made.block.photographs, made.truth.poses, np.random.default_rng([seed, 12]))
+    return replace(made, block=replace(made.block, photographs=photographs))
+
+
+def _observed(seed: int, plan: SurveyPlan, sigma_px: float, rng: np.random.Generator) -> SimulatedBlock:
     for _ in range(10):
         try:
             return simulate_block(
@@ -74,8 +94,8 @@ def survey(seed: int) -> SimulatedBlock:
                 start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
             )  # fmt: skip
         except ValueError:  # no room for so many points, or too few in two photographs: fewer, more overlap
-            overlap = min(0.85, plan.forward_overlap + 0.05)
-            plan = replace(plan, control_points=max(4, plan.control_points - 1), forward_overlap=overlap)
+            overlap, fewer = min(0.85, plan.forward_overlap + 0.05), min(plan.control_points, 4)
+            plan = replace(plan, control_points=max(fewer, plan.control_points - 1), forward_overlap=overlap)
     raise RuntimeError(f"no survey with the seed {seed}")
 
 
@@ -104,7 +124,7 @@ class Trial:
 
 def trial(made: SimulatedBlock) -> Trial:
     """Adjust a survey and compare it with the truth. Raises AdjustmentError where something is not determined."""
-    result = adjust(made.block, replace(AdjustmentSettings(), tie_point_sigma_px=made.block.tie_points.sigma_px[0]))
+    result = adjust(made.block, AdjustmentSettings(tie_point_sigma_px=float(made.block.tie_points.sigma_px[0])))
     achieved = predicted_against_achieved(result)
     assert achieved is not None
     axes, r = result.block.frame.rotation_world_from_map(np.zeros(3)), result.reliability
@@ -117,7 +137,12 @@ def trial(made: SimulatedBlock) -> Trial:
         "tie points": _scores(*_tie_point_errors(made, result), axes),
         "projection centres": _scores(centres, result.position_covariance_m2, axes),
     }
-    scores = {f"{name}, {axis}": z[np.isfinite(z[:, k]), k] for name, z in parts.items() for k, axis in enumerate(AXES)}
+    scores = {
+        f"{name}, {axis}": z[np.isfinite(z[:, k]), k]
+        for name, z in parts.items()
+        for k, axis in enumerate(AXES)
+        if np.isfinite(z[:, k]).any()
+    }
     sigma = np.sqrt(np.diag(result.calibration_covariance[0]))
     error = result.block.cameras[0].parameters - made.truth.camera.parameters
     for k in np.flatnonzero(sigma > 0).tolist():
@@ -143,15 +168,18 @@ def main() -> None:
     """Print one row for each kind of error."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("surveys", nargs="?", type=int, default=200)
-    count, start = parser.parse_args().surveys, time.perf_counter()
+    parser.add_argument("--common", choices=list(COMMON_ERRORS), help="an error that all photographs share")
+    given, start = parser.parse_args(), time.perf_counter()
+    count = given.surveys
     trials, open_ones = [], []
     for seed in range(count):
         try:
-            trials.append(trial(survey(seed)))
+            trials.append(trial(survey(seed, given.common)))
         except AdjustmentError as fault:
             open_ones.append(f"survey {seed}: {fault}")
     seconds = time.perf_counter() - start
-    print(f"simulated; {count} surveys of varied geometry in {seconds:.0f} s; {len(open_ones)} not determined")
+    title = "" if given.common is None else f", without control points, common error: {given.common}"
+    print(f"simulated{title}; {count} surveys of varied geometry in {seconds:.0f} s; {len(open_ones)} not determined")
     print(f"{'errors':<30}{'surveys':>8}{'n':>9}{'RMS z':>7}{'mean z':>8}   within 1, 2, 3 sigma in % (± its sd)")
     verdicts = {}
     for name in dict.fromkeys(name for t in trials for name in t.scores):

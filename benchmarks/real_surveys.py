@@ -1,14 +1,16 @@
 """Real photographs from folder to report by `photogram init` and `photogram adjust`, the dense surface left out.
 
-    python benchmarks/real_surveys.py [DATA]
+    python benchmarks/real_surveys.py [DATA] [--surveys brighton_beach sheffield_cross dbat_sxb]
 
 DATA holds brighton_beach (18 photographs, consumer GNSS, no control; with another program's cloud) and sheffield_cross
 (41 photographs, five map-grade control points marked in pictures of five times the size). The other cloud is
-photogrammetric itself: agreement with it is not accuracy.
+photogrammetric itself: agreement with it is not accuracy. Of dbat_sxb (five aerial frames, surveyed control and check
+points) the tie points and marks of another program are adjusted as they are, beside its published result.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -17,11 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lib import dbat
 from lib.shared_data import SHARED_DATA
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
 from photogram.files.clouds.points import read_cloud
+from photogram.quality.prediction_test import predicted_against_achieved
 
 NEIGHBOURS, REACH_M = 8, 0.3  # points of the other cloud that make a height, and how near they must be
 
@@ -70,30 +74,71 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def main() -> None:
-    """Run both surveys and print their figures."""
-    data = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED_DATA
-    if not (data / "brighton_beach").is_dir():
-        raise SystemExit(f"{data}: there is no folder brighton_beach: give the folder of the surveys")
+def brighton_beach(data: Path) -> None:
+    """Run the survey of a beach and print its figures."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        report = run(folder, str(data / "brighton_beach" / "images"))
-        difference = height_differences_m(folder / "results/points_adjusted.laz", data / "brighton_beach/model.laz")
+        report = run(folder, str(data / "images"))
+        difference = height_differences_m(folder / "results/points_adjusted.laz", data / "model.laz")
         nmad = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
         rows = block_rows(report)
         rows["heights over the other cloud: mean (a datum), NMAD"] = f"{difference.mean():.2f}, {nmad:.3f} m"
         for camera in report["cameras"].values():
             for parameter, reason in camera["held"].items():
                 rows[f"held: {parameter}"] = reason
-    with tempfile.TemporaryDirectory() as name:
-        sheffield = data / "sheffield_cross"
-        control = ("--control", str(sheffield / "gcp_file.txt"), "--picture-size", "4000x3000")
-        second = run(Path(name), str(sheffield / "images"), *control, "--control-sigma", "0.5")
-        marks = np.array([m["residual_px"] for p in second["control_points"] for m in p["marks"]])
-        other = block_rows(second)
-        other["control marks, RMS"] = f"{np.sqrt(np.mean(np.sum(marks**2, axis=1))):.3f} px of {len(marks)} marks"
     show("brighton_beach", rows)
-    show("sheffield_cross (map-grade control, sigma 0.5 m)", other)
+
+
+def sheffield_cross(data: Path) -> None:
+    """Run the survey with map-grade control and print its figures."""
+    with tempfile.TemporaryDirectory() as name:
+        control = ("--control", str(data / "gcp_file.txt"), "--picture-size", "4000x3000", "--control-sigma", "0.5")
+        report = run(Path(name), str(data / "images"), *control)
+        marks = np.array([m["residual_px"] for p in report["control_points"] for m in p["marks"]])
+        rows = block_rows(report)
+        rows["control marks, RMS"] = f"{np.sqrt(np.mean(np.sum(marks**2, axis=1))):.3f} px of {len(marks)} marks"
+    show("sheffield_cross (map-grade control, sigma 0.5 m)", rows)
+
+
+def dbat_sxb(data: Path) -> None:
+    """Adjust the observations of five aerial frames and print the result beside that of DBAT."""
+
+    def figures(values: FloatArray, digits: str) -> str:
+        return ", ".join(format(v, digits) for v in values)
+
+    theirs, ours = dbat.published(data), dbat.adjusted(data)
+    off = np.abs(dbat.exterior(ours) - theirs.exterior)
+    rows = {
+        "sigma0, redundancy: DBAT": f"{theirs.sigma0:.4f}, {theirs.redundancy}",
+        "sigma0, redundancy: photogram": f"{ours.sigma0:.4f}, {ours.redundancy}",
+        "angles, projection centres differ by at most": f"{off[:, :3].max():.1e}°, {off[:, 3:].max():.1e} m",
+        "the same in their standard deviations": f"{(off / theirs.deviation).max():.1e}",
+        "photograph 1, sigmas of ω, φ, κ, X, Y, Z: DBAT": figures(theirs.deviation[0], ".3g"),
+        "photograph 1, sigmas of ω, φ, κ, X, Y, Z: photogram": figures(dbat.deviations(ours)[0], ".3g"),
+    }
+    off_m, sigma_m = dbat.ground(ours, list(theirs.check_m))
+    for row, spread, (name, published) in zip(off_m, sigma_m, theirs.check_m.items(), strict=True):
+        rows[f"check point {name}: DBAT"] = f"{figures(published, '+.3f')} m"
+        rows[f"check point {name}: photogram, its sigmas"] = f"{figures(row, '+.3f')} m, {figures(spread, '.3f')} m"
+    found = predicted_against_achieved(ours)
+    named = [] if found is None else [suspect.sentence for suspect in found.suspects]
+    rows["suspicious check points"] = "; ".join(named) or "none"
+    show("dbat_sxb (tie points, marks and calibration of DBAT)", rows)
+
+
+SURVEYS = {"brighton_beach": brighton_beach, "sheffield_cross": sheffield_cross, "dbat_sxb": dbat_sxb}
+
+
+def main() -> None:
+    """Run the surveys and print their figures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("data", nargs="?", type=Path, default=SHARED_DATA, help="folder of the surveys")
+    parser.add_argument("--surveys", nargs="+", choices=list(SURVEYS), default=list(SURVEYS))
+    given = parser.parse_args()
+    for name in given.surveys:
+        if not (given.data / name).is_dir():
+            raise SystemExit(f"{given.data}: there is no folder {name}: give the folder of the surveys")
+        SURVEYS[name](given.data / name)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from photogram.report.record.report import Report
-from photogram.report.record.surfaces import DenseRecord
+from photogram.report.record.surfaces import DenseRecord, OrthophotoCheckRecord
 
 
 def surface_table(report: Report) -> Table | None:
@@ -23,6 +23,8 @@ def surface_table(report: Report) -> Table | None:
     elif orthophoto is not None:
         size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
         table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
+        if "check_points" in orthophoto:
+            _add_orthophoto_test(table, orthophoto["check_points"])
     return table
 
 
@@ -43,3 +45,12 @@ def _add_surface(table: Table, dense: DenseRecord) -> None:
             f"check points ({check['n']}): RMSE, mean of the heights",
             f"{check['rmse_m']:.3f}, {check['mean_m']:+.3f} m; {check['rms_z']:.2f} times their sigmas",
         )
+
+
+def _add_orthophoto_test(table: Table, check: OrthophotoCheckRecord) -> None:
+    if check["fit_rmse_h_m"] is None or check["mean_m"] is None:
+        table.add_row("orthophoto at check points", f"{check['n']} targets found in it: too few to test it")
+        return
+    east, north = check["mean_m"]
+    found = f"orthophoto at check points ({check['n']} found): RMSE, mean in plan"
+    table.add_row(found, f"{check['fit_rmse_h_m']:.3f} m; {east:+.3f}, {north:+.3f} m")

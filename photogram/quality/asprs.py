@@ -203,14 +203,24 @@ def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, 
 def statement_h(found: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of horizontal accuracy (sec. 7.16), None where it cannot be made: without check
     points, or where the class is not met."""
-    finding = "The tested horizontal positional accuracy was found to be RMSE_H"
-    return _statement(found.n_h, found.rmse_h_m, target_m, "RMSE_H Horizontal Positional", finding)
+    return stated_h(found.n_h, found.rmse_h_m, target_m)
 
 
 def statement_v(found: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16), None where it cannot be made."""
+    return stated_v(found.n_v, found.rmse_v_m, target_m)
+
+
+def stated_h(n: int, rmse_h_m: float, target_m: float) -> str | None:
+    """Return the statement of horizontal accuracy from the RMSE_H of ``n`` check points, m; None as statement_h."""
+    finding = "The tested horizontal positional accuracy was found to be RMSE_H"
+    return _statement(n, rmse_h_m, target_m, "RMSE_H Horizontal Positional", finding)
+
+
+def stated_v(n: int, rmse_v_m: float, target_m: float) -> str | None:
+    """Return the statement of vertical accuracy from the RMSE_V of ``n`` check points, m; None as statement_v."""
     finding = "The Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V"
-    return _statement(found.n_v, found.rmse_v_m, target_m, "RMSE_V Vertical", finding)
+    return _statement(n, rmse_v_m, target_m, "RMSE_V Vertical", finding)
 
 
 def _reduced(count: int) -> str:

@@ -2,23 +2,28 @@
 predicted covariances.
 
 The errors of check points are correlated, since all of them were intersected from the same photographs; they are tested
-together under their joint covariance, to which the survey of the check points adds its own.
+together under their joint covariance, to which the survey of the check points adds its own. Under the same covariance
+all others predict each of them, so that a check point whose own survey or marks are wrong can be named.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
-from photogram.arrays import FloatArray
-from photogram.quality.accuracy import AXES
+from photogram.arrays import FloatArray, IntArray
+from photogram.quality.accuracy import AXES, FALSE_ALARMS
 from photogram.results import Adjustment
 from photogram.survey import ControlPoints
 
 SIGNIFICANCE = 0.01  # two-sided, of a survey whose sigmas are right
+REFUTED = 0.3  # probability of other differences at which predicted sigmas no longer test a single check point
+LEAST_TESTED = 6  # degrees of freedom of other tests, of two points, from which a check point can be named
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,27 @@ def shares(z: FloatArray) -> Shares:
     return Shares(len(z), float(z.mean()), float(np.sqrt(np.mean(z**2))), *within)
 
 
+@dataclass(frozen=True)
+class SuspectCheck:
+    """A check point that the block and all other check points contradict: ``off_m`` adjusted minus surveyed along the
+    ``axis`` of its largest z-score ``z``, and ``statistic``, χ² with ``dof`` degrees of freedom without a blunder."""
+
+    name: str
+    axis: str
+    off_m: float
+    z: float
+    statistic: float
+    dof: int
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        return (
+            f"check point {self.name} fits neither the block nor the other check points: {self.axis} "
+            f"{self.off_m:+.3f} m, {abs(self.z):.1f} sigma; check its marks and its surveyed coordinates"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class PredictedAgainstAchieved:
     """Check points against their predicted covariance."""
@@ -62,6 +88,8 @@ class PredictedAgainstAchieved:
     """Its degrees of freedom."""
     p: float
     """Probability of a larger χ²."""
+    suspects: tuple[SuspectCheck, ...] = ()
+    """Check points that contradict everything else, the worst first."""
 
     @property
     def consistent(self) -> bool:
@@ -71,6 +99,10 @@ class PredictedAgainstAchieved:
     @property
     def sentence(self) -> str:
         """Return what there is to say of it."""
+        return "; ".join([self._whole, *(suspect.sentence for suspect in self.suspects)])
+
+    @property
+    def _whole(self) -> str:
         points = f"{self.n} check point{'s' if self.n > 1 else ''}"
         ratio = float(np.sqrt(self.chi2 / self.dof))
         test = f"χ² = {self.chi2:.1f} with {self.dof} degrees of freedom, p {_probability(self.p)}"
@@ -131,6 +163,10 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
         own = np.flatnonzero(rows // 3 == g)
         distance2[g] = d[own] @ np.linalg.solve(joint[np.ix_(own, own)], d[own])
     value = float(d @ np.linalg.solve(joint, d))
+    suspects = [
+        _suspect(points.name[g], z[g], difference[g], statistic)
+        for g, statistic in contradicting_points(d, joint, rows // 3, _left_out_tests(result))
+    ]
     return PredictedAgainstAchieved(
         n=int(used.any(axis=1).sum()),
         z=z,
@@ -139,7 +175,81 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
         chi2=value,
         dof=len(rows),
         p=float(chi2.sf(value, len(rows))),
+        suspects=tuple(suspects),
     )
+
+
+def _left_out_tests(result: Adjustment) -> list[tuple[int, float]]:
+    """Return degrees of freedom and χ² of the control points, each predicted from everything but its own survey."""
+    r, found = result.reliability, list[tuple[int, float]]()
+    for off, covariance in zip(r.ground_left_out_m, r.ground_left_out_covariance_m2, strict=True):
+        known = np.isfinite(off)
+        if known.any():
+            found.append((int(known.sum()), _square(np.where(known, off, 0.0), covariance, known)))
+    return found
+
+
+def _suspect(name: str, z: FloatArray, difference_m: FloatArray, statistic: float) -> SuspectCheck:
+    axis = int(np.nanargmax(np.abs(z)))
+    return SuspectCheck(
+        name, AXES[axis], float(difference_m[axis]), float(z[axis]), statistic, int(np.isfinite(z).sum())
+    )
+
+
+def contradicting_points(
+    d: FloatArray, joint: FloatArray, point: IntArray, others: Sequence[tuple[int, float]] = ()
+) -> list[tuple[int, float]]:
+    """Return the points that the others contradict, each with its test T, the worst first.
+
+    ``d`` (n,) are differences with their covariance ``joint`` (n, n), ``point`` (n,) says whose they are; ``others``
+    are further tests of the block, degrees of freedom and χ², of control points left out. T is by how much dᵀ C⁻¹ d of
+    all falls without the point, χ² with its k differences (as in data snooping). Where the rest refutes the predicted
+    sigmas, T / k is compared with the variance factor of the rest (F test): a block that is worse than it says accuses
+    nobody by itself. FALSE_ALARMS holds for all points together; the worst is set aside, and the rest tested again.
+    Where too little else is tested to tell a bad point from a bad block, nothing is named.
+    """
+    found, left = list[tuple[int, float]](), np.ones(len(d), dtype=bool)
+    limit = float(np.log(FALSE_ALARMS / max(len(np.unique(point)), 1)))
+    while left.any():
+        tests = []
+        for g in np.unique(point[left]).tolist():
+            k, rest = int(np.count_nonzero(point[left] == g)), left & (point != g)
+            statistic = _square(d, joint, left) - _square(d, joint, rest)
+            tests.append((_log_chance(statistic, k, _rest(d, joint, point, rest, others)), g, statistic))
+        log_chance, worst, statistic = min(tests)
+        if log_chance >= limit:
+            break
+        found.append((worst, statistic))
+        left &= point != worst
+    return found
+
+
+def _square(d: FloatArray, joint: FloatArray, of: NDArray[np.bool_]) -> float:
+    return float(d[of] @ np.linalg.solve(joint[np.ix_(of, of)], d[of]))
+
+
+def _rest(
+    d: FloatArray, joint: FloatArray, point: IntArray, of: NDArray[np.bool_], others: Sequence[tuple[int, float]]
+) -> tuple[int, float]:
+    """Return the degrees of freedom of all other tests, and their variance factor: the smaller of mean and median,
+    since another blunder among them raises the mean."""
+    each = [(int(np.count_nonzero(point[of] == g)), _square(d, joint, of & (point == g))) for g in np.unique(point[of])]
+    each += others
+    dof = sum(k for k, _ in each)
+    if not dof:
+        return 0, np.nan
+    mean = (_square(d, joint, of) + sum(square for _, square in others)) / dof
+    return dof, min(mean, float(np.median([square / chi2.median(k) for k, square in each])))
+
+
+def _log_chance(statistic: float, k: int, rest: tuple[int, float]) -> float:
+    """Return the logarithm of the probability of such a test by chance, 0 where the rest tests too little."""
+    dof, factor = rest
+    if dof < LEAST_TESTED:
+        return 0.0
+    if chi2.sf(factor * dof, dof) > REFUTED:
+        return float(chi2.logsf(statistic, k))
+    return float(f_distribution.logsf(statistic / k / factor, k, dof))
 
 
 @dataclass(frozen=True)

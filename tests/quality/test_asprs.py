@@ -22,7 +22,7 @@ from photogram.quality.asprs import (
     statement_v,
     systematic,
 )
-from photogram.report.numbers.completion import asprs_numbers
+from photogram.report.numbers.completion import asprs_numbers, product_accuracies
 from photogram.report.record.ground import AxisRole
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -189,3 +189,31 @@ def test_sentence_says_why_nothing_is_stated() -> None:
 def test_target_must_be_a_length(value: float) -> None:
     with pytest.raises(SettingError, match=r"^target_rmse_h_m: must be a finite number above 0, found "):
         ReportSettings(target_rmse_h_m=value)
+
+
+def test_products_have_statements_of_their_own(full_report: Any) -> None:
+    """Of the surface model in height and of the orthophoto in plan, from their own check points."""
+    settings = ReportSettings(target_rmse_h_m=0.05, target_rmse_v_m=0.02)
+    surface, orthophoto = product_accuracies(full_report, settings)
+    test, shown = full_report["dense"]["check_points"], full_report["orthophoto"]["check_points"]
+    assert (surface["product"], surface["where"], surface["n"]) == ("dsm.tif", "height", test["n"])
+    assert surface["rmse_m"] == test["rmse_v_m"]
+    assert surface["statement"] is None
+    said = "dsm.tif: its tested RMSE of 0.029 m (n = 4) does not meet the class of 0.020 m"
+    assert said in str(surface["not_stated"])
+    assert (orthophoto["product"], orthophoto["where"], orthophoto["n"]) == ("orthophoto.tif", "plan", 3)
+    assert orthophoto["rmse_m"] == shown["rmse_h_m"]
+    assert orthophoto["not_stated"] is None
+    assert "ONLY 3 checkpoints" in str(orthophoto["statement"])
+    assert "RMSE_H = 2.4 (cm)" in str(orthophoto["statement"])
+
+
+def test_no_statement_of_a_product_without_class_or_points(full_report: Any) -> None:
+    surface, orthophoto = product_accuracies(full_report, ReportSettings())
+    assert "set report.target_rmse_v_m" in str(surface["not_stated"])
+    assert "set report.target_rmse_h_m" in str(orthophoto["not_stated"])
+    few = full_report["dense"]["check_points"] | {"n": 1, "rmse_m": None, "survey_rmse_m": None, "rmse_v_m": None}
+    report = full_report | {"dense": full_report["dense"] | {"check_points": few}}
+    del report["orthophoto"]
+    (surface,) = product_accuracies(report, ReportSettings(target_rmse_v_m=0.05))
+    assert surface["not_stated"] == "No statement of the vertical accuracy of dsm.tif: it is tested at 1 check point."

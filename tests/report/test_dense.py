@@ -10,12 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import ground_point
 
 from photogram import grid
 from photogram.arrays import FloatArray
 from photogram.grid import bands, block_means, block_of, decimated
-from photogram.report.numbers.dense import dense_numbers, orthophoto_numbers, surface_check_numbers
+from photogram.report.numbers.dense import (
+    dense_numbers,
+    orthophoto_check_numbers,
+    orthophoto_numbers,
+    surface_check_numbers,
+)
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
+from photogram.surface.ortho.marked_targets import FoundTarget
 from photogram.survey import Raster
 
 WEST, NORTH, CELL = 602_300.0, 5_794_200.0, 0.25
@@ -174,6 +181,40 @@ def test_orthophoto_is_told_by_its_own_cells() -> None:
     rgba[:5, :, 3] = 255
     picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400))
     assert orthophoto_numbers(picture) == {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
+
+
+def a_target(east_m: float, north_m: float) -> FoundTarget:
+    return FoundTarget(np.array([WEST + east_m, NORTH + north_m]), 0.95, 3)
+
+
+def test_orthophoto_at_check_points() -> None:
+    """RMSE in plan with the survey's own sigma, by hand; what was not found is named, and control never enters."""
+    points = [ground_point(f"C{i}", "check") for i in range(4)] + [ground_point("G1", "control")]
+    for i, point in enumerate(points):
+        point["surveyed_map_m"], point["surveyed_sigma_m"] = [WEST + 10.0 * i, NORTH, 40.0], [0.03, 0.04, 0.05]
+    found: dict[str, FoundTarget | str] = {
+        "C0": a_target(0.03, 0.0), "C1": a_target(10.0, 0.06), "C2": a_target(19.97, 0.0), "C3": "several places",
+        "G1": a_target(49.0, 0.0),
+    }  # fmt: skip
+    numbers = orthophoto_check_numbers(points, found)
+    assert (numbers["n"], [p["name"] for p in numbers["points"]]) == (3, ["C0", "C1", "C2"])
+    assert numbers["mean_m"] == pytest.approx([0.0, 0.02], abs=1e-6)
+    assert numbers["fit_rmse_h_m"] == pytest.approx(np.sqrt((0.03**2 + 0.06**2 + 0.03**2) / 3), rel=1e-6)
+    assert numbers["survey_rmse_h_m"] == pytest.approx(0.05)
+    assert numbers["rmse_h_m"] == pytest.approx(np.sqrt(0.0018 + 0.05**2), rel=1e-6)
+    assert numbers["not_tested"] == [{"name": "C3", "reason": "several places"}]
+    assert "at 3 check points whose targets it shows: RMSE 0.042 m in plan" in numbers["sentence"]
+    assert "1 more was not found in it" in numbers["sentence"]
+
+
+def test_orthophoto_without_found_targets_is_not_tested() -> None:
+    points = [ground_point(f"C{i}", "check") for i in range(3)]
+    nothing = orthophoto_check_numbers(points, {p["name"]: "no contrast" for p in points})
+    assert (nothing["n"], nothing["rmse_h_m"]) == (0, None)
+    assert "it is not tested in plan" in nothing["sentence"]
+    two = orthophoto_check_numbers(points, {"C0": a_target(0.0, 0.0), "C1": a_target(0.0, 0.0)})
+    assert (two["n"], two["rmse_h_m"]) == (2, None)
+    assert "too few check points for an RMSE" in two["sentence"]
 
 
 # ---- at the check points -------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import Pose
 from photogram.files.atomic import replacing
 from photogram.files.clouds.dense_points import (
@@ -39,11 +40,25 @@ from photogram.report.figures.surface_figures import (
     write_surface_pictures,
 )
 from photogram.report.figures.thumbnails import thumbnails
-from photogram.report.numbers.dense import dense_numbers, orthophoto_numbers, sigma_numbers
+from photogram.report.numbers.dense import (
+    checks_plan,
+    dense_numbers,
+    orthophoto_check_numbers,
+    orthophoto_numbers,
+    sigma_numbers,
+)
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord
 from photogram.surface.dsm import FILLED, MEASURED
+from photogram.surface.ortho.marked_targets import (
+    FoundTarget,
+    GreyImage,
+    Mark,
+    find_target,
+    mark_neighbourhood,
+    target_window_cells,
+)
 
 PRODUCTS = {
     "surface": (
@@ -150,6 +165,53 @@ def dense_surface(run: Run) -> DenseSurface | None:
     )  # fmt: skip
 
 
+MARKS_LOOKED_UP = 3
+"""Photographs in which the neighbourhood of a target is looked up, at most: those nearest above it."""
+
+
+def targets_in_orthophoto(run: Run, points: Sequence[GroundPointRecord]) -> dict[str, FoundTarget | str]:
+    """Return where the orthophoto shows the targets of ground points, by name, or why one was not found."""
+    path = run.workspace.file("orthophoto", "orthophoto.tif")
+    whole = MapGrid(**read_json(run.workspace.file("orthophoto", "grid.json")))
+    block = run.adjusted_block()
+    ground, half = block.control_points, target_window_cells() // 2
+    centres, of_photograph = dict[str, FloatArray](), dict[int, list[tuple[str, FloatArray]]]()
+    for point in points:
+        if point["adjusted_map_m"] is None:
+            continue
+        east, north, height_m = point["adjusted_map_m"]
+        column = np.floor((east - whole.west_map_m) / whole.cell_m) + 0.5
+        row = np.floor((whole.north_map_m - north) / whole.cell_m) + 0.5
+        centre = np.array([whole.west_map_m + column * whole.cell_m, whole.north_map_m - row * whole.cell_m, height_m])
+        centres[point["name"]] = centre
+        marks = (ground.mark_point == ground.name.index(point["name"])) & np.isfinite(ground.mark_sigma_px)
+        above = block.frame.world_from_map(centre[None])[0]
+        seen = [
+            (float(np.linalg.norm((pose.position_world_m - above)[:2])), int(i), ground.mark_pixel[m])
+            for m, i in zip(np.flatnonzero(marks), ground.mark_photograph[marks], strict=True)
+            if (pose := block.poses[i]) is not None
+        ]
+        for _, i, pixel in sorted(seen, key=lambda mark: mark[:2])[:MARKS_LOOKED_UP]:
+            of_photograph.setdefault(i, []).append((point["name"], pixel))
+    templates: dict[str, list[GreyImage]] = {name: [] for name in centres}
+    for i, own in sorted(of_photograph.items()):
+        grey, camera, pose = run.grey(i), block.cameras[block.photographs[i].camera], block.poses[i]
+        assert pose is not None
+        for name, pixel in own:
+            mark = Mark(grey, camera, pose, pixel)
+            template = mark_neighbourhood(mark, centres[name], whole.cell_m, block.frame)
+            if template is not None:
+                templates[name].append(template)
+    found: dict[str, FoundTarget | str] = {}
+    for name, centre in centres.items():
+        corner = centre[:2] + whole.cell_m * (half + 0.5) * np.array([-1.0, 1.0])
+        grid = MapGrid(float(corner[0]), float(corner[1]), whole.cell_m, 2 * half + 1, 2 * half + 1)
+        shown = picture_on_grid(path, grid, grid.whole)
+        found[name] = find_target(shown, centre, whole.cell_m, templates[name])
+    missing = "fewer than two of its marks intersect"
+    return {point["name"]: found.get(point["name"], missing) for point in points}
+
+
 _SAMPLED_CELLS = 4_000_000  # that a median is taken of, about
 
 
@@ -199,6 +261,9 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
     orthophoto: OrthophotoRecord | NoOrthophotoRecord | None = None
     if picture is not None:
         orthophoto = orthophoto_numbers(picture)
+        checks = [point for point in control_points if checks_plan(point)]
+        if checks:
+            orthophoto["check_points"] = orthophoto_check_numbers(checks, targets_in_orthophoto(run, checks))
         drawn.append(drawn_orthophoto(picture, ground))
     if run.workspace.has("orthophoto", LEFT_OUT):
         orthophoto = {"left_out": str(read_json(run.workspace.file("orthophoto", LEFT_OUT))["left_out"])}

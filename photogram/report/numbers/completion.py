@@ -7,6 +7,7 @@ made anew whenever that changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from photogram.quality.asprs import (
     accuracy,
     blunders,
     coarse_survey,
+    stated_h,
+    stated_v,
     statement_h,
     statement_v,
     systematic,
@@ -28,7 +31,12 @@ from photogram.report.numbers.ranked_warnings import ranked_warnings
 from photogram.report.numbers.traffic_lights import AXES, traffic_lights
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.report import Report, SurveyNumbers
-from photogram.report.record.verdict import AsprsRecord, AxisAccuracyRecord, DiscardedRecord
+from photogram.report.record.verdict import (
+    AsprsRecord,
+    AxisAccuracyRecord,
+    DiscardedRecord,
+    ProductAccuracyRecord,
+)
 from photogram.report.titles import CLOUD_TITLES
 
 
@@ -36,6 +44,7 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     """Return the report with its names, and `asprs`, `discarded`, `warnings`, `summary`, `verdict` and `report_id` made
     from its other figures."""
     asprs = asprs_numbers(numbers["control_points"], settings)
+    asprs["products"] = product_accuracies(numbers, settings)
     warnings = ranked_warnings(numbers, asprs)
     lights = [light.record for light in traffic_lights(numbers, asprs)]
     whole: Report = {
@@ -93,6 +102,60 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
         "legacy_95": {"horizontal_m": found.legacy_95_h_m, "vertical_m": found.legacy_95_v_m}
         if settings.legacy_95
         else None,
+    }
+
+
+def product_accuracies(numbers: SurveyNumbers | Report, settings: ReportSettings) -> list[ProductAccuracyRecord]:
+    """Return the accuracy of the products themselves at the check points: of the surface model in height, where one was
+    matched, and of the orthophoto in plan, where one was made and its targets were looked for."""
+    found = list[ProductAccuracyRecord]()
+    dense, orthophoto = numbers.get("dense"), numbers.get("orthophoto")
+    if dense is not None:
+        test = dense["check_points"]
+        rmse_m = test["rmse_m"], test["survey_rmse_m"], test["rmse_v_m"]
+        found.append(_product("dsm.tif", "height", test["n"], rmse_m, settings.target_rmse_v_m))
+    if orthophoto is not None and "check_points" in orthophoto:
+        shown = orthophoto["check_points"]
+        rmse_m = shown["fit_rmse_h_m"], shown["survey_rmse_h_m"], shown["rmse_h_m"]
+        found.append(_product("orthophoto.tif", "plan", shown["n"], rmse_m, settings.target_rmse_h_m))
+    return found
+
+
+def _product(
+    product: str,
+    where: Literal["plan", "height"],
+    n: int,
+    rmse_m: tuple[float | None, float | None, float | None],
+    target_m: float | None,
+) -> ProductAccuracyRecord:
+    fit_m, survey_m, together_m = rmse_m
+    statement = not_stated = None
+    name, letter, stated = ("horizontal", "h", stated_h) if where == "plan" else ("vertical", "v", stated_v)
+    if together_m is None:
+        on_it = f"{n} check point{'s' if n != 1 else ''}" if n else "no check points"
+        not_stated = f"No statement of the {name} accuracy of {product}: it is tested at {on_it}."
+    elif target_m is None:
+        not_stated = (
+            f"No statement of the {name} accuracy of {product}: it needs an accuracy class; set "
+            f"report.target_rmse_{letter}_m."
+        )
+    else:
+        statement = stated(n, together_m, target_m)
+        if statement is None:
+            not_stated = (
+                f"No statement of the {name} accuracy of {product}: its tested RMSE of {together_m:.3f} m (n = {n}) "
+                f"does not meet the class of {target_m:.3f} m."
+            )
+    return {
+        "product": product,
+        "where": where,
+        "n": n,
+        "fit_rmse_m": fit_m,
+        "survey_rmse_m": survey_m,
+        "rmse_m": together_m,
+        "target_rmse_m": target_m,
+        "statement": statement,
+        "not_stated": not_stated,
     }
 
 

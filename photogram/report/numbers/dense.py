@@ -1,8 +1,9 @@
-"""The numbers of report.json that tell of the dense surface, and its test at the check points."""
+"""The numbers of report.json that tell of the dense surface and the orthophoto, and their tests at the check points."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,13 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.grid import bands
 from photogram.quality.asprs import MINIMUM_POINTS, accuracy
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
+from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import (
     CellsRecord,
     ConfidenceRecord,
     DenseRecord,
+    OrthophotoCheckRecord,
+    OrthophotoPointRecord,
     OrthophotoRecord,
     SigmaRecord,
     SurfaceCheckRecord,
@@ -22,6 +26,7 @@ from photogram.report.record.surfaces import (
     SurfaceSummaryRecord,
     UntestedPointRecord,
 )
+from photogram.surface.ortho.marked_targets import FoundTarget
 
 FEWEST_CHECKS = 3
 """With fewer check points on the surface no RMSE is given."""
@@ -214,3 +219,78 @@ def _warnings(check_points: SurfaceCheckRecord) -> list[str]:
         f"the heights of the dense surface at {check_points['n']} check points are off by {rms_z:.2g} times their "
         "predicted standard deviations: do not rely on dsm_sigma.tif here; examine the profiles and single points"
     ]
+
+
+# ---- the orthophoto at the check points ----------------------------------------------------------------------------
+
+
+def checks_plan(point: GroundPointRecord) -> bool:
+    """Return whether a ground point tests the plan: no coordinate in plan took part in the adjustment."""
+    return point["axis_roles"][:2] == ["check", "check"]
+
+
+def orthophoto_check_numbers(
+    points: list[GroundPointRecord], found: Mapping[str, FoundTarget | str]
+) -> OrthophotoCheckRecord:
+    """Return by how much the orthophoto shows the targets of check points off their surveyed places.
+
+    ``found`` are the targets by the name of their point, or why one was not found. Control points never enter: the
+    adjustment was fitted to them.
+    """
+    rows, not_tested = list[OrthophotoPointRecord](), list[UntestedPointRecord]()
+    for point in points:
+        target = found.get(point["name"])
+        if target is None or not checks_plan(point):
+            continue
+        if isinstance(target, str):
+            not_tested.append({"name": point["name"], "reason": target})
+            continue
+        off_m = target.place_map_m - np.array(point["surveyed_map_m"][:2])
+        rows.append(
+            {
+                "name": point["name"],
+                "found_map_m": target.place_map_m.tolist(),
+                "difference_m": off_m.tolist(),
+                "survey_sigma_m": [float(s or 0.0) for s in point["surveyed_sigma_m"][:2]],
+                "correlation": target.correlation,
+                "marks": target.marks,
+            }
+        )
+    n = len(rows)
+    record: OrthophotoCheckRecord = {
+        "n": n,
+        "mean_m": None,
+        "rmse_m": None,
+        "fit_rmse_h_m": None,
+        "survey_rmse_h_m": None,
+        "rmse_h_m": None,
+        "points": rows,
+        "not_tested": not_tested,
+        "sentence": "",
+    }
+    if n >= FEWEST_CHECKS:
+        difference_m, sigma_m = (np.array([r[key] for r in rows]) for key in ("difference_m", "survey_sigma_m"))
+        nothing = np.full((n, 1), np.nan)
+        tested = accuracy(np.hstack([difference_m, nothing]), np.hstack([sigma_m, nothing]))
+        record["mean_m"] = [tested.axes[0].mean_m, tested.axes[1].mean_m]
+        record["rmse_m"] = [tested.axes[0].rmse_m, tested.axes[1].rmse_m]
+        record["fit_rmse_h_m"], record["survey_rmse_h_m"] = tested.fit_h_m, tested.survey_h_m
+        record["rmse_h_m"] = tested.rmse_h_m
+    record["sentence"] = _plan_sentence(record)
+    return record
+
+
+def _plan_sentence(record: OrthophotoCheckRecord) -> str:
+    n, missing = record["n"], len(record["not_tested"])
+    beside = f"; {missing} more {'was' if missing == 1 else 'were'} not found in it" if missing else ""
+    if not n:
+        return f"no target of a check point was found in the orthophoto{beside}: it is not tested in plan"
+    if record["fit_rmse_h_m"] is None or record["mean_m"] is None:
+        names = " and ".join(row["name"] for row in record["points"])
+        return f"the orthophoto shows {names} only: too few check points for an RMSE{beside}"
+    few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
+    east, north = (f"{m:+.3f}".replace("-", "−") for m in record["mean_m"])
+    return (
+        f"the orthophoto at {n} check points whose targets it shows: RMSE {record['fit_rmse_h_m']:.3f} m in plan, mean "
+        f"{east} m east, {north} m north{beside}{few}"
+    )

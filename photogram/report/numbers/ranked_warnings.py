@@ -136,6 +136,8 @@ def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
         return []
     larger = found["chi2"]["p"] < 0.5
     remedy = "rely on the check points, not the predicted sigmas" if larger else ""
+    if any(point["suspect"] for point in report["control_points"] if point["role"] == "check"):
+        remedy = "check the suspect check points first: the accuracy at check points is theirs too"
     return [_warning("prediction", "bad" if larger else "note", found["sentence"], remedy)]
 
 

@@ -126,12 +126,19 @@ class Consistency:
 
 def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> Consistency:
     """Return whether a survey is as good as predicted; each of the ground points gets its ``z`` and ``mahalanobis``,
-    null where it was not checked."""
+    null where it was not checked; a check point that everything else contradicts is suspect, and its verdict says so.
+    """
     found, left_out = predicted_against_achieved(result), leave_one_out(result)
+    accused = {} if found is None else {suspect.name: suspect.sentence for suspect in found.suspects}
     for g, point in enumerate(points):
         checked = found is not None and bool(np.isfinite(found.distance2[g]))
         point["z"] = [_finite(z) for z in found.z[g]] if found is not None and checked else None
         point["mahalanobis"] = float(np.sqrt(found.distance2[g])) if found is not None and checked else None
+        if checked and point["role"] == "check":
+            point["suspect"] = point["name"] in accused
+        if point["name"] in accused:
+            said = [point["verdict"]] if point["verdict"] else []
+            point["suspect"], point["verdict"] = True, "; ".join([*said, accused[point["name"]]])
     loo = None if left_out is None else _left_out_numbers(left_out)
     return Consistency(_check_point_numbers(found), loo, component_numbers(result))
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NotRequired, final
+from typing import Annotated, NotRequired, final
 
+from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.record.units import Count, Metres, Share
+from photogram.report.record.units import Count, EarthMetres, Metres, Share
+
+PlanMetres = Annotated[list[EarthMetres], Field(min_length=2, max_length=2)]
+"""Easting and northing in the map, or differences of such."""
 
 
 class DifferencesRecord(TypedDict):
@@ -150,14 +154,40 @@ class DenseRecord(TypedDict):
     matching_sigma_m: Metres | None
 
 
+class OrthophotoPointRecord(TypedDict):
+    """A check point's target in the orthophoto: easting and northing, shown minus surveyed, and the survey's sigmas."""
+
+    name: str
+    found_map_m: PlanMetres
+    difference_m: PlanMetres
+    survey_sigma_m: PlanMetres
+    correlation: float
+    marks: Count
+
+
+class OrthophotoCheckRecord(TypedDict):
+    """The orthophoto at the check points whose targets were found in it; null with too few."""
+
+    n: Count
+    mean_m: PlanMetres | None
+    rmse_m: PlanMetres | None
+    fit_rmse_h_m: Metres | None
+    survey_rmse_h_m: Metres | None
+    rmse_h_m: Metres | None
+    points: list[OrthophotoPointRecord]
+    not_tested: list[UntestedPointRecord]
+    sentence: str
+
+
 @final
 class OrthophotoRecord(TypedDict):
-    """Size of orthophoto.tif, and the share of it that shows anything."""
+    """Size of orthophoto.tif, the share of it that shows anything, and its test at the check points."""
 
     cell_m: Metres
     rows: Count
     columns: Count
     covered: Share
+    check_points: NotRequired[OrthophotoCheckRecord]
 
 
 @final

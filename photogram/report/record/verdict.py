@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -36,8 +36,24 @@ class LegacyRecord(TypedDict):
     vertical_m: Metres | None
 
 
+class ProductAccuracyRecord(TypedDict):
+    """Accuracy of a product itself by the ASPRS standards: of a `product` file in plan or in height (`where`), from
+    the `n` check points that were found on it, and the standard's statement, or why there is none."""
+
+    product: str
+    where: Literal["plan", "height"]
+    n: Count
+    fit_rmse_m: Metres | None
+    survey_rmse_m: Metres | None
+    rmse_m: Metres | None
+    target_rmse_m: Metres | None
+    statement: str | None
+    not_stated: str | None
+
+
 class AsprsRecord(TypedDict):
-    """Accuracy and statements by the ASPRS standards, from check points alone."""
+    """Accuracy and statements by the ASPRS standards, from check points alone: of the triangulation, and of
+    `products`."""
 
     standard: str
     n_h: Count
@@ -58,6 +74,7 @@ class AsprsRecord(TypedDict):
     systematic: list[str]
     survey: list[str]
     legacy_95: LegacyRecord | None
+    products: NotRequired[list[ProductAccuracyRecord]]
 
 
 class DiscardedRecord(TypedDict):
