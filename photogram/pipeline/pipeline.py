@@ -123,7 +123,8 @@ STAGES = (
         ("orientation", "transfer"),
         lambda run: [
             run.project.adjustment,
-            run.project.gnss_offset_sigma_m,
+            run.project.common_gnss_sigma_m,
+            run.project.datum_sigma_m,
             run.project.calibration,
             run.project.focal_readings_px,
             control_fingerprint(run.project),
