@@ -84,7 +84,7 @@ STAGES = (
         "pairs",
         STAGE_TITLES["pairs"],
         ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.cameras],
+        lambda run: [run.project.pairs, run.project.matching, run.project.cameras],
         choose_pairs,
     ),
     Stage(
