@@ -71,8 +71,9 @@ BLOCKS: dict[str, Callable[[], Flown]] = {
     "low overlap, 60/25": lambda: strips(6, 10, 0.6, 0.25, camera=NARROW),
     "oblique 30°, 75/60": lambda: strips(6, 10, 0.75, 0.6, pitch_deg=-60.0),
     "oblique 45°, 75/60": lambda: strips(6, 10, 0.75, 0.6, pitch_deg=-45.0),
-    "nadir and oblique": lambda: strips(6, 10, 0.75, 0.6)
-    + strips(6, 10, 0.75, 0.6, pitch_deg=-55.0, turned_deg=90.0, seed=2),
+    "nadir and oblique": lambda: (
+        strips(6, 10, 0.75, 0.6) + strips(6, 10, 0.75, 0.6, pitch_deg=-55.0, turned_deg=90.0, seed=2)
+    ),
     "two heights": lambda: strips(5, 10, 0.75, 0.6) + strips(4, 8, 0.75, 0.6, height_m=160.0, turned_deg=90.0, seed=2),
     "crosshatch": lambda: strips(6, 10, 0.75, 0.6) + strips(6, 10, 0.75, 0.6, turned_deg=90.0, seed=2),
 }

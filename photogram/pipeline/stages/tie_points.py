@@ -16,8 +16,10 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
-from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
+from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
+from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
+from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.sfm.tie_points.matching import match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
@@ -30,6 +32,26 @@ def _coarseness(project: Project, photograph: int) -> float:
     found."""
     camera = project.cameras[project.photographs[photograph].camera]
     return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+
+
+MOST_SEARCHED = 2.0
+"""Times that transferred tie points are searched for farther away than with full quality, at most: beyond it windows
+are found in the wrong place, and the time grows with the square."""
+
+
+def _coarsest(project: Project) -> float:
+    return max(_coarseness(project, i) for i in range(len(project.photographs)))
+
+
+def orientation_thresholds(project: Project) -> OrientationSettings:
+    """Return the settings of the orientation, their threshold as coarse as key points are."""
+    return replace(project.orientation, threshold_px=_coarsest(project) * project.orientation.threshold_px)
+
+
+def transfer_thresholds(project: Project) -> TransferSettings:
+    """Return the settings of the transfer: places are searched for around poses as coarse as key points are."""
+    farther = min(_coarsest(project), MOST_SEARCHED)
+    return replace(project.transfer, search_px=round(farther * project.transfer.search_px))
 
 
 def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:

@@ -33,7 +33,9 @@ Notes = Sequence[PhotographNote]
 BEYOND_PRIOR = 3.29
 """An offset of more prior sigmas contradicts its prior."""
 LARGE_OFFSET_M = 5.0
-"""An offset beyond what antennas, base stations and receivers without corrections usually make."""
+"""An offset beyond what antennas, base stations and receivers without corrections usually make, whatever is flown: it
+is for geoids and wrong bases, metres to tens of metres off. What contradicts a better prior is judged by BEYOND_PRIOR.
+"""
 
 _AXES = ("easting", "northing", "height")
 

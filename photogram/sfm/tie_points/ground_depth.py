@@ -64,8 +64,8 @@ class _Choice:
         return predicted_overlap(_at_depth(self._photographs, factor), self._cameras, pairs)
 
     def probes(self, pairs: Pairs, seen: float, unseen: float, limit: float = UNSEEN) -> list[tuple[int, int]]:
-        """Return some of the pairs that share ground at the depth ``seen`` and less than ``limit`` at ``unseen``, spread
-        over the block; of those in question the half that overlaps most. None where there are too few."""
+        """Return some of the pairs that share ground at the depth ``seen`` and less than ``limit`` at ``unseen``,
+        spread over the block; of those in question the half that overlaps most. None where there are too few."""
         only = [pair for pair, share in zip(pairs, self.overlap(unseen, pairs), strict=True) if share < limit]
         if len(only) < FEWEST_PROBES:
             return []

@@ -307,9 +307,7 @@ def _by_footprint(aim: _Aim, settings: PairSettings) -> IntArray:
     return aim.photograph[edge[taken]]
 
 
-def footprint_pairs(
-    photographs: Sequence[Photograph], cameras: Sequence[Camera], settings: PairSettings
-) -> IntArray:
+def footprint_pairs(photographs: Sequence[Photograph], cameras: Sequence[Camera], settings: PairSettings) -> IntArray:
     """Return the pairs (P, 2) that select_pairs takes by footprint, smaller number first, sorted. Raises ImageError
     where a distortion cannot be undone."""
     return _unique(_by_footprint(_aim(photographs, cameras), settings))
