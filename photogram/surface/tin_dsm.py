@@ -296,7 +296,7 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
     for start in range(0, len(points_m), CHUNK_POINTS):
         chunk = slice(start, start + CHUNK_POINTS)
         distance, found = tree.query(points_m[chunk, :2], k + 1)
-        apart_m[chunk], neighbour = distance[:, 1], np.asarray(found, dtype=np.int64)
+        apart_m[chunk], neighbour = np.asarray(distance)[:, 1], np.asarray(found, dtype=np.int64)
         height_m[chunk], nmad_m[chunk] = _height_over_neighbours(points_m[chunk], points_m[neighbour[:, 1:]])
     overall_m = NMAD_FACTOR * np.median(np.abs(height_m - np.median(height_m)))
     least_m = (
