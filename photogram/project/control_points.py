@@ -89,13 +89,12 @@ def read_point_files(
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
     Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
-    the map, ``datum`` gives the grid of its datum: nothing less is accepted of ground points. What is wrong is noted in
-    the document; the points are complete only where nothing is.
+    the map, ``datum`` what is declared of the way into its datum. What is wrong is noted in the document; the points are
+    complete only where nothing is.
     """
     entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
-    exact = DeclaredDatum(grid=datum.grid)
     found = [
-        _source(document, file, key, entry, base, heights, exact) for key, entry in entries if entry.path is not None
+        _source(document, file, key, entry, base, heights, datum) for key, entry in entries if entry.path is not None
     ]
     sources = [source for source in found if source is not None]
     # Points of a file that cannot be read are not known; that file's fault is enough.
@@ -192,7 +191,7 @@ def _positions(
     if target is None:
         return given, swapped, entry.heights or heights.control_points
     try:
-        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given)
+        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given, exact=True)
     except FrameError as fault:
         text = str(fault).removeprefix("crs: ")
         document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")

@@ -135,14 +135,16 @@ def in_map(
     heights: DeclaredHeights,
     datum: DeclaredDatum,
     given: FloatArray,
+    *,
+    exact: bool = False,
 ) -> tuple[FloatArray, HeightSystem | None]:
     """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in.
 
     That is as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError as map_from_crs
     does, where CRS and file contradict each other, and where PROJ lacks the grid of the best way into the map's datum
-    and ``datum`` accepts no less.
+    and ``datum`` accepts no less; a worse shift is not accepted at all of points that are to be ``exact``.
     """
-    grid = _checked_grid(crs, target, datum, given)
+    grid = _checked_grid(crs, target, datum, given, exact=exact)
     named, vertical = height_system_of(crs)
     if named is not None and declared is not None and named != declared:
         raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
@@ -155,15 +157,16 @@ def in_map(
     return map_heights(target, heights, system, position), system
 
 
-def _checked_grid(crs: str, target: str, datum: DeclaredDatum, given: FloatArray) -> str | None:
+def _checked_grid(crs: str, target: str, datum: DeclaredDatum, given: FloatArray, *, exact: bool) -> str | None:
     """Return the file with the shifts from one datum to the other, None where none is needed or given."""
     if crs == target or not changes_datum(crs, target):
         return None
     place = middle_deg(crs, given)
-    if place is None or datum.accuracy_m is not None:
+    if place is None:
         return datum.grid
     change = datum_change(crs, target, place, datum.grid)
-    if change.missing is not None:
+    accepted = datum.accuracy_m is not None and (change.is_null or not exact)
+    if change.missing is not None and not accepted:
         raise FrameError(f"{change.loss}: {change.missing.remedy}, or give the points in the project's CRS")
     return datum.grid
 

@@ -171,6 +171,19 @@ def test_ground_points_take_the_grid_and_nothing_less(tmp_path: Path) -> None:
     np.testing.assert_allclose(given.control_points[0].position_map_m, [*GK3_M, 500.0], atol=0.002)
 
 
+def test_ground_points_of_a_datum_that_is_taken_as_one_are_accepted(tmp_path: Path) -> None:
+    table(tmp_path, "points.csv", np.array([[-81.0, 40.0, 300.0]]), "name,longitude,latitude,height", ("P1",))
+    points = (
+        "control_points: {sigma_m: [0.02, 0.02, 0.03], mark_sigma_px: 1, files: [{path: points.csv, crs: 'EPSG:4269'}]}"
+    )
+    with pytest.raises(ProjectError, match=r"points\.csv: PROJ lacks the grid us_noaa_wvhpgn\.tif \(or us_noaa_ohhpgn"):
+        survey(tmp_path, "EPSG:32617", points)
+    taken = survey(tmp_path, "EPSG:32617", f"datum_accuracy_m: 0.02\n{points}").control_points[0].position_map_m
+    np.testing.assert_allclose(
+        taken[:2], map_from_geodetic("EPSG:32617", np.array([[-81.0, 40.0, 0.0]]))[0, :2], atol=1e-3
+    )
+
+
 def test_a_grid_that_is_not_there_or_not_for_this_map_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ProjectError, match=r"datum_grid: file .*no\.gsb not found: give the path of a grid"):
         survey(tmp_path, "EPSG:31467", "datum_grid: no.gsb")
