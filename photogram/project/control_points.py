@@ -89,8 +89,8 @@ def read_point_files(
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
     Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
-    the map, ``datum`` what is declared of the way into its datum. What is wrong is noted in the document; the points are
-    complete only where nothing is.
+    the map, ``datum`` what is declared of the way into its datum. What is wrong is noted in the document; the points
+    are complete only where nothing is.
     """
     entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
     found = [
