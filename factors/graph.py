@@ -28,7 +28,9 @@ from photogram.factors.elimination.reprojection import (
 )
 from photogram.factors.elimination.state import State
 from photogram.factors.priors import (
+    OWN_OFFSET_SIGMA_M,
     calibration_prior,
+    common_offset_prior,
     gnss_position,
     measured_attitude,
     offset_prior,
@@ -111,8 +113,11 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
         if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
             attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
             graph.add(measured_attitude(i, attitude, sigma, heading_known=photograph.heading_known))
-    for f in range(len(problem.flights)):
-        graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, 1e-6), axes))
+    if block.datum_sigma_m > 0.0 and len(problem.flights) > 1:
+        graph.add(common_offset_prior(len(problem.flights), block.gnss_offset_sigma_m, block.datum_sigma_m, axes))
+    else:
+        for f in range(len(problem.flights)):
+            graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, OWN_OFFSET_SIGMA_M), axes))
     for c, camera in enumerate(block.cameras):
         free, scale = problem.free[c], problem.scale[c]
         if len(free):

@@ -15,6 +15,9 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
 
+OWN_OFFSET_SIGMA_M = 1e-6
+"""Of an offset whose prior is 0 along an axis while it is more along another: it stays there."""
+
 
 def along_axes(sigma_m: FloatArray, axes: FloatArray | None) -> gtsam.noiseModel.Base:
     """Return the noise of a position with sigmas (3,) in m along the columns of ``axes`` (3, 3), a rotation.
@@ -84,6 +87,31 @@ def gnss_position(
 def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = None) -> gtsam.NonlinearFactor:
     """Return the prior of a flight's GNSS offset: zero with sigmas (3,) in m along the columns of ``axes`` (3, 3)."""
     return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), along_axes(sigma_m, axes))
+
+
+def common_offset_prior(flights: int, sigma_m: FloatArray, common_m: float, axes: FloatArray) -> gtsam.NonlinearFactor:
+    """Return the joint prior of the GNSS offsets of several flights: zero with sigmas (3,) in m along the columns of
+    ``axes`` (3, 3), of which ``common_m`` along the first two is one and the same error of all flights.
+
+    Along one axis the covariance of n flights is σ² I + s² 11ᵀ, σ their own part. Its inverse is WᵀW with the symmetric
+    W = (I − c 11ᵀ) / σ, c = (1 − (1 + n s² / σ²)^−½) / n.
+    """
+    n = flights
+    common = np.array([common_m, common_m, 0.0])
+    own = np.sqrt(np.maximum(sigma_m**2 - common**2, OWN_OFFSET_SIGMA_M**2))
+    share = (1.0 - 1.0 / np.sqrt(1.0 + n * (common / own) ** 2)) / n
+    alone, together = axes.T / own[:, None], axes.T * (share / own)[:, None]
+    blocks = [np.vstack([alone - together if g == f else -together for g in range(n)]) for f in range(n)]
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        if jacobians is not None:
+            for f, block in enumerate(blocks):
+                jacobians[f] = block
+        return np.asarray(
+            sum(block @ values.atPoint3(k) for block, k in zip(blocks, factor.keys(), strict=True)), dtype=np.float64
+        )
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(3 * n), [key(GNSS_OFFSET, f) for f in range(n)], error)
 
 
 NO_HEADING_SIGMA_RAD = 10.0

@@ -1,14 +1,38 @@
-"""Coordinate reference systems by name: kinds, height systems, zones, and how products state them."""
+"""Coordinate reference systems by name: kinds, height systems, zones, how products state them, and how positions come
+from one datum into another in plan.
+
+Between two datums PROJ knows several operations, each with an accuracy; the better ones need a grid of shifts, which an
+installation may lack. PROJ then takes a worse one and says nothing. ``datum_change`` compares the two.
+"""
 
 from __future__ import annotations
 
 import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import PurePath
+from typing import Any
 
-from pyproj import CRS, proj_version_str
-from pyproj.exceptions import CRSError
+import numpy as np
+from pyproj import CRS, Transformer, proj_version_str
+from pyproj.aoi import AreaOfInterest
+from pyproj.datadir import get_user_data_dir
+from pyproj.exceptions import CRSError, ProjError
+from pyproj.transformer import TransformerGroup
 
+from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.height_systems import DeclaredHeights, HeightSystem, crs_name, full_crs, is_gnss_ellipsoid, vertical_crs
+
+WGS84 = "EPSG:4326"
+"""The CRS of positions in tags, and of GNSS files in longitude and latitude."""
+
+_AROUND_DEG = 0.01
+_PLACES = 1  # decimals of a degree: operations are chosen anew some 10 km farther on
+_MOST_M = 1000.0
+"""Datums lie less than this apart."""
 
 _ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
@@ -128,3 +152,257 @@ def proj_version() -> str:
 
 def _plan_of(crs: CRS) -> CRS:
     return (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
+
+
+# ---- from one datum into another -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DeclaredDatum:
+    """What a project says of the way of its positions into the datum of the map."""
+
+    accuracy_m: float | None = None
+    """Standard deviation, along easting and northing, of an error common to all GNSS positions that is accepted; None
+    where nothing is."""
+    grid: str | None = None
+    """File of the grid that the best operation needs, None to take those that PROJ has."""
+
+
+UNDECLARED_DATUM = DeclaredDatum()
+"""Of a survey whose project says nothing of it."""
+
+
+@dataclass(frozen=True)
+class MissingGrid:
+    """A grid that PROJ lacks, and what it would give."""
+
+    name: str
+    """Its file, as PROJ calls it."""
+    others: tuple[str, ...]
+    """Files that serve as well, of neighbouring regions for example."""
+    package: str
+    """What it comes in."""
+    url: str
+    """Where it is to be had, empty where PROJ knows no place."""
+    accuracy_m: float
+    """Accuracy of the operation with it, as PROJ states it."""
+
+    @property
+    def remedy(self) -> str:
+        """How to get it."""
+        copied = f"copy {self.url}" if self.url else "copy it"
+        return (
+            f"fetch it with `projsync --file {self.name}`, {copied} to {get_user_data_dir()}, set PROJ_NETWORK=ON, or "
+            "give a file that you have as datum_grid"
+        )
+
+
+@dataclass(frozen=True)
+class DatumChange:
+    """How positions of one datum come into another in plan, at one place."""
+
+    source: str
+    """Name of the CRS that they come from: WGS 84 for example."""
+    target: str
+    """Code and name of the map."""
+    operation: str
+    """The operation that is used."""
+    accuracy_m: float | None
+    """Its accuracy as PROJ states it, None where it states none."""
+    is_null: bool
+    """Whether it takes the two datums as one."""
+    missing: MissingGrid | None
+    """The grid without which a better operation cannot be used, None where the best one is."""
+
+    @property
+    def loss(self) -> str:
+        """What the missing grid costs, in words. Raises ValueError where none is missing."""
+        if self.missing is None:
+            raise ValueError("no grid is missing")
+        others = f" (or {', '.join(self.missing.others)})" if self.missing.others else ""
+        without = "nothing is known of them" if self.accuracy_m is None else f"they are right to {self.accuracy_m:g} m"
+        return (
+            f"PROJ lacks the grid {self.missing.name}{others} of the package {self.missing.package}, which brings "
+            f"positions from {self.source} to {self.target} to {self.missing.accuracy_m:g} m; without it {without}"
+        )
+
+
+def changes_datum(source: str, target: str) -> bool:
+    """Return whether positions of the CRS ``source`` change their datum on the way to ``target``. Raises FrameError
+    where PROJ does not know one of them."""
+    given, wanted = _any_crs(source).geodetic_crs, _any_crs(target).geodetic_crs
+    if given is None or wanted is None:
+        return False
+    return not given.to_2d().equals(wanted.to_2d(), ignore_axis_order=True)
+
+
+def _rounded(place_deg: Sequence[float]) -> tuple[float, float]:
+    longitude, latitude = (round(float(x), _PLACES) for x in place_deg)
+    return longitude, latitude
+
+
+def middle_deg(source: str, points: FloatArray) -> tuple[float, float] | None:
+    """Return longitude and latitude of the median of points (N, 2 or more) of a CRS, to 0.1°; None where there is none,
+    or where they lie nowhere on the globe."""
+    known = points[np.isfinite(points[:, :2]).all(axis=1), :2]
+    if not len(known):
+        return None
+    plan = _plan_of(_any_crs(source))
+    place = Transformer.from_crs(plan, WGS84, always_xy=True).transform(*np.median(known, axis=0))
+    longitude, latitude = place
+    return _rounded(place) if abs(longitude) <= 180.0 and abs(latitude) <= 90.0 else None
+
+
+@lru_cache(maxsize=64)
+def _operations(source: str, target: str, place_deg: tuple[float, float]) -> TransformerGroup:
+    longitude, latitude = place_deg
+    around = AreaOfInterest(
+        longitude - _AROUND_DEG, latitude - _AROUND_DEG, longitude + _AROUND_DEG, latitude + _AROUND_DEG
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: said by the caller, with what to do
+        return TransformerGroup(
+            _plan_of(_any_crs(source)), _plan_of(_any_crs(target)), always_xy=True, area_of_interest=around
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _WithGrid:
+    """An operation with its grid read from a file; it takes and returns coordinates in the order of the CRS's axes,
+    exchanged where ``swapped`` says so."""
+
+    transformer: Transformer
+    name: str
+    accuracy_m: float | None
+    swapped: tuple[bool, bool]
+
+    def transform(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return easting and northing (N, 2) of longitude and latitude, or easting and northing (N,)."""
+        given = (y, x) if self.swapped[0] else (x, y)
+        result = np.column_stack(self.transformer.transform(*given))
+        return result[:, ::-1] if self.swapped[1] else result
+
+    def inverse(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return longitude and latitude, or easting and northing (N, 2), of easting and northing (N,)."""
+        given = (y, x) if self.swapped[1] else (x, y)
+        result = np.column_stack(self.transformer.transform(*given, direction="INVERSE"))
+        return result[:, ::-1] if self.swapped[0] else result
+
+
+def _northing_first(crs: CRS) -> bool:
+    return bool(crs.axis_info[0].direction == "north")
+
+
+def _stem(name: str) -> str:
+    return PurePath(name).stem.lower()
+
+
+def _grids_of(operation: Any) -> list[Any]:  # noqa: ANN401 - a Transformer or a CoordinateOperation
+    steps = getattr(operation, "operations", None) or ()
+    return [*getattr(operation, "grids", ()), *(grid for step in steps for grid in step.grids)]
+
+
+def _stated_m(accuracy: float) -> float | None:
+    return float(accuracy) if accuracy >= 0.0 else None
+
+
+def _check_shift(source: str, target: str, place_deg: tuple[float, float], grid: str, found: _WithGrid) -> None:
+    """Raise FrameError where a grid moves positions as no datum does: it is another one than its name says."""
+    x, y = Transformer.from_crs(WGS84, _plan_of(_any_crs(source)), always_xy=True).transform(*place_deg)
+    without = Transformer.from_crs(_plan_of(_any_crs(source)), _plan_of(_any_crs(target)), always_xy=True)
+    shift_m = float(np.hypot(*(found.transform(np.array([x]), np.array([y]))[0] - without.transform(x, y))))
+    if np.isfinite(shift_m) and shift_m > _MOST_M:
+        raise FrameError(
+            f"datum_grid {grid}: it moves positions by {shift_m:.0f} m here, which no datum does: give the grid that "
+            "its name says"
+        )
+
+
+@lru_cache(maxsize=64)
+def _with_grid(source: str, target: str, place_deg: tuple[float, float], grid: str) -> _WithGrid:
+    """Return the operation whose grid is the file ``grid``; PROJ's name of it holds that of the file or the reverse.
+
+    Raises FrameError where PROJ knows no operation with such a grid here, or cannot read the file.
+    """
+    if any(character in grid for character in ',"'):
+        raise FrameError(f"datum_grid {grid}: its path has a comma or a quote, which PROJ cannot read: rename")
+    group = _operations(source, target, place_deg)
+    names: dict[str, None] = {}
+    for operation, native in (
+        *((o, True) for o in group.unavailable_operations),
+        *((t, False) for t in group.transformers),
+    ):
+        own = {g.short_name for g in _grids_of(operation)}
+        names |= dict.fromkeys(sorted(own))
+        called = [name for name in own if _stem(name) in _stem(grid) or _stem(grid) in _stem(name)]
+        if len(own) != 1 or not called:
+            continue
+        text = operation.to_proj4() if native else operation.definition
+        text = re.sub(rf"grids={re.escape(called[0])}", lambda _: f'grids="{grid}"', text)
+        try:
+            transformer = Transformer.from_pipeline(text)
+        except ProjError as fault:
+            raise FrameError(
+                f"datum_grid {grid}: PROJ cannot read it: give a grid of shifts, NTv2 (.gsb) or GeoTIFF (.tif)"
+            ) from fault
+        axes = (_northing_first(_plan_of(_any_crs(c))) for c in (source, target))
+        first, last = axes if native else (False, False)
+        name = operation.name if native else operation.description
+        found = _WithGrid(transformer, str(name), _stated_m(operation.accuracy), (first, last))
+        _check_shift(source, target, place_deg, grid, found)
+        return found
+    known = f"give {' or '.join(names)}, under its own name" if names else "remove the key: it knows none with any grid"
+    raise FrameError(
+        f"datum_grid {grid}: PROJ knows no operation with this grid from {source} to {target} at longitude "
+        f"{place_deg[0]:g}, latitude {place_deg[1]:g}: {known}"
+    )
+
+
+@lru_cache(maxsize=64)
+def datum_change(source: str, target: str, place_deg: tuple[float, float], grid: str | None = None) -> DatumChange:
+    """Return how positions of the CRS ``source`` come to the map ``target`` in plan, near a longitude and latitude.
+
+    The operation is the one that this PROJ uses there, or that of the file ``grid``; the best one is the most accurate
+    of all that PROJ knows for the place. Raises FrameError where PROJ does not know a CRS, or as the grid's file is
+    wrong.
+    """
+    plan = _plan_of(_any_crs(source))
+    group = _operations(source, target, place_deg)
+    if grid is not None:
+        used = _with_grid(source, target, place_deg, grid)
+        name, accuracy_m, text = used.name, used.accuracy_m, "gridshift"
+    else:
+        transformer = Transformer.from_crs(plan, _plan_of(_any_crs(target)), always_xy=True)
+        place = Transformer.from_crs(WGS84, plan, always_xy=True).transform(*place_deg)
+        transformer.transform(*place)
+        last = transformer.get_last_used_operation()
+        name, accuracy_m, text = str(last.description), _stated_m(last.accuracy), str(last.definition)
+    lacking = [o for o in group.unavailable_operations if _stated_m(o.accuracy) is not None and o.grids]
+    best = min(lacking, key=lambda o: float(o.accuracy), default=None)
+    missing = None
+    if best is not None and (accuracy_m is None or best.accuracy < accuracy_m):
+        alike = [g for o in lacking if o.accuracy == best.accuracy for g in o.grids if not g.available]
+        first, *others = {g.short_name: g for g in alike}.values()
+        package = first.package_name or "proj-data"
+        missing = MissingGrid(
+            first.short_name, tuple(g.short_name for g in others), package, first.url, float(best.accuracy)
+        )
+    code = f"{crs_name(projected_crs(target))} ({crs_title(target)})"
+    name = name.removeprefix("axis order change (2D) + ").removesuffix(" + axis order change (2D)")
+    is_null = not any(word in text for word in ("helmert", "shift", "molodensky", "molobadekas"))
+    return DatumChange(str(plan.name), code, name, accuracy_m, is_null, missing)
+
+
+def plan_with_grid(
+    source: str, target: str, x: FloatArray, y: FloatArray, place_deg: tuple[float, float], grid: str
+) -> FloatArray:
+    """Return easting and northing (N, 2) in the map ``target`` of positions (N,) of the CRS ``source``, by the
+    operation that uses the file ``grid``; infinite outside it. Raises FrameError as the grid's file is wrong."""
+    return _with_grid(source, target, place_deg, grid).transform(x, y)
+
+
+def plan_before_grid(
+    source: str, target: str, x: FloatArray, y: FloatArray, place_deg: tuple[float, float], grid: str
+) -> FloatArray:
+    """Return the positions (N, 2) of the CRS ``source`` that ``plan_with_grid`` brings to easting and northing (N,)."""
+    return _with_grid(source, target, place_deg, grid).inverse(x, y)

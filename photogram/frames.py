@@ -25,7 +25,16 @@ from pyproj import CRS, Proj, Transformer
 from pyproj.exceptions import ProjError
 
 from photogram.arrays import FloatArray
-from photogram.crs import _any_crs, _plan_of, projected_crs
+from photogram.crs import (
+    WGS84,
+    _any_crs,
+    _plan_of,
+    middle_deg,
+    plan_before_grid,
+    plan_of,
+    plan_with_grid,
+    projected_crs,
+)
 from photogram.errors import FrameError
 from photogram.height_systems import (
     DeclaredHeights,
@@ -53,13 +62,33 @@ def map_heights(crs: str, heights: DeclaredHeights, given: HeightSystem | None, 
     return raised
 
 
-def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray) -> FloatArray:
+def _by_grid(source: str, target: str, points: FloatArray, grid: str) -> FloatArray:
+    """Return easting and northing (N, 2) in the map of points (N, 3), their shift read from a file. Raises FrameError
+    where the file is wrong, or does not reach to a point."""
+    place = middle_deg(source, points)
+    if place is None:
+        plan = np.full((len(points), 2), np.nan)
+    else:
+        plan = plan_with_grid(source, plan_of(target), points[:, 0], points[:, 1], place, grid)
+    lost = np.flatnonzero(~np.isfinite(plan).all(axis=1))
+    if len(lost):
+        x, y, _ = points[lost[0]]
+        raise FrameError(
+            f"datum_grid {grid}: position {x:.10g}, {y:.10g} of {source} lies outside: give that of the site"
+        )
+    return plan
+
+
+def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray, datum_grid: str | None = None) -> FloatArray:
     """Project WGS 84 longitude and latitude in degrees and height in m (N, 3) to the map (N, 3), height unchanged.
 
-    Raises FrameError where the projection is not defined.
+    ``datum_grid`` is a file with the shifts between the two datums. Raises FrameError where the projection is not
+    defined, or the grid does not serve.
     """
     lon, lat, height = np.asarray(longitude_latitude_height, dtype=np.float64).T
-    easting, northing = Transformer.from_crs("EPSG:4326", projected_crs(crs), always_xy=True).transform(lon, lat)
+    if datum_grid is not None and len(lon):
+        return np.column_stack([_by_grid(WGS84, crs, np.column_stack([lon, lat, height]), datum_grid), height])
+    easting, northing = Transformer.from_crs(WGS84, projected_crs(crs), always_xy=True).transform(lon, lat)
     if not np.all(np.isfinite(easting) & np.isfinite(northing)):
         raise FrameError(
             f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site"
@@ -81,15 +110,16 @@ def _transformer(source: CRS, target: CRS, names: str) -> Transformer:
         ) from fault
 
 
-def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
+def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str | None = None) -> FloatArray:
     """Transform points (N, 3) of the CRS ``source`` to the map (N, 3) of the CRS ``target``, each exactly.
 
     ``source`` is anything that PROJ knows, a map grid or geographic; its columns are easting or longitude, northing or
     latitude, in its own unit (degrees where geographic), and height. Plan goes by the best transformation that this
-    PROJ can do. Heights are transformed where both CRS define a vertical axis, else only brought to metres by the
-    unit of the source's vertical axis, or left as they are where it has none: whether two heights have the same zero
-    is not checked here. Raises FrameError where ``source`` is unknown or geocentric, no transformation is known,
-    heights come beside feet without a unit of their own, or a point lies where the transformation has no values.
+    PROJ can do, or by the one whose grid is the file ``datum_grid``. Heights are transformed where both CRS define a
+    vertical axis, else only brought to metres by the unit of the source's vertical axis, or left as they are where it
+    has none: whether two heights have the same zero is not checked here. Raises FrameError where ``source`` is unknown
+    or geocentric, no transformation is known, heights come beside feet without a unit of their own, or a point lies
+    where the transformation has no values.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
     given = _any_crs(source)
@@ -113,6 +143,8 @@ def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
             )
         easting, northing = _transformer(horizontal, plan, names).transform(x, y)
         result = np.column_stack([easting, northing, z * (upright[0].unit_conversion_factor if upright else 1.0)])
+    if datum_grid is not None and len(result):
+        result[:, :2] = _by_grid(source, target, np.column_stack([x, y, z]), datum_grid)
     lost = np.flatnonzero(~np.isfinite(result).all(axis=1))
     if len(lost):
         first = lost[0]
@@ -124,10 +156,14 @@ def map_from_crs(source: str, target: str, points: FloatArray) -> FloatArray:
     return result
 
 
-def geodetic_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
+def geodetic_from_map(crs: str, points_map_m: FloatArray, datum_grid: str | None = None) -> FloatArray:
     """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height
-    unchanged."""
+    unchanged; ``datum_grid`` as of map_from_geodetic."""
     easting, northing, height = np.asarray(points_map_m, dtype=np.float64).T
+    place = None if datum_grid is None else middle_deg(plan_of(crs), np.column_stack([easting, northing]))
+    if datum_grid is not None and place is not None:
+        plan = plan_before_grid(WGS84, plan_of(crs), easting, northing, place, datum_grid)
+        return np.column_stack([plan, height])
     lon, lat = Transformer.from_crs(projected_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
     return np.column_stack([lon, lat, height])
 

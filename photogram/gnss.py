@@ -24,7 +24,8 @@ FLOOR_M: Mapping[Solution, Sigma3] = {
     # nothing is known of the solution: the stated standard deviation is accepted
     "unknown": (0.0, 0.0, 0.0),
 }
-"""Least standard deviations accepted, whatever a receiver or a project states."""
+"""Least standard deviations accepted, whatever a receiver or a project states. They are of receivers, antennas and
+exposures, so they depend neither on the flying height nor on the picture."""
 
 
 def solution_of_rtk_flag(flag: int | None) -> Solution:

@@ -298,6 +298,9 @@ class Block:
     gnss_offset_sigma_m: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Prior sigmas (3,) of the offset between GNSS and ground control along the map's axes, one offset per flight;
     zero: no offset."""
+    datum_sigma_m: float = 0.0
+    """The part of it, along easting and northing, that the offsets of all flights have in common: the error of the way
+    from the datum of GNSS to that of the map."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):

@@ -92,6 +92,8 @@ def show_gnss(gnss: GnssRecord) -> None:
     if gnss["flights"]:
         kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
         console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
+        if gnss["datum"] is not None:
+            console.print(f"[bold]GNSS:[/bold] {escape(gnss['datum']['sentence'])}")
     said = [
         f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
     ]

@@ -60,7 +60,7 @@ class AdjustmentSettings:
     robust_loss: Literal["none", "huber", "cauchy"] = "huber"
     robust_threshold: float = 3.0
     outlier_threshold: float = 4.0
-    first_outlier_threshold_px: float = 40.0  # agreement of rays before anything is adjusted
+    first_outlier_threshold_px: float = 40.0  # of rays before anything is adjusted; more where poses are worse
     minimum_ray_angle_deg: float = 1.0
     maximum_rounds: int = 10
     maximum_iterations: int = 200  # per round

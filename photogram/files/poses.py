@@ -157,14 +157,15 @@ def _feature(kind: str, coordinates: object, properties: dict[str, Any]) -> dict
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def write_pose_geojson(path: Path, footprints: Path, result: Adjustment) -> None:
+def write_pose_geojson(path: Path, footprints: Path, result: Adjustment, datum_grid: str | None = None) -> None:
     """Write photographs as points and their ``footprints`` as polygons, a file for each, in WGS 84 longitude and
     latitude (RFC 7946).
 
     The properties of a point are the COLUMNS of the table without the CRS, that of a polygon is the ``name`` of its
     photograph. A photograph that is not registered stands where GNSS says, without a geometry where nothing does.
-    Footprints lie on the mean height of the tie points; ``footprint_world_m`` says which photographs have none. Raises
-    WorkspaceError where a file cannot be written.
+    ``datum_grid`` is the file with the shifts between WGS 84 and the map, where one is used. Footprints lie on the mean
+    height of the tie points; ``footprint_world_m`` says which photographs have none. Raises WorkspaceError where a file
+    cannot be written.
     """
     block, frame = result.block, result.block.frame
     heights = block.tie_points.position_world_m[:, 2]
@@ -182,7 +183,7 @@ def write_pose_geojson(path: Path, footprints: Path, result: Adjustment) -> None
     known = np.isfinite(places).all(axis=2)
     geodetic = np.full((*known.shape, 2), np.nan)
     # all at once: setting up the transformation takes longer than a thousand points
-    geodetic[known] = geodetic_from_map(frame.crs, frame.map_from_world(places[known]))[:, :2]
+    geodetic[known] = geodetic_from_map(frame.crs, frame.map_from_world(places[known]), datum_grid)[:, :2]
     points, polygons = [], []
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         point, *ring = np.round(geodetic[i], 9).tolist()

@@ -84,7 +84,7 @@ STAGES = (
         "pairs",
         STAGE_TITLES["pairs"],
         ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.cameras],
+        lambda run: [run.project.pairs, run.project.matching, run.project.cameras],
         choose_pairs,
     ),
     Stage(
@@ -123,7 +123,8 @@ STAGES = (
         ("orientation", "transfer"),
         lambda run: [
             run.project.adjustment,
-            run.project.gnss_offset_sigma_m,
+            run.project.common_gnss_sigma_m,
+            run.project.datum_sigma_m,
             run.project.calibration,
             run.project.focal_readings_px,
             control_fingerprint(run.project),

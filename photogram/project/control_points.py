@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import plan_of, projected_crs
+from photogram.crs import DeclaredDatum, plan_of, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
 from photogram.frames import map_from_crs
@@ -84,14 +84,18 @@ def read_point_files(
     photographs: Sequence[PhotographEntry] | None,
     base: Path,
     heights: DeclaredHeights,
+    datum: DeclaredDatum,
 ) -> tuple[tuple[GroundPoint, ...], list[list[Located]]]:
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
     Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
-    the map. What is wrong is noted in the document; the points are complete only where nothing is.
+    the map, ``datum`` what is declared of the way into its datum. What is wrong is noted in the document; the points
+    are complete only where nothing is.
     """
     entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
-    found = [_source(document, file, key, entry, base, heights) for key, entry in entries if entry.path is not None]
+    found = [
+        _source(document, file, key, entry, base, heights, datum) for key, entry in entries if entry.path is not None
+    ]
     sources = [source for source in found if source is not None]
     # Points of a file that cannot be read are not known; that file's fault is enough.
     whole = len(sources) == len(entries)
@@ -125,7 +129,13 @@ def _read(document: Document, key: Key, written: str, base: Path, reader: Callab
 
 
 def _source(
-    document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, base: Path, heights: DeclaredHeights
+    document: Document,
+    file: ProjectFile,
+    key: Key,
+    entry: ControlFileEntry,
+    base: Path,
+    heights: DeclaredHeights,
+    datum: DeclaredDatum,
 ) -> _Source | None:
     points = _read(document, key, str(entry.path), base, read_points)
     if points is None:
@@ -139,7 +149,7 @@ def _source(
     crs = _crs(document, file, key, entry, points)
     position, turned, given = None, None, None
     if crs is not None:
-        position, turned, given = _positions(document, file, key, entry, points, crs, heights)
+        position, turned, given = _positions(document, file, key, entry, points, crs, heights, datum)
     columns = ("easting", "northing") if crs is None or _is_grid(crs) else ("longitude", "latitude")
     return _Source(key, entry, points, marks or (), position, turned, given, columns)
 
@@ -163,6 +173,7 @@ def _positions(
     points: PointFile,
     crs: str,
     heights: DeclaredHeights,
+    datum: DeclaredDatum,
 ) -> tuple[FloatArray | None, FloatArray | None, HeightSystem | None]:
     """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
     heights were given in."""
@@ -180,7 +191,7 @@ def _positions(
     if target is None:
         return given, swapped, entry.heights or heights.control_points
     try:
-        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, given)
+        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given, exact=True)
     except FrameError as fault:
         text = str(fault).removeprefix("crs: ")
         document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")

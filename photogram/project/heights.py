@@ -1,4 +1,4 @@
-"""The height systems that a project file declares, and the positions in it brought to that of the map.
+"""The height systems and the datum that a project file declares, and the positions in it brought to those of the map.
 
 Faults are noted in the document where the file declares the systems.
 """
@@ -12,7 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import height_system_of, plan_of, product_crs, projected_crs, vertical_of
+from photogram.crs import (
+    DeclaredDatum,
+    changes_datum,
+    datum_change,
+    height_system_of,
+    middle_deg,
+    plan_of,
+    product_crs,
+    projected_crs,
+    vertical_of,
+)
 from photogram.errors import FrameError
 from photogram.frames import LocalFrame, map_from_crs, map_heights
 from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
@@ -69,6 +79,17 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     return DeclaredHeights(output, entry.gnss, entry.gnss or given, control_points, geoid, file.comparison.heights)
 
 
+def read_datum(document: Document, file: ProjectFile, base: Path) -> DeclaredDatum:
+    """Return what the project says of the way of its positions into the datum of the map; the path of a grid is taken
+    from ``base``, and one that is not there is noted."""
+    path = None if file.datum_grid is None else str((base / file.datum_grid).absolute())
+    if path is not None and not isfile(path):
+        text = f"file {path} not found: give the path of a grid of datum shifts, relative to this file"
+        document.fault(("datum_grid",), text)
+        path = None
+    return DeclaredDatum(file.datum_accuracy_m, path)
+
+
 def _has_plan(crs: str) -> bool:
     try:
         projected_crs(crs)
@@ -112,13 +133,18 @@ def in_map(
     declared: HeightSystem | None,
     otherwise: HeightSystem | None,
     heights: DeclaredHeights,
+    datum: DeclaredDatum,
     given: FloatArray,
+    *,
+    exact: bool = False,
 ) -> tuple[FloatArray, HeightSystem | None]:
     """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in.
 
     That is as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError as map_from_crs
-    does, and where CRS and file contradict each other.
+    does, where CRS and file contradict each other, and where PROJ lacks the grid of the best way into the map's datum
+    and ``datum`` accepts no less; a worse shift is not accepted at all of points that are to be ``exact``.
     """
+    grid = _checked_grid(crs, target, datum, given, exact=exact)
     named, vertical = height_system_of(crs)
     if named is not None and declared is not None and named != declared:
         raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
@@ -126,9 +152,23 @@ def in_map(
     own = heights.geoid is not None and heights.geoid.vertical == vertical
     if vertical is not None and heights.output is not None and not own:
         # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
-        return map_from_crs(crs, product_crs(target, heights), given), system
-    position = given if crs == target else map_from_crs(crs, plan_of(target), given)
+        return map_from_crs(crs, product_crs(target, heights), given, grid), system
+    position = given if crs == target else map_from_crs(crs, plan_of(target), given, grid)
     return map_heights(target, heights, system, position), system
+
+
+def _checked_grid(crs: str, target: str, datum: DeclaredDatum, given: FloatArray, *, exact: bool) -> str | None:
+    """Return the file with the shifts from one datum to the other, None where none is needed or given."""
+    if crs == target or not changes_datum(crs, target):
+        return None
+    place = middle_deg(crs, given)
+    if place is None:
+        return datum.grid
+    change = datum_change(crs, target, place, datum.grid)
+    accepted = datum.accuracy_m is not None and (change.is_null or not exact)
+    if change.missing is not None and not accepted:
+        raise FrameError(f"{change.loss}: {change.missing.remedy}, or give the points in the project's CRS")
+    return datum.grid
 
 
 def listed_in_map(

@@ -204,7 +204,8 @@ def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
         (None,) * len(measured.photographs),
         NO_TIE_POINTS,
         points,
-        project.gnss_offset_sigma_m,
+        project.common_gnss_sigma_m,
+        project.datum_sigma_m,
     )
 
 

@@ -108,7 +108,7 @@ def positions_map_m(
     for system in dict.fromkeys(systems):
         own = tagged & np.array([s == system for s in systems], dtype=bool)
         if own.any():
-            plan = map_from_geodetic(project.crs, geodetic[own])
+            plan = map_from_geodetic(project.crs, geodetic[own], project.datum.grid)
             position[own] = map_heights(project.crs, project.heights, system, plan)
     for i, photograph in enumerate(photographs):
         if photograph.gnss_map_m is not None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
-from photogram.crs import product_crs
+from photogram.crs import UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
@@ -28,7 +28,7 @@ from photogram.project.cross_checks import camera_of, check_project, photographs
 from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
-from photogram.project.heights import listed_in_map, read_heights
+from photogram.project.heights import listed_in_map, read_datum, read_heights
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
 from photogram.project.schema import (
@@ -202,6 +202,8 @@ class Project:
     """Folder of intermediate results."""
     heights: DeclaredHeights = UNDECLARED
     """Declared height systems."""
+    datum: DeclaredDatum = UNDECLARED_DATUM
+    """What is declared of the way of positions into the datum of the map."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
     warnings: tuple[Finding, ...] = ()
@@ -211,6 +213,26 @@ class Project:
     def product_crs(self) -> str:
         """The CRS of every product, with what heights are counted from where that is declared."""
         return product_crs(self.crs, self.heights)
+
+    @property
+    def datum_sigma_m(self) -> float:
+        """The standard deviation of an error in plan that all GNSS positions have in common because they come from
+        another datum; 0 where none does, or nothing is declared."""
+        if self.datum.accuracy_m is None:
+            return 0.0
+        tagged = changes_datum(WGS84, self.crs)
+        others = (
+            tagged if p.file_position is None else p.file_position.of_other_datum
+            for p in self.photographs
+            if p.gnss_map_m is None
+        )
+        return self.datum.accuracy_m if any(others) else 0.0
+
+    @property
+    def common_gnss_sigma_m(self) -> FloatArray:
+        """The prior sigmas (3,) of what the positions of a flight are off by together: its own offset, and that of the
+        datum."""
+        return np.hypot(self.gnss_offset_sigma_m, np.array([1.0, 1.0, 0.0]) * self.datum_sigma_m)
 
     def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
         """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
@@ -276,9 +298,9 @@ def read_project(
     settings = {name: read_settings(document, name, kind, SETTINGS[name]) for name, kind in SECTIONS.items()}
     folder = _folder(path, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
-    heights = read_heights(document, file, base) or UNDECLARED
-    surveyed, places = read_point_files(document, file, photographs, base, heights)
-    positions, located = read_position_files(document, file, photographs, folder, base, heights)
+    heights, datum = read_heights(document, file, base) or UNDECLARED, read_datum(document, file, base)
+    surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
+    positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
     check_project(document, file, photographs, folder, base, places, located)
     check_folders(document, path, file, photographs, folder, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
@@ -304,6 +326,7 @@ def read_project(
         results=base / file.results,
         work=base / file.work,
         heights=heights,
+        datum=datum,
         warnings=document.warnings,
         **{name: _given(section) for name, section in settings.items()},
     )

@@ -313,6 +313,8 @@ class ProjectFile(Entry):
     photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
     crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
     heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
+    datum_accuracy_m: Annotated[float, SIGMA_M] | None = None
+    datum_grid: Text | None = None
     world: Literal["tangent", "grid"] = "tangent"
     quality: Quality = "high"
     cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(

@@ -44,7 +44,9 @@ SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be b
 OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
 CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
-DISTORTION_PX = 10.0  # that distortion may be wrong by in the corners, for control points to be resected with it
+DISTORTION_PX, DISTORTION_SHARE = 10.0, 2e-3
+"""That distortion may be wrong by in the corners for control points to be resected with it, px and share of the longer
+side of the picture, the larger of the two."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,8 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
     unless ``any_camera`` is wanted.
     """
     points = block.control_points.fully_controlled()
-    known = [any_camera or _distortion_sigma_px(camera) < DISTORTION_PX for camera in block.cameras]
+    bent = [max(DISTORTION_PX, DISTORTION_SHARE * max(c.width_px, c.height_px)) for c in block.cameras]
+    known = [any_camera or _distortion_sigma_px(c) < most for c, most in zip(block.cameras, bent, strict=True)]
     found: list[Resection | None] = []
     faults: list[str] = []
     for index, photograph in enumerate(block.photographs):

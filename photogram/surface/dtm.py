@@ -29,7 +29,8 @@ _STRIP_BLOCKS = 64
 
 @dataclass(frozen=True)
 class TerrainSettings:
-    """How ground is separated from the surface."""
+    """How ground is separated from the surface. Lengths are those of what stands on the ground, bushes, cars and
+    houses, and do not follow the picture; nothing is looked for that is smaller than a cell of the surface."""
 
     enabled: bool = False
     """Whether a terrain model is made."""

@@ -25,6 +25,12 @@ Rule = Callable[[IntArray, FloatArray], FloatArray]
 NEAREST_PLACES = 4
 """Places whose mean says how well the shape is known at a point: those on the corners of its mesh."""
 
+SPIKE_GSD = 1.1
+"""Pixels on the ground below which a point is no spike unless a project says so: what a match off by a pixel is off by
+in height, with rays that cross at a right angle."""
+
+SPIKE_SPACING = 0.05
+
 MAXIMUM_CELLS = 1_000_000_000
 MAXIMUM_HELD_OUT = 20_000
 TILE_CELLS = 400_000
@@ -41,8 +47,9 @@ class SurfaceSettings:
     """Longest edge of a triangle in plan that carries cells; None: 10 times the median edge."""
     spike_nmad: float = 6.0
     """Distance from the plane through its neighbours, in NMAD, beyond which a point is a spike; 0 keeps every point."""
-    spike_minimum_m: float = 0.05
-    """Distance from that plane below which a point is never a spike."""
+    spike_minimum_m: float | None = None
+    """Distance from that plane below which a point is never a spike; None: SPIKE_GSD pixels on the ground in a survey,
+    SPIKE_SPACING of the distance between neighbours for points of which nothing else is known."""
     spike_neighbours: int = 20
     """Number of nearest points in plan that form a neighbourhood."""
 
@@ -52,7 +59,7 @@ class SurfaceSettings:
             if value is not None:
                 check_positive(name, value)
         check_range("spike_nmad", self.spike_nmad, 0.0)
-        check_range("spike_minimum_m", self.spike_minimum_m, 0.0)
+        check_range("spike_minimum_m", self.spike_minimum_m or 0.0, 0.0)
         check_range("spike_neighbours", self.spike_neighbours, 4)
 
 
@@ -285,13 +292,17 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
     if settings.spike_nmad == 0 or len(points_m) <= k:
         return np.zeros(len(points_m), dtype=bool)
     tree = cKDTree(points_m[:, :2])
-    height_m, nmad_m = np.empty(len(points_m)), np.empty(len(points_m))
+    height_m, nmad_m, apart_m = (np.empty(len(points_m)) for _ in range(3))
     for start in range(0, len(points_m), CHUNK_POINTS):
         chunk = slice(start, start + CHUNK_POINTS)
-        neighbour = np.asarray(tree.query(points_m[chunk, :2], k + 1)[1], dtype=np.int64)
+        distance, found = tree.query(points_m[chunk, :2], k + 1)
+        apart_m[chunk], neighbour = np.asarray(distance)[:, 1], np.asarray(found, dtype=np.int64)
         height_m[chunk], nmad_m[chunk] = _height_over_neighbours(points_m[chunk], points_m[neighbour[:, 1:]])
     overall_m = NMAD_FACTOR * np.median(np.abs(height_m - np.median(height_m)))
-    limit_m = np.maximum(settings.spike_nmad * np.maximum(nmad_m, overall_m), settings.spike_minimum_m)
+    least_m = (
+        SPIKE_SPACING * float(np.median(apart_m)) if settings.spike_minimum_m is None else settings.spike_minimum_m
+    )
+    limit_m = np.maximum(settings.spike_nmad * np.maximum(nmad_m, overall_m), least_m)
     return np.asarray(np.abs(height_m) > limit_m)
 
 

@@ -72,6 +72,18 @@ def test_lever_arms_are_told_by_flight(result: Adjustment) -> None:
     assert any("no lever arm to the camera" in w for w in lacking["warnings"])
 
 
+def test_an_accepted_datum_is_told(result: Adjustment) -> None:
+    assert gnss_numbers(result, notes(result))["datum"] is None
+    accepted = replace(result, block=replace(result.block, datum_sigma_m=2.5))
+    numbers = gnss_numbers(accepted, notes(result))
+    assert numbers["datum"] is not None
+    assert numbers["datum"]["sigma_m"] == 2.5
+    assert "an error of 2.5 m (1 sigma) in easting and northing, common to all of them" in numbers["datum"]["sentence"]
+    with console.capture() as shown:
+        show_gnss(numbers)
+    assert "common to all of them, is accepted" in " ".join(shown.get().split())
+
+
 def test_photographs_that_are_not_used_are_named_with_the_reason(result: Adjustment) -> None:
     photographs = list(result.block.photographs)
     photographs[1] = replace(photographs[1], gnss_world_m=None, gnss_sigma_m=None)

@@ -12,6 +12,7 @@ from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.files.npz_json import write_json, write_record
 from photogram.frames import LocalFrame
+from photogram.pipeline.stages.tie_points import orientation_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage import Progress
@@ -38,7 +39,7 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
     block = replace(run.block(), tie_points=run.tie_points())
     original = np.array([note.get("copy_of") is None for note in run.notes()], dtype=bool)
     part, kept = part_of_block(block, original)
-    found = dict(zip(kept.tolist(), confirmed_resections(part, run.project.orientation), strict=True))
+    found = dict(zip(kept.tolist(), confirmed_resections(part, orientation_thresholds(run.project)), strict=True))
     return tuple(found.get(i) for i in range(len(block.photographs)))
 
 
@@ -48,7 +49,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
     resections = orientation.resections
     if not as_placed:
-        block, resections = placed_again(block, orientation, run.project.orientation), _resections(run)
+        block, resections = placed_again(block, orientation, orientation_thresholds(run.project)), _resections(run)
     measured = block
     if orientation.method != "control":
         block = replace(block, photographs=believed_attitudes(block, block.poses))

@@ -10,6 +10,7 @@ import numpy as np
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.files.npz_json import write_json, write_record
+from photogram.pipeline.stages.tie_points import orientation_thresholds, transfer_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import PLACED_BY, Run
 from photogram.pipeline.store.stage import Progress
@@ -43,7 +44,7 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSumma
     block = replace(run.block(), tie_points=run.tie_points())
     copies = [note.get("copy_of") for note in run.notes()]
     part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
-    orientation = _with_copies(orient(part, run.project.orientation, progress), kept.tolist(), copies)
+    orientation = _with_copies(orient(part, orientation_thresholds(run.project), progress), kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
     write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
@@ -60,7 +61,9 @@ def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     block, tie_points = run.block(), run.tie_points()
     camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
-    structure = Structure.oriented(tie_points, cameras, camera_of, run.project.orientation, orientation.poses)
+    structure = Structure.oriented(
+        tie_points, cameras, camera_of, orientation_thresholds(run.project), orientation.poses
+    )
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
 
 
@@ -80,8 +83,10 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
     progress(0, len(cameras), "windows")
     patches = cut_patches(tie_points, position, run.grey)
 
+    settings = transfer_thresholds(project)
+
     def search(index: int) -> Found:
-        return transfer_to(index, tie_points, patches, cameras, orientation.poses, run.grey(index), project.transfer)
+        return transfer_to(index, tie_points, patches, cameras, orientation.poses, run.grey(index), settings)
 
     found = []
     for index, places in enumerate(run.executor.map(search, range(len(cameras)))):

@@ -22,6 +22,7 @@ from photogram.project.measured_block import PhotographNote, measured_photograph
 from photogram.project.measured_positions import measured_position
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.positions import time_findings
 
 
@@ -85,7 +86,11 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
     if faults:
         raise ImageError("\n".join(faults))
     times = [None if note["time"] is None else datetime.fromisoformat(note["time"]) for note in notes]
-    contradictions = [f for f in time_findings(list(zip(photographs, times, strict=True))) if f.severity == "error"]
+    contradictions = [
+        f
+        for f in (*time_findings(list(zip(photographs, times, strict=True))), *datum_findings(run.project, tags))
+        if f.severity == "error"
+    ]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
     copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)

@@ -132,7 +132,8 @@ def _surfaces(outcome: _Outcome) -> list[str]:
 def _photographs(outcome: _Outcome) -> list[str]:
     words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
     write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
-    write_pose_geojson(outcome.results / "photographs.geojson", outcome.results / "footprints.geojson", outcome.result)
+    points, footprints = outcome.results / "photographs.geojson", outcome.results / "footprints.geojson"
+    write_pose_geojson(points, footprints, outcome.result, outcome.run.project.datum.grid)
     return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
 
 

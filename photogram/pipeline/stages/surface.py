@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
+from photogram.report.numbers.overlap import ground_sampling_distance_m
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
 from photogram.surface.dsm import (
@@ -34,7 +35,7 @@ from photogram.surface.dsm import (
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
-from photogram.surface.tin_dsm import NEAREST_PLACES, surface_with_sigma
+from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.survey import Raster
 
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
@@ -211,7 +212,11 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
 
 def interpolate_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
-    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), run.project.surface, run.shape())
+    settings = run.project.surface
+    if settings.spike_minimum_m is None:
+        gsd_m = ground_sampling_distance_m(run.adjustment())
+        settings = replace(settings, spike_minimum_m=SPIKE_GSD * float(np.nanmedian(gsd_m)))
+    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), settings, run.shape())
     raster = surface.heights
     write_geotiff(folder / "dsm.tif", raster, run.project.product_crs, description=HEIGHT)
     write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs), description=SIGMA)

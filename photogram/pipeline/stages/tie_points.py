@@ -8,7 +8,7 @@ from threading import BoundedSemaphore
 
 from threadpoolctl import threadpool_limits
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import ImageError
 from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
 from photogram.pipeline.store.run import Run
@@ -16,7 +16,10 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
+from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
+from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
+from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.sfm.tie_points.matching import match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
@@ -29,6 +32,26 @@ def _coarseness(project: Project, photograph: int) -> float:
     found."""
     camera = project.cameras[project.photographs[photograph].camera]
     return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+
+
+MOST_SEARCHED = 2.0
+"""Times that transferred tie points are searched for farther away than with full quality, at most: beyond it windows
+are found in the wrong place, and the time grows with the square."""
+
+
+def _coarsest(project: Project) -> float:
+    return max(_coarseness(project, i) for i in range(len(project.photographs)))
+
+
+def orientation_thresholds(project: Project) -> OrientationSettings:
+    """Return the settings of the orientation, their threshold as coarse as key points are."""
+    return replace(project.orientation, threshold_px=_coarsest(project) * project.orientation.threshold_px)
+
+
+def transfer_thresholds(project: Project) -> TransferSettings:
+    """Return the settings of the transfer: places are searched for around poses as coarse as key points are."""
+    farther = min(_coarsest(project), MOST_SEARCHED)
+    return replace(project.transfer, search_px=round(farther * project.transfer.search_px))
 
 
 def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
@@ -57,7 +80,8 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
 
 
 def select_photograph_pairs(run: Run) -> SelectedPairs:
-    """Select the pairs of photographs to match; where positions are missing, by what the photographs show."""
+    """Select the pairs of photographs to match; where positions are missing, by what the photographs show, and where
+    flying heights are too small, as some pairs show that are matched to find out."""
     block, settings = run.block(), run.project.pairs
     used = [i for i, note in enumerate(run.notes()) if note.get("copy_of") is None]
     photographs = [block.photographs[i] for i in used]
@@ -65,6 +89,13 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
     if any(photograph.gnss_world_m is None for photograph in photographs):
         similar = most_similar(lambda i: run.features(used[i]), len(used), 3 * settings.retrieved)
     selected = select_pairs(photographs, block.cameras, settings, similar=similar)
+
+    def verified(pairs: Pairs) -> list[bool]:
+        with threadpool_limits(1, "blas"):
+            found = run.executor.map(lambda pair: _matched(run, (used[pair[0]], used[pair[1]]))[1].any(), pairs)
+            return [bool(good) for good in found]
+
+    selected = with_ground_depth(photographs, block.cameras, settings, selected, verified)
     return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
 
 
@@ -79,17 +110,23 @@ def choose_pairs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     }
 
 
+def _matched(run: Run, pair: tuple[int, int]) -> tuple[Matches, BoolArray]:
+    """Return the candidate matches of two photographs, and which of them are verified, as match_pair."""
+    project, (i, j) = run.project, pair
+    cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
+    coarser = max(_coarseness(project, i), _coarseness(project, j))
+    return match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
+
+
 def match_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    project, pairs = run.project, run.selected_pairs()
+    pairs = run.selected_pairs()
 
     def match(pair: tuple[int, int]) -> bool:
         i, j = pair
         path = folder / f"{i:05d}-{j:05d}.npz"
         if not path.is_file():
-            cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
-            coarser = max(_coarseness(project, i), _coarseness(project, j))
-            matches, good = match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
+            matches, good = _matched(run, pair)
             write_arrays(path, {"index": matches.index, "verified": good})
         return bool(read_arrays(path)["verified"].any())
 

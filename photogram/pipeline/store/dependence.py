@@ -45,6 +45,7 @@ def _photographs(run: Run, placing: str) -> object:
         project.crs,
         project.world_kind,
         height_marks(project),
+        None if project.datum.grid is None else file_fingerprint(Path(project.datum.grid)),
         placing,
     ]
 

@@ -7,14 +7,14 @@ Faults are noted in the document under the entry that names the file, and carry 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import plan_of, projected_crs
+from photogram.crs import WGS84, DeclaredDatum, changes_datum, plan_of, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
 from photogram.files.tables.position_tables import read_positions
@@ -26,8 +26,6 @@ from photogram.project.document import Document, Key
 from photogram.project.heights import in_map
 from photogram.project.positions.matching import Matching, match_rows
 from photogram.project.schema import PhotographEntry, PositionFileEntry, PositionOf, ProjectFile
-
-WGS84 = "EPSG:4326"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +52,8 @@ class FilePosition:
     """Lever arm from antenna to camera along true east, true north and up, None if not given."""
     by_order: bool = False
     """True if only the order of the file assigns it to the photograph."""
+    of_other_datum: bool = False
+    """True if it came from another datum than the map's."""
 
 
 def read_position_files(
@@ -63,6 +63,7 @@ def read_position_files(
     folder: Path | None,
     base: Path,
     heights: DeclaredHeights,
+    datum: DeclaredDatum,
 ) -> tuple[dict[str, FilePosition], list[Located]]:
     """Return the positions of all files by the names of the photographs, and where they lie, for the checks.
 
@@ -78,10 +79,11 @@ def read_position_files(
         if read is None or photographs is None:
             continue
         matching = _matched(document, key, entry, read, _scope(entry, read.path, photographs, folder))
-        placed = _placed(document, file, key, entry, read, heights)
+        placed = _placed(document, file, key, entry, read, heights, datum)
         if placed is None:
             continue
         *places, system = placed
+        changed = changes_datum(_crs_of(file, entry, read), str(file.crs))
         arms = _lever_arms(document, key, entry, base, photographs, folder)
         number = {row.line: n for n, row in enumerate(read.rows)}
         for name, row in matching.rows.items():
@@ -93,7 +95,8 @@ def read_position_files(
                 )
                 document.fault(key, text)
             else:
-                found[name] = _position(entry, read, row, place, system, arms.get(name, row.lever_arm_m))
+                arm = arms.get(name, row.lever_arm_m)
+                found[name] = replace(_position(entry, read, row, place, system, arm), of_other_datum=changed)
     return found, located
 
 
@@ -191,6 +194,11 @@ def _lever_arms(
     return {name: row.lever_arm_m for name, row in matching.rows.items() if row.lever_arm_m is not None}
 
 
+def _crs_of(file: ProjectFile, entry: PositionFileEntry, read: PositionFile) -> str:
+    """Return the CRS in which the positions of a file are given."""
+    return entry.crs or (WGS84 if read.geographic else str(file.crs))
+
+
 def _placed(
     document: Document,
     file: ProjectFile,
@@ -198,6 +206,7 @@ def _placed(
     entry: PositionFileEntry,
     read: PositionFile,
     heights: DeclaredHeights,
+    datum: DeclaredDatum,
 ) -> tuple[FloatArray, FloatArray, HeightSystem | None] | None:
     """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
     heights were given in: above the ellipsoid in an MRK or .pos file."""
@@ -215,10 +224,10 @@ def _placed(
         document.fault((*key, "heights"), f"a {read.format.upper()} file is above the ellipsoid: remove this")
         return None
     given = np.array([row.position for row in read.rows]).reshape(-1, 3)
-    crs = entry.crs or (WGS84 if read.geographic else target)
+    crs = _crs_of(file, entry, read)
     declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
     try:
-        place, system = in_map(crs, target, declared, heights.gnss_given, heights, given)
+        place, system = in_map(crs, target, declared, heights.gnss_given, heights, datum, given)
     except FrameError as fault:
         document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
         return None

@@ -18,6 +18,7 @@ from photogram.files.photographs.headers import PhotographHeader
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
 from photogram.project.project import Project
+from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.geometry import geometry_findings
 from photogram.project.validation.heights import height_system_findings
 from photogram.project.validation.positions import gnss_findings
@@ -173,6 +174,7 @@ def survey_findings(
         *camera_findings(project, tags),
         *_same_moment(project, tags, copies),
         *gnss_findings(project, tags),
+        *datum_findings(project, tags),
         *geometry_findings(project, tags),
         *height_system_findings(project, tags),
     ]

@@ -30,7 +30,8 @@ SURE_SIGMA_M = 1.0
 """GNSS heights that are worse, of a single receiver or a barometer, prove nothing: they err by tens of metres."""
 
 LEAST_M, SIGMAS = 5.0, 4.0
-"""A contradiction below these is no matter of height systems."""
+"""A contradiction below these is no matter of height systems: geoid heights are tens of metres on most of the Earth,
+and do not depend on the flight. What is smaller is an offset, judged by its own sigma."""
 
 _NEAR_GEOID_M = 3.0
 _TIE_COST, _TIE_SHARE = 3.0, 0.02

@@ -22,7 +22,7 @@ from photogram.survey import Block, ControlPoints
 
 SURE = 4.0  # sigmas within which a prediction is said to be what was meant
 CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it
-ON_TARGET_PX = 2.0
+ON_TARGET_PX = 2.0  # that a mark is off its own target beside its sigma: what a hand does at any resolution
 _DECIMALS = 3  # of coordinates that people type
 SINGLE = 0.2  # of the attitudes of a flight, up to which those that are wrong are blunders of single photographs
 

@@ -16,6 +16,7 @@ from photogram.project.measured_block import PhotographNote
 from photogram.project.measured_positions import position_note
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.record.positions import (
+    DatumRecord,
     FlightRecord,
     GnssRecord,
     LeverArmLeftRecord,
@@ -32,7 +33,9 @@ Notes = Sequence[PhotographNote]
 BEYOND_PRIOR = 3.29
 """An offset of more prior sigmas contradicts its prior."""
 LARGE_OFFSET_M = 5.0
-"""An offset beyond what antennas, base stations and receivers without corrections usually make."""
+"""An offset beyond what antennas, base stations and receivers without corrections usually make, whatever is flown: it
+is for geoids and wrong bases, metres to tens of metres off. What contradicts a better prior is judged by BEYOND_PRIOR.
+"""
 
 _AXES = ("easting", "northing", "height")
 
@@ -283,6 +286,20 @@ def _unknown(name: str) -> PhotographNote:
     }
 
 
+def _datum(sigma_m: float) -> DatumRecord | None:
+    """Return what is accepted of the way into the datum of the map, None where nothing is."""
+    if sigma_m == 0.0:
+        return None
+    return {
+        "sigma_m": sigma_m,
+        "sentence": (
+            f"The GNSS positions come from another datum than that of the map: an error of {sigma_m:g} m (1 sigma) in "
+            "easting and northing, common to all of them, is accepted (datum_accuracy_m) and counted in all predicted "
+            "standard deviations."
+        ),
+    }
+
+
 def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
     """Return ``gnss`` of report.json; ``notes`` are those of the photographs, in their order, or none."""
     photographs = result.block.photographs
@@ -313,6 +330,7 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
         "sources": dict(Counter(str(n.get("gnss_source", "project")) for n, u in zip(notes, used, strict=True) if u)),
         "lever_arm_m": _arms(photographs, used, notes),
         "lever_arm_left": arm,
+        "datum": _datum(result.block.datum_sigma_m),
         "not_used": lost,
         "warnings": doubtful + ([arm_warning] if arm_warning else []) + _warnings(notes, used),
     }

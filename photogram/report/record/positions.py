@@ -46,6 +46,13 @@ class LeverArmLeftRecord(TypedDict):
     significant: bool
 
 
+class DatumRecord(TypedDict):
+    """What is accepted of the way of the positions into the datum of the map: one error of all, in plan."""
+
+    sigma_m: Metres
+    sentence: str
+
+
 class UnusedPositionRecord(TypedDict):
     """A photograph whose position took no part, and why."""
 
@@ -64,6 +71,7 @@ class GnssRecord(TypedDict):
     sources: dict[str, Count]
     lever_arm_m: dict[str, LeverArmRecord] | None
     lever_arm_left: LeverArmLeftRecord | None
+    datum: DatumRecord | None
     not_used: list[UnusedPositionRecord]
     warnings: list[str]
 

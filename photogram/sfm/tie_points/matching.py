@@ -21,7 +21,7 @@ class MatchingSettings:
     """How key points are matched and verified."""
 
     ratio: float = 0.8  # nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1)
-    threshold_px: float = 1.5  # distance from the epipolar line
+    threshold_px: float = 1.5  # distance from the epipolar line: three sigmas of key points, times their coarseness
     minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ from photogram.errors import OrientationError, check_range
 from photogram.projection import SIDEWAYS
 from photogram.survey import Photograph
 
-Reason = Literal["footprint", "neighbour", "retrieval", "exhaustive"]
+Reason = Literal["footprint", "neighbour", "retrieval", "exhaustive", "depth"]
 
 _GRID = 7  # rays per side of a photograph that stand for its footprint
 _REACH = 5.0  # ground farther away than this many flying heights is too oblique to count
@@ -305,6 +305,12 @@ def _by_footprint(aim: _Aim, settings: PairSettings) -> IntArray:
     step = np.column_stack([centre[edge[:, 1]] - centre[edge[:, 0]], np.zeros(len(edge))])
     taken = _all_around(edge, cost, _sector(step), np.ones(len(edge), dtype=bool), settings.maximum)
     return aim.photograph[edge[taken]]
+
+
+def footprint_pairs(photographs: Sequence[Photograph], cameras: Sequence[Camera], settings: PairSettings) -> IntArray:
+    """Return the pairs (P, 2) that select_pairs takes by footprint, smaller number first, sorted. Raises ImageError
+    where a distortion cannot be undone."""
+    return _unique(_by_footprint(_aim(photographs, cameras), settings))
 
 
 def _near_limit_m(photographs: Sequence[Photograph], located: IntArray, position_m: FloatArray) -> FloatArray:
