@@ -86,6 +86,39 @@ class Photograph:
             check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
 
 
+CommonErrorKind = Literal["attitude", "lever_arm", "time_offset", "drift"]
+
+
+@dataclass(frozen=True, eq=False)
+class CommonError:
+    """An error that the measurements of many photographs have in common, and that is estimated with them: d unknowns
+    with a prior of zero. The model is in photogram.factors.common_errors."""
+
+    kind: CommonErrorKind
+    """Attitude: boresight about the camera's axes and, behind it, heading about the vertical, rad. Lever arm: what is
+    added to the one that is counted, along the columns of ``basis``, m. Time offset: of the exposure after the epoch of
+    the position, s. Drift: of the positions over the flight, easting, northing, up of the world, m."""
+    flight: str | None
+    """Name of the flight, None for all flights."""
+    camera: int | None
+    """Index of the camera, None for all."""
+    sigma: FloatArray
+    """Standard deviations (d,) of the prior."""
+    value: FloatArray
+    """Values (d,), zero before an adjustment."""
+    basis: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Directions (3, d) of a lever arm along the camera's axes: those that nothing else can take over."""
+
+    def __post_init__(self) -> None:
+        check_shape("value", self.value, self.sigma.shape)
+        if self.kind == "lever_arm":
+            check_shape("basis", self.basis, (3, len(self.sigma)))
+
+    def of(self, photograph: Photograph) -> bool:
+        """Return whether a photograph's measurements have it."""
+        return self.flight in (None, photograph.flight) and self.camera in (None, photograph.camera)
+
+
 @dataclass(frozen=True, eq=False)
 class Features:
     """Key points of one photograph."""
@@ -298,6 +331,8 @@ class Block:
     gnss_offset_sigma_m: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Prior sigmas (3,) of the offset between GNSS and ground control along the map's axes, one offset per flight;
     zero: no offset."""
+    common_errors: tuple[CommonError, ...] = ()
+    """Further errors that measurements have in common."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
