@@ -149,7 +149,7 @@ class GroundTerms:
             start = layout.columns + int(layout.camera_column[index])
             return list(range(start, start + len(self._problem.free[index])))
         if kind == COMMON_ERROR:
-            return (layout.columns + layout.columns_of_common(index)).tolist()
+            return [layout.columns + int(column) for column in layout.columns_of_common(index)]
         if kind == GNSS_OFFSET:
             first = layout.offset_column + 3 * index
         elif kind != CONTROL_POINT:

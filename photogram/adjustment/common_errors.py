@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.gnss_offsets import estimated_offset_test, measured_positions
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.common_errors import UP, attitude_errors, designs, members, parts
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.state import State
@@ -52,7 +52,7 @@ LEAST_ARM_M = 0.05
 about it."""
 LONGEST_ARM_M = 0.5
 """A longer arm fits no drone: where a time offset explains it as well, it is one."""
-AS_WELL = float(chi2.isf(SIGNIFICANCE, 1))
+AS_WELL = 4.0
 """Difference of two statistics below which one error explains the positions as well as the other."""
 MOST_CHANGES = 8
 
@@ -225,7 +225,7 @@ def _what(error: CommonError) -> tuple[str, str | None, int | None]:
     return error.kind, error.flight, error.camera
 
 
-def _variance_factor(r: Reliability, own: FloatArray, statistic: float, degrees: int) -> float:
+def _variance_factor(r: Reliability, own: BoolArray, statistic: float, degrees: int) -> float:
     """Return by what the positions of the mask (N,) scatter more than stated once an error of the ``statistic`` is
     removed, 1 at least."""
     known = np.isfinite(r.gnss_w[own]) & np.isfinite(r.gnss_redundancy[own])
@@ -315,8 +315,8 @@ def next_change(
     if not significant:
         return None
     new, rival = _chosen(significant)
-    as_well = {} if rival is None else {(new.error.kind, new.error.camera): rival.words}
-    return Change((*errors, _adopted(new)), as_well)
+    rivals = [] if rival is None else [rival.words]
+    return Change((*errors, _adopted(new)), {(str(new.error.kind), new.error.camera): words for words in rivals})
 
 
 def values_after(problem: Problem, state: State, errors: Sequence[CommonError]) -> FloatArray:
