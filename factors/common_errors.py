@@ -85,7 +85,8 @@ def velocities(photographs: Sequence[Photograph]) -> FloatArray:
         own = np.flatnonzero(has & (flights == flight))
         own = own[np.argsort(time_s[own], kind="stable")]
         position = np.array([photographs[i].gnss_world_m for i in own.tolist()])
-        whole = bool(np.all(time_s[own] % 1.0 == 0.0)) and len(own) > 2
+        times = [photographs[i].time for i in own.tolist()]
+        whole = all(time is not None and time.microsecond == 0 for time in times)
         velocity[own] = _velocities_of_flight(time_s[own], position, WHOLE_SECONDS_SIGMA_S if whole else 0.0)
     return velocity
 

@@ -45,15 +45,16 @@ LEAST_POSITIONS = 6
 LEAST_SHARE = 1e-3
 """Of the information that the positions have on an error, the least share left by everything else that is unknown for a
 direction of it to be told at all."""
-ADOPTED_SHARE = 0.05
-"""The same for a direction to become an unknown: beyond it the error would pass for others, and they for it."""
+ADOPTED_SHARE = 0.01
+"""The same for a direction to become an unknown: below it the error would pass for others, and they for it."""
 LEAST_ARM_M = 0.05
 """A shorter arm that is left is within what antennas' phase centres and the moment of exposure leave: no word is lost
 about it."""
 LONGEST_ARM_M = 0.5
 """A longer arm fits no drone: where a time offset explains it as well, it is one."""
-AS_WELL = 4.0
-"""Difference of two statistics below which one error explains the positions as well as the other."""
+AS_WELL, NEARLY_AS_WELL = 4.0, 0.95
+"""Difference of two statistics below which one error explains the positions as well as the other, and the share of the
+larger beyond which it is worth a word."""
 MOST_CHANGES = 8
 
 
@@ -267,7 +268,8 @@ def _adopted(candidate: _Candidate) -> CommonError:
 def _chosen(significant: list[_Candidate]) -> tuple[_Candidate, _Candidate | None]:
     """Return the candidate least likely by chance, and another that explains the positions as well.
 
-    Of an arm and a time offset of one camera that explain them alike, the arm is taken unless no drone has such a one.
+    Of an arm and a time offset of one camera that explain them alike, the arm is taken unless no drone has such a one,
+    and that which explains them better where they differ.
     """
     first, *rest = sorted(significant, key=lambda c: c.log_chance)
     pair = {"lever_arm", "time_offset"}
@@ -276,10 +278,10 @@ def _chosen(significant: list[_Candidate]) -> tuple[_Candidate, _Candidate | Non
         for c in rest
         if {c.error.kind, first.error.kind} == pair
         and c.error.camera == first.error.camera
-        and first.statistic - c.statistic < AS_WELL
+        and (first.statistic - c.statistic < AS_WELL or c.statistic > NEARLY_AS_WELL * first.statistic)
     ]
-    if not rivals:
-        return first, None
+    if not rivals or first.statistic - rivals[0].statistic >= AS_WELL:
+        return first, rivals[0] if rivals else None
     arm, time = (first, rivals[0]) if first.error.kind == "lever_arm" else (rivals[0], first)
     return (arm, time) if arm.size <= LONGEST_ARM_M else (time, arm)
 
