@@ -260,7 +260,7 @@ def _common_sentence(found: CommonErrorEstimate, camera: str) -> str:
             f"The GNSS positions{whose} drift by {_figures(estimate)} ± {_sigmas(sigma)} m in easting, northing and "
             f"height over the flight ({p})"
         )
-    also = f"; {found.as_well} explains them as well, and the two are held together as one" if found.as_well else ""
+    also = f"; {found.as_well} explains them nearly as well: the two are held together as one" if found.as_well else ""
     return f"{text}: estimated and removed{also}."
 
 
