@@ -54,7 +54,7 @@ class Outcome:
 def draft(folder: Path, crs: str) -> dict[str, Any]:
     """Return the project that `photogram init` writes, ready for sparse work alone."""
     path = folder / "drafted.yaml"
-    command = [Path(sys.executable).with_name("photogram"), "init", folder / "photographs"]
+    command = [str(Path(sys.executable).with_name("photogram")), "init", str(folder / "photographs")]
     options = ["--crs", crs, "--heights", "ellipsoidal", "--project", str(path), "--check", str(folder / "check.txt")]
     subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)
     values: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -36,8 +36,8 @@ class Covariances:
     """A-priori covariances at the solution.
 
     ``inverse`` (flat) of the poses' matrix within the band of ``layout``, ``T`` (6 free, border), ``border`` (border,
-    border) of calibrations and offsets; ``factor`` of the system whose rows were divided by ``scale``. ``tie_point``
-    (P, 3, 3) and ``control_point`` (G, 3, 3) in the world, m², NaN for tie points without rays.
+    border) of calibrations and common errors; ``factor`` of the system whose rows were divided by ``scale``.
+    ``tie_point`` (P, 3, 3) and ``control_point`` (G, 3, 3) in the world, m², NaN for tie points without rays.
     """
 
     layout: Layout
@@ -70,6 +70,11 @@ class Covariances:
         column = self.layout.offset_column + 3 * flight
         return self.border[column : column + 3, column : column + 3]
 
+    def common(self, error: int) -> FloatArray:
+        """Return the covariance (d, d) of a common error that is no GNSS offset."""
+        columns = self.layout.columns_of_common(error)
+        return np.asarray(self.border[np.ix_(columns, columns)])
+
     def calibration(self, camera: int) -> FloatArray:
         """Return the covariance (11, 11) of a camera's parameters, zero where they are held."""
         owner, parameter = self.layout.free_parameters
@@ -83,8 +88,8 @@ class Covariances:
         """Return the joint covariance (6 k + border) of k poses, in the order given, and the border.
 
         The border holds the calibrations' free parameters, in their natural units, as ``layout.free_parameters`` has
-        them, then the GNSS offsets and the control points of the border. Photographs farther apart than the band cost
-        a solution of the system.
+        them, then the GNSS offsets, the other common errors and the control points of the border. Photographs farther
+        apart than the band cost a solution of the system.
         """
         layout, place = self.layout, self.layout.place[photographs]
         rows = (6 * place[:, None] + np.arange(6)).ravel()

@@ -224,11 +224,11 @@ def functions_of_border(layout: Layout) -> Functions:
     """Return every parameter (cameras, 11) of all calibrations in natural units, zero where held, then the GNSS offsets
     (flights, 3), each flattened."""
     cameras, parameters = layout.unit.shape
-    offsets = layout.ground_column - layout.offset_column
+    offsets = layout.common_column - layout.offset_column
     columns = np.zeros((layout.columns + layout.border, cameras * parameters + offsets))
     owner, parameter = layout.free_parameters
     of = np.concatenate([owner * parameters + parameter, cameras * parameters + np.arange(offsets)])
-    columns[layout.columns + np.arange(layout.ground_column), of] = layout.border_unit[: layout.ground_column]
+    columns[layout.columns + np.arange(layout.common_column), of] = layout.border_unit[: layout.common_column]
     return Functions(columns, np.zeros((columns.shape[1],) * 2))
 
 

@@ -2,7 +2,7 @@
 solves.
 
 This is the reference: every tie point is a variable and every observation a factor of the linear graph. The few
-factors on poses, control points, offsets and calibrations are GTSAM's own and are linearised by GTSAM; image
+factors on poses, control points, common errors and calibrations are GTSAM's own and are linearised by GTSAM; image
 observations are linearised together by one compiled kernel.
 """
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
+from photogram.factors.common_errors import attitude_errors, parts, position_effects
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
 from photogram.factors.elimination.reprojection import (
@@ -30,6 +31,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.priors import (
     OWN_OFFSET_SIGMA_M,
     calibration_prior,
+    common_error_prior,
     common_offset_prior,
     gnss_position,
     measured_attitude,
@@ -38,6 +40,7 @@ from photogram.factors.priors import (
 )
 from photogram.factors.variables import (
     CALIBRATION,
+    COMMON_ERROR,
     CONTROL_POINT,
     GNSS_OFFSET,
     POSE,
@@ -98,26 +101,32 @@ class Problem:
 
 
 def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
-    """Return the factors on control points, GNSS positions, offsets, attitudes and calibrations, and further ones."""
+    """Return the factors on control points, GNSS positions, attitudes, common errors and calibrations, and further
+    ones."""
     graph = gtsam.NonlinearFactorGraph()
     block = problem.block
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     for g in range(len(problem.control_world_m)):
         sigma_m, along = problem.control_sigma_m[g], problem.control_axes[g]
         graph.add(surveyed_position(g, problem.control_world_m[g], sigma_m, along))
+    effects, attitude_error = position_effects(block), attitude_errors(block)
     for i, photograph in enumerate(block.photographs):
         if photograph.gnss_world_m is not None and photograph.gnss_sigma_m is not None:
             flight = problem.flights.index(photograph.flight) if problem.flights else None
             arm = photograph.lever_arm_camera_m
-            graph.add(gnss_position(i, photograph.gnss_world_m, photograph.gnss_sigma_m, flight, axes, arm))
+            position, sigma_m = photograph.gnss_world_m, photograph.gnss_sigma_m
+            graph.add(gnss_position(i, position, sigma_m, flight, axes, arm, effects[i]))
         if photograph.attitude_world_from_camera is not None and photograph.attitude_sigma_rad is not None:
             attitude, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
-            graph.add(measured_attitude(i, attitude, sigma, heading_known=photograph.heading_known))
+            error = attitude_error[i] if attitude_error[i] >= 0 else None
+            graph.add(measured_attitude(i, attitude, sigma, heading_known=photograph.heading_known, error=error))
     if block.datum_sigma_m > 0.0 and len(problem.flights) > 1:
         graph.add(common_offset_prior(len(problem.flights), block.gnss_offset_sigma_m, block.datum_sigma_m, axes))
     else:
         for f in range(len(problem.flights)):
             graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, OWN_OFFSET_SIGMA_M), axes))
+    for k, common in enumerate(block.common_errors):
+        graph.add(common_error_prior(k, common.sigma))
     for c, camera in enumerate(block.cameras):
         free, scale = problem.free[c], problem.scale[c]
         if len(free):
@@ -138,6 +147,8 @@ def ground_values(problem: Problem, state: State) -> gtsam.Values:
         values.insert(key(CONTROL_POINT, g), state.control[g])
     for f in range(len(state.offset)):
         values.insert(key(GNSS_OFFSET, f), state.offset[f])
+    for k, part in enumerate(parts(problem.block.common_errors)):
+        values.insert(key(COMMON_ERROR, k), state.common[part])
     for c, free in enumerate(problem.free):
         if len(free):
             values.insert(key(CALIBRATION, c), (state.parameters[c] / problem.scale[c])[free])
@@ -177,6 +188,8 @@ def variable_size(problem: Problem, variable: int) -> int:
     kind, index = kind_and_index(variable)
     if kind == CALIBRATION:
         return len(problem.free[index])
+    if kind == COMMON_ERROR:
+        return len(problem.block.common_errors[index].sigma)
     return 6 if kind == POSE else 3
 
 
@@ -264,6 +277,7 @@ def linearise_all(
         + [key(CONTROL_POINT, g) for g in range(len(state.control))]
         + [key(GNSS_OFFSET, f) for f in range(len(state.offset))]
         + [key(POSE, i) for i in range(len(state.rotation))]
+        + [key(COMMON_ERROR, k) for k in range(len(problem.block.common_errors))]
         + [key(CALIBRATION, c) for c, free in enumerate(problem.free) if len(free)]
     )
     ordering = gtsam.Ordering()
@@ -308,7 +322,7 @@ def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | 
 
 def retract(problem: Problem, state: State, step: Step) -> State:
     """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else."""
-    v = step.values
+    v, common = step.values, problem.block.common_errors
     pose = _gather(v, POSE, range(len(state.rotation)), 6)
     seen = np.unique(problem.tie.point)
     tie_point = state.tie_point.copy()
@@ -327,4 +341,5 @@ def retract(problem: Problem, state: State, step: Step) -> State:
         tie_point,
         state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),
         state.offset + _gather(v, GNSS_OFFSET, range(len(state.offset)), 3),
+        state.common + np.concatenate([np.zeros(0), *(v.at(key(COMMON_ERROR, k)) for k in range(len(common)))]),
     )

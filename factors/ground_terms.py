@@ -1,5 +1,5 @@
-"""What is known of poses, control points, offsets and calibrations, linearised by GTSAM and laid out for the reduced
-system.
+"""What is known of poses, control points, common errors and calibrations, linearised by GTSAM and laid out for the
+reduced system.
 
 A factor on one variable goes to its diagonal block, or to the control point, which is eliminated with it. What joins
 several goes to the blocks between them: of poses and border, of two poses, of two variables of the border. A control
@@ -25,7 +25,16 @@ from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms
 from photogram.factors.elimination.reprojection import linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, WORDS, kind_and_index
+from photogram.factors.variables import (
+    CALIBRATION,
+    COMMON_ERROR,
+    CONTROL_POINT,
+    GNSS_OFFSET,
+    POSE,
+    TIE_POINT,
+    WORDS,
+    kind_and_index,
+)
 from photogram.projection import PARAMETERS
 
 
@@ -139,6 +148,8 @@ class GroundTerms:
         if kind == CALIBRATION:
             start = layout.columns + int(layout.camera_column[index])
             return list(range(start, start + len(self._problem.free[index])))
+        if kind == COMMON_ERROR:
+            return [layout.columns + int(column) for column in layout.columns_of_common(index)]
         if kind == GNSS_OFFSET:
             first = layout.offset_column + 3 * index
         elif kind != CONTROL_POINT:
@@ -204,8 +215,8 @@ class GroundTerms:
 
 
 def bundle_of(problem: Problem, state: State) -> Bundle:
-    """Return the problem laid out for elimination: a band of photographs, a border of calibrations, offsets, and the
-    control points that a factor joins to another variable."""
+    """Return the problem laid out for elimination: a band of photographs, a border of calibrations, common errors, and
+    the control points that a factor joins to another variable."""
     graph = ground_graph(problem)
     coupled, pairs = _joined(graph)
     free = np.array([camera.sigmas > 0 for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
@@ -224,6 +235,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         problem.scale.reshape(-1, PARAMETERS) * free,
         len(problem.flights),
         coupled,
+        np.array([len(error.sigma) for error in problem.block.common_errors], dtype=np.int64),
     )
     return Bundle(
         layout,
@@ -257,6 +269,8 @@ def variable_at(layout: Layout, column: int) -> tuple[str, int]:
     border = column - layout.columns
     if border >= layout.ground_column:
         return CONTROL_POINT, int(layout.coupled[(border - layout.ground_column) // 3])
+    if border >= layout.common_column:
+        return COMMON_ERROR, int(np.searchsorted(np.cumsum(layout.common), border - layout.common_column, side="right"))
     if border >= layout.offset_column:
         return GNSS_OFFSET, (border - layout.offset_column) // 3
     return CALIBRATION, int(layout.free_parameters[0][border])

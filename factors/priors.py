@@ -1,19 +1,23 @@
 """What is known before the adjustment, as GTSAM factors: surveyed positions, GNSS positions and their offsets, measured
-attitudes, calibrations.
+attitudes, other common errors, calibrations.
 
 The projection centre is C = GNSS + R l + offset, with the lever arm l from the antenna in the camera's axes where it is
-known there. The offset (datum of the base station, height system) is one unknown per flight, with its own prior. The
-attitude of a gimbal is a rotation with one sigma about every axis. Sigmas of positions are stated along easting,
+known there. The offset (datum of the base station, height system) is one unknown per flight, with its own prior; what
+else measurements have in common is in photogram.factors.common_errors. The attitude of a gimbal is a rotation with one
+sigma about every axis. Sigmas of positions are stated along easting,
 northing and height of the map.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
+from photogram.factors.common_errors import Effect, attitude_residual, cross_matrix
+from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
 
 OWN_OFFSET_SIGMA_M = 1e-6
 """Of an offset whose prior is 0 along an axis while it is more along another: it stays there."""
@@ -47,9 +51,7 @@ def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m
     R = rotation_world_from_camera
     if lever_arm_camera_m is None:
         return np.hstack([np.zeros((3, 3)), R])
-    x, y, z = lever_arm_camera_m
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.hstack([R @ across, R])
+    return np.hstack([R @ cross_matrix(lever_arm_camera_m), R])
 
 
 def gnss_position(
@@ -59,29 +61,44 @@ def gnss_position(
     flight: int | None,
     axes: FloatArray | None = None,
     lever_arm_camera_m: FloatArray | None = None,
+    effects: Sequence[Effect] = (),
 ) -> gtsam.NonlinearFactor:
-    """Return the factor of a GNSS position (3,) in the world, m; ``flight`` names its offset, None when it has none.
+    """Return the factor of a GNSS position (3,) in the world, m; ``flight`` names its offset, None when it has none;
+    ``effects`` are those of other common errors.
 
     Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world; ``lever_arm_camera_m``
-    (3,) points from the antenna to the projection centre. Residual C − R l − offset − GNSS; Jacobians of
-    position_jacobian on the pose, and −I on the offset.
+    (3,) points from the antenna to the projection centre. Residual C − R (l + a) − offset − shift − GNSS, with the sums
+    a and shift of the effects along the camera's axes and those of the world; Jacobians of position_jacobian on the
+    pose, −I on the offset, −R M and −M on an error with the effect M.
     """
     noise = along_axes(sigma_m, axes)
     arm = np.zeros(3) if lever_arm_camera_m is None else lever_arm_camera_m
-    if flight is None and lever_arm_camera_m is None:
+    if flight is None and lever_arm_camera_m is None and not effects:
         return gtsam.GPSFactor(key(POSE, photograph), gnss_world_m, noise)
-    if flight is None:
+    if flight is None and not effects:
         return gtsam.GPSFactorArm(key(POSE, photograph), gnss_world_m, -arm, noise)
+    first = 1 if flight is None else 2
+    turning = lever_arm_camera_m is not None or any(effect.in_camera for effect in effects)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        pose = values.atPose3(factor.keys()[0])
-        R = pose.rotation().matrix()
+        keys = factor.keys()
+        pose = values.atPose3(keys[0])
+        R, whole, shift = pose.rotation().matrix(), arm, gnss_world_m
+        for effect, variable in zip(effects, keys[first:], strict=True):
+            moved = effect.matrix @ values.atVector(variable)
+            whole, shift = (whole + moved, shift) if effect.in_camera else (whole, shift + moved)
+        if flight is not None:
+            shift = shift + values.atPoint3(keys[1])
         if jacobians is not None:
-            jacobians[0] = position_jacobian(R, lever_arm_camera_m)
-            jacobians[1] = -np.eye(3)
-        return np.asarray(pose.translation() - R @ arm - values.atPoint3(factor.keys()[1]) - gnss_world_m)
+            jacobians[0] = position_jacobian(R, whole if turning else None)
+            if flight is not None:
+                jacobians[1] = -np.eye(3)
+            for n, effect in enumerate(effects):
+                jacobians[first + n] = -effect.in_world(R)
+        return np.asarray(pose.translation() - R @ whole - shift)
 
-    return gtsam.CustomFactor(noise, [key(POSE, photograph), key(GNSS_OFFSET, flight)], error)
+    keys = [key(POSE, photograph)] + ([] if flight is None else [key(GNSS_OFFSET, flight)])
+    return gtsam.CustomFactor(noise, keys + [key(COMMON_ERROR, effect.error) for effect in effects], error)
 
 
 def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = None) -> gtsam.NonlinearFactor:
@@ -118,22 +135,55 @@ NO_HEADING_SIGMA_RAD = 10.0
 """Standard deviation of a heading that is not known: more than a turn, so that it says nothing."""
 
 
-def measured_attitude(
-    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: float, *, heading_known: bool = True
-) -> gtsam.NonlinearFactor:
-    """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera.
-
-    With the heading unknown nothing is said about turns around the vertical of the world.
-    """
-    rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
+def _attitude_noise(rotation: FloatArray, sigma_rad: float, *, heading_known: bool) -> gtsam.noiseModel.Base:
+    """Return the noise of a measured rotation (3, 3) about the camera's axes."""
     if heading_known:
-        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad)
-    else:
-        vertical = rotation_world_from_camera[2]  # the world's up axis in the camera frame
-        around = np.outer(vertical, vertical)
-        covariance = sigma_rad**2 * (np.eye(3) - around) + NO_HEADING_SIGMA_RAD**2 * around
-        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
-    return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, noise)
+        return gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad)
+    vertical = rotation[2]  # the world's up axis in the camera frame
+    around = np.outer(vertical, vertical)
+    covariance = sigma_rad**2 * (np.eye(3) - around) + NO_HEADING_SIGMA_RAD**2 * around
+    return gtsam.noiseModel.Gaussian.Covariance(covariance)
+
+
+def measured_attitude(
+    photograph: int,
+    rotation_world_from_camera: FloatArray,
+    sigma_rad: float,
+    *,
+    heading_known: bool = True,
+    error: int | None = None,
+) -> gtsam.NonlinearFactor:
+    """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera; ``error``
+    names what it has in common with others.
+
+    With the heading unknown nothing is said about turns around the vertical of the world. Residual and Jacobians of
+    attitude_residual.
+    """
+    noise = _attitude_noise(rotation_world_from_camera, sigma_rad, heading_known=heading_known)
+    if error is None:
+        rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
+        return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, noise)
+
+    def residual(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        R, bias = values.atPose3(factor.keys()[0]).rotation().matrix(), values.atVector(factor.keys()[1])
+        e, of_turn, of_bias = attitude_residual(rotation_world_from_camera, R, bias)
+        if jacobians is not None:
+            jacobians[0], jacobians[1] = np.hstack([of_turn, np.zeros((3, 3))]), of_bias
+        return e
+
+    return gtsam.CustomFactor(noise, [key(POSE, photograph), key(COMMON_ERROR, error)], residual)
+
+
+def common_error_prior(error: int, sigma: FloatArray) -> gtsam.NonlinearFactor:
+    """Return the prior of a common error: zero with sigmas (d,)."""
+    identity = np.eye(len(sigma))
+
+    def residual(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        if jacobians is not None:
+            jacobians[0] = identity
+        return np.asarray(values.atVector(factor.keys()[0]))
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigma), [key(COMMON_ERROR, error)], residual)
 
 
 def calibration_prior(camera: int, expected: FloatArray, sigmas: FloatArray) -> gtsam.NonlinearFactor | None:

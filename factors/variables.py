@@ -6,7 +6,7 @@ import re
 
 import gtsam
 
-POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION = "x", "l", "g", "o", "k"
+POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, CALIBRATION = "x", "l", "g", "o", "e", "k"
 DATUM = "datum"  # not a variable: the block as a whole, by the parts of photogram.factors.datum
 
 WORDS = {
@@ -14,6 +14,7 @@ WORDS = {
     TIE_POINT: "tie point",
     CONTROL_POINT: "control point",
     GNSS_OFFSET: "GNSS offset of flight",
+    COMMON_ERROR: "common error",
     CALIBRATION: "calibration of camera",
 }
 

@@ -28,6 +28,11 @@ FLOOR_M: Mapping[Solution, Sigma3] = {
 exposures, so they depend neither on the flying height nor on the picture."""
 
 
+RTK_OFFSET_SIGMA_M: Sigma3 = (0.02, 0.02, 0.03)
+"""Standard deviations of what all positions of a flight with fixed ambiguities have in common: the coordinates of the
+base station, the network's corrections, the phase centres of the antennas."""
+
+
 def solution_of_rtk_flag(flag: int | None) -> Solution:
     """Return the solution of DJI's RtkFlag: 50 and above fixed, 32 to 49 float, 16 single, and 0 no better than it."""
     if flag is None:

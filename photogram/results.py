@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.survey import Block
+from photogram.survey import Block, CommonError
 from photogram.wording import html_table, things
+
+SIGNIFICANCE = 0.001
+"""Probability by chance below which a common error is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +175,35 @@ class Deformation:
 
 
 @dataclass(frozen=True, eq=False)
+class CommonErrorEstimate:
+    """A common error of measurements as it was estimated and removed."""
+
+    error: CommonError
+    """The error, with its value and its prior."""
+    estimate: FloatArray
+    """What it comes to (k,). Attitude: rotation about the camera's axes by which measured attitudes are off, boresight
+    and heading together, rad. Lever arm: along the camera's axes, m, NaN for components that are not determined. Time
+    offset: of exposures after the epochs of the positions, s. Drift: over the flight, easting, northing, height, m."""
+    covariance: FloatArray
+    """Its covariance (k, k)."""
+    photographs: int
+    """Number of photographs whose measurements have it."""
+    chi2: float
+    """Statistic of the test against zero, NaN where only the prior determines it."""
+    degrees: int
+    """Its degrees of freedom."""
+    p: float
+    """Probability of an error this large by chance, NaN where only the prior determines it."""
+    as_well: str
+    """What explains the measurements as well as this error, and was not estimated; empty for nothing."""
+
+    @property
+    def significant(self) -> bool:
+        """Return whether the error is not zero, at the level SIGNIFICANCE."""
+        return self.degrees > 0 and self.p < SIGNIFICANCE
+
+
+@dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result of the joint adjustment, of photographs (N), tie points (P), ground points (G) and flights (F).
 
@@ -240,6 +272,8 @@ class Adjustment:
     """Its standard deviations (3,)."""
     left_arm_p: float = float("nan")
     """Probability of a residual lever arm this large by chance."""
+    common_errors: tuple[CommonErrorEstimate, ...] = ()
+    """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     deformation: Deformation = field(default_factory=Deformation.unknown)
     """Covariance of the block as a whole, unknown until computed."""
     warnings: tuple[str, ...] = ()

@@ -86,6 +86,39 @@ class Photograph:
             check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
 
 
+CommonErrorKind = Literal["attitude", "lever_arm", "time_offset", "drift"]
+
+
+@dataclass(frozen=True, eq=False)
+class CommonError:
+    """An error that the measurements of many photographs have in common, and that is estimated with them: d unknowns
+    with a prior of zero. The model is in photogram.factors.common_errors."""
+
+    kind: CommonErrorKind
+    """Attitude: boresight about the camera's axes and, behind it, heading about the vertical, rad. Lever arm: what is
+    added to the one that is counted, along the columns of ``basis``, m. Time offset: of the exposure after the epoch of
+    the position, s. Drift: of the positions over the flight, easting, northing, up of the world, m."""
+    flight: str | None
+    """Name of the flight, None for all flights."""
+    camera: int | None
+    """Index of the camera, None for all."""
+    sigma: FloatArray
+    """Standard deviations (d,) of the prior."""
+    value: FloatArray
+    """Values (d,), zero before an adjustment."""
+    basis: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Directions (3, d) of a lever arm along the camera's axes: those that nothing else can take over."""
+
+    def __post_init__(self) -> None:
+        check_shape("value", self.value, self.sigma.shape)
+        if self.kind == "lever_arm":
+            check_shape("basis", self.basis, (3, len(self.sigma)))
+
+    def of(self, photograph: Photograph) -> bool:
+        """Return whether a photograph's measurements have it."""
+        return self.flight in (None, photograph.flight) and self.camera in (None, photograph.camera)
+
+
 @dataclass(frozen=True, eq=False)
 class Features:
     """Key points of one photograph."""
@@ -301,6 +334,8 @@ class Block:
     datum_sigma_m: float = 0.0
     """The part of it, along easting and northing, that the offsets of all flights have in common: the error of the way
     from the datum of GNSS to that of the map."""
+    common_errors: tuple[CommonError, ...] = ()
+    """Further errors that measurements have in common."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):

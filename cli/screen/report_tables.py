@@ -97,6 +97,7 @@ def show_gnss(gnss: GnssRecord) -> None:
     said = [
         f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
     ]
+    said += [e["sentence"] for e in gnss.get("common_errors", []) if e["significant"]]
     for sentence in said[:MAXIMUM_SENTENCES]:
         console.print(f"[bold]GNSS:[/bold] {escape(sentence)}")
     for sentence in gnss["warnings"][:MAXIMUM_SENTENCES]:

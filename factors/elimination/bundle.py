@@ -128,7 +128,8 @@ def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) 
             parameters=parameters,
         ),
         control=control,
-        offset=state.offset + border[layout.offset_column : layout.ground_column].reshape(-1, 3),
+        offset=state.offset + border[layout.offset_column : layout.common_column].reshape(-1, 3),
+        common=state.common + border[layout.common_column : layout.ground_column],
     )
 
 

@@ -2,10 +2,10 @@
 
 The poses' matrix A is a band when photographs are numbered so that those with common points lie close together
 (reverse Cuthill–McKee, George & Liu 1981, ch. 4, or simply along the block). The border holds the free
-parameters of the calibrations, the GNSS offsets, and those ground points that an observation joins to another
-variable (a distance between two of them, for one), which hence cannot be eliminated one by one; it is eliminated last,
-by its Schur complement E − Bᵀ A⁻¹ B. Blocks of the inverse come from the recursion of Takahashi et al. (1973), panel by
-panel.
+parameters of the calibrations, the GNSS offsets and other common errors, and those ground points that an observation
+joins to another variable (a distance between two of them, for one), which hence cannot be eliminated one by one; it is
+eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks of the inverse come from the recursion of Takahashi et al.
+(1973), panel by panel.
 
 Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
 storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
@@ -46,7 +46,8 @@ class Layout:
     column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 11) units of its parameters, 0 where held:
     each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
     number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
-    because they are not eliminated.
+    because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
+    between the offsets and these.
     """
 
     place: IntArray
@@ -57,6 +58,17 @@ class Layout:
     offset_column: int
     border: int
     coupled: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    common: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def common_column(self) -> int:
+        """Return the first border column of the common errors that are no GNSS offsets."""
+        return self.ground_column - int(self.common.sum())
+
+    def columns_of_common(self, error: int) -> IntArray:
+        """Return the border columns of a common error."""
+        first = self.common_column + int(self.common[:error].sum())
+        return np.arange(first, first + int(self.common[error]))
 
     @property
     def ground_column(self) -> int:
@@ -91,7 +103,7 @@ class Layout:
 
     @property
     def border_unit(self) -> FloatArray:
-        """Return the units (border,) of the border: those of the calibrations, and 1 m for offsets and points."""
+        """Return the units (border,) of the border: those of the calibrations, and 1 (m, s, rad) for the rest."""
         return np.concatenate([self.unit[self.free_parameters], np.ones(self.border - self.offset_column)])
 
     @property
@@ -146,13 +158,14 @@ def make_layout(
     unit: FloatArray,
     offsets: int = 0,
     coupled: IntArray | None = None,
+    common: IntArray | None = None,
 ) -> Layout:
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
     ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 11) the units of free parameters, 0 where
     held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
-    eliminated.
+    eliminated; ``common`` (E,) the numbers of unknowns of other common errors.
     """
     free = np.flatnonzero(~held)
     number = np.full(len(held), -1, dtype=np.int64)
@@ -171,8 +184,9 @@ def make_layout(
     column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
     offset_column = int(size.sum())
     coupled = np.zeros(0, dtype=np.int64) if coupled is None else coupled
-    border = offset_column + 3 * (offsets + len(coupled))
-    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled)
+    common = np.zeros(0, dtype=np.int64) if common is None else common
+    border = offset_column + 3 * (offsets + len(coupled)) + int(common.sum())
+    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled, common)
 
 
 @dataclass(frozen=True, eq=False)

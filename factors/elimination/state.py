@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.projection import OrientedCameras
@@ -32,9 +34,11 @@ class OfCameras:
 @dataclass(frozen=True, eq=False)
 class State(OfCameras):
     """Values of all variables: ``cameras`` interior and exterior orientation, ``tie_point`` (P, 3), ``control`` (G, 3),
-    ``offset`` (flights, 3); positions in the world, m."""
+    ``offset`` (flights, 3), positions in the world, m; ``common`` (Σ d,) the other common errors, one after the
+    other."""
 
     cameras: OrientedCameras
     tie_point: FloatArray
     control: FloatArray
     offset: FloatArray
+    common: FloatArray = field(default_factory=lambda: np.zeros(0))

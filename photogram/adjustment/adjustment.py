@@ -1,7 +1,8 @@
 """The joint adjustment: Levenberg–Marquardt on the factor graph, outlier rounds, covariances.
 
-Poses, calibration, tie points, control points and GNSS offsets are estimated together. Tie points carry a robust loss
-and are tested between rounds, with re-admission; control points, marks and GNSS positions are never down-weighted.
+Poses, calibration, tie points, control points, GNSS offsets and other common errors are estimated together. Tie points
+carry a robust loss and are tested between rounds, with re-admission; control points, marks and GNSS positions are never
+down-weighted.
 """
 
 from __future__ import annotations
@@ -14,9 +15,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.adjustment.common_errors import (
+    MOST_CHANGES,
+    estimates,
+    left_arm,
+    next_change,
+    values_after,
+    with_attitude_errors,
+)
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
-from photogram.adjustment.lever_arms import left_arm
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.outliers import (
     agreeing_observations,
@@ -33,8 +41,9 @@ from photogram.adjustment.variance_components import variance_components
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Pose
 from photogram.errors import AdjustmentError, check_range
+from photogram.factors.common_errors import values_of, with_values
 from photogram.factors.consider import with_considered
-from photogram.factors.covariance import covariances
+from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.levenberg_marquardt import Minimum
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import Observations, residuals
@@ -65,6 +74,7 @@ class AdjustmentSettings:
     maximum_rounds: int = 10
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
+    common_errors: Literal["auto", "none"] = "auto"  # of attitudes and positions, estimated where they show
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
     solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
 
@@ -101,17 +111,21 @@ def start_state(block: Block, flights: tuple[str, ...]) -> State:
         block.tie_points.position_world_m.copy(),
         control_positions(block)[0],
         np.zeros((len(flights), 3)),
+        values_of(block.common_errors),
     )
 
 
 def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
-    """Return the problem of a block, with all its tie-point observations.
+    """Return the problem of a block, with all its tie-point observations and, unless the settings have none, a common
+    error of the measured attitudes of each flight.
 
     Raises AdjustmentError naming every photograph that has no pose, or a control point that nothing places.
     """
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
         raise AdjustmentError(f"not oriented, so they cannot be adjusted: {', '.join(missing)}")
+    if settings.common_errors == "auto":
+        block = with_attitude_errors(block)
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
     position, axes = control_positions(block)
@@ -190,7 +204,7 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     image = 2 * (len(problem.tie) + len(problem.marks))
     ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
     points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
-    unknowns = 6 * len(block.photographs) + points + sum(len(f) for f in problem.free)
+    unknowns = 6 * len(block.photographs) + points + len(state.common) + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.cameras, state.tie_point)
     robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
@@ -204,7 +218,52 @@ def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tupl
     tie_points = replace(block.tie_points, position_world_m=state.tie_point).select(kept, used)
     cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
     poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
-    return replace(block, cameras=cameras, poses=poses, tie_points=tie_points), kept
+    common = with_values(block, state.common)
+    return replace(block, cameras=cameras, poses=poses, tie_points=tie_points, common_errors=common), kept
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """The minimum with its common errors: the block as adjusted, which tie points (P,) it kept, the problem and the
+    state of these, their covariances, and what explains the measurements as well as a common error."""
+
+    solved: Solved
+    block: Block
+    kept: NDArray[np.bool_]
+    problem: Problem
+    state: State
+    held: Covariances
+    as_well: dict[tuple[str, int | None], str]
+
+
+def _with_common_errors(solved: Solved, settings: AdjustmentSettings, progress: Progress) -> _Settled:
+    """Add the common errors of positions that show, one at a time, and adjust again from the present state."""
+    barred: list[tuple[str, str | None, int | None]] = []
+    as_well: dict[tuple[str, int | None], str] = {}
+    for changes in range(MOST_CHANGES + 1):
+        problem, state = solved.problem, solved.minimum.state
+        adjusted, kept = _adjusted_block(problem.block, state, solved.used)
+        tie = adjusted.tie_points
+        final_state = replace(state, tie_point=tie.position_world_m)
+        final = problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
+        progress("covariances")
+        held = covariances(final, final_state)
+        settled = _Settled(solved, adjusted, kept, final, final_state, held, as_well)
+        if settings.common_errors == "none" or changes == MOST_CHANGES:
+            break
+        change = next_change(final, final_state, held, reliability(final, final_state, held), barred)
+        if change is None:
+            break
+        barred += [] if change.dropped is None else [change.dropped]
+        as_well |= change.as_well
+        _LOG.debug("common errors: %s", ", ".join(error.kind for error in change.errors) or "none")
+        again = replace(problem, block=replace(problem.block, common_errors=change.errors))
+        start = replace(state, common=values_after(problem, state, change.errors))
+        progress("common errors: " + ", ".join(error.kind.replace("_", " ") for error in change.errors))
+        minimum = minimise(again, start, settings, progress)
+        iterations = solved.iterations + minimum.iterations
+        solved = replace(solved, problem=again, minimum=minimum, iterations=iterations)
+    return settled
 
 
 def adjust(
@@ -265,19 +324,16 @@ def _adjust_oriented(
     """Adjust a block whose photographs all have a pose to start from."""
     whole = make_problem(block, settings)
     try:
-        first = start_state(block, whole.flights)
+        first = start_state(whole.block, whole.flights)
         if len(start):
             free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
             moved = np.where(free, np.array(start), first.parameters)
             first = replace(first, cameras=first.cameras._replace(parameters=moved))
         solved = _solve_rounds(whole, first, settings, progress)
+        settled = _with_common_errors(solved, settings, progress)
+        solved, adjusted, kept, held = settled.solved, settled.block, settled.kept, settled.held
+        final, final_state, tie = settled.problem, settled.state, adjusted.tie_points
         state = solved.minimum.state
-        adjusted, kept = _adjusted_block(block, state, solved.used)
-        tie = adjusted.tie_points
-        final_state = replace(state, tie_point=tie.position_world_m)
-        final = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
-        progress("covariances")
-        held = covariances(final, final_state)
         counted = with_considered(final, final_state)
         found = held if counted is final else covariances(counted, final_state)
     except IndeterminateError as fault:
@@ -320,5 +376,6 @@ def _adjust_oriented(
         left_arm_camera_m=arm.arm_camera_m,
         left_arm_sigma_m=arm.sigma_m,
         left_arm_p=arm.p,
+        common_errors=estimates(final, final_state, held, found, settled.as_well),
         warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found)),
     )

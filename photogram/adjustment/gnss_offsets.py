@@ -13,13 +13,17 @@ Directions that the measurements do not determine are left out of the test.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
+from photogram.factors.common_errors import position_effects
 from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.reduced import Layout
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.priors import position_jacobian
@@ -30,9 +34,53 @@ LEAST_SHARE = 1e-3
 against the prior where there is one, against the positions themselves where there is none."""
 
 
+class MeasuredPosition(NamedTuple):
+    """A GNSS position at a solution: the number of its ``photograph``, its ``sigma_m`` (3,) along the axes of the map,
+    the ``misfit`` (3,) of the projection centre to where the position and all common errors put it, in the world, m,
+    its ``weight`` (3, 3), and the ``jacobian`` (3, c) of the misfit on the ``columns`` (c,) of the reduced system: six
+    of the pose, then some of the border."""
+
+    photograph: int
+    sigma_m: FloatArray
+    misfit: FloatArray
+    weight: FloatArray
+    columns: IntArray
+    jacobian: FloatArray
+
+
+def measured_positions(problem: Problem, state: State, layout: Layout) -> Iterator[MeasuredPosition]:
+    """Yield the GNSS positions at ``state``."""
+    block, border = problem.block, layout.columns
+    axes, effects = block.frame.rotation_world_from_map(np.zeros(3)), position_effects(block)
+    common = [layout.columns_of_common(k) for k in range(len(layout.common))]
+    for i, photograph in enumerate(block.photographs):
+        if photograph.gnss_world_m is None or photograph.gnss_sigma_m is None:
+            continue
+        R, arm, shift = state.rotation[i], photograph.lever_arm_camera_m, np.zeros(3)
+        columns, of_border = [6 * int(layout.place[i]) + np.arange(6)], []
+        if problem.flights:
+            flight = problem.flights.index(photograph.flight)
+            columns.append(border + layout.offset_column + 3 * flight + np.arange(3))
+            of_border.append(-np.eye(3))
+            shift = shift + state.offset[flight]
+        for effect in effects[i]:
+            own = common[effect.error]
+            moved = effect.matrix @ state.common[own - layout.common_column]
+            if effect.in_camera:
+                arm = moved if arm is None else arm + moved
+            else:
+                shift = shift + moved
+            columns.append(border + own)
+            of_border.append(-effect.in_world(R))
+        misfit = state.position[i] - photograph.gnss_world_m - shift - (0.0 if arm is None else R @ arm)
+        weight = axes @ np.diag(photograph.gnss_sigma_m**-2.0) @ axes.T
+        jacobian = np.hstack([position_jacobian(R, arm), *of_border])
+        yield MeasuredPosition(i, photograph.gnss_sigma_m, misfit, weight, np.concatenate(columns), jacobian)
+
+
 @dataclass(frozen=True, eq=False)
 class OffsetTest:
-    """The test of an offset (3,) against zero: ``chi2`` with ``degrees`` of freedom, ``p`` of it, ``p_axes`` (3,).
+    """The test of an offset (d,) against zero: ``chi2`` with ``degrees`` of freedom, ``p`` of it, ``p_axes`` (d,).
 
     Without degrees of freedom nothing but the prior determines the offset, and ``chi2`` and ``p`` are NaN.
     """
@@ -49,10 +97,10 @@ class OffsetTest:
 
 
 def estimated_offset_test(offset_m: FloatArray, covariance_m2: FloatArray, prior_sigma_m: FloatArray) -> OffsetTest:
-    """Test an adjusted offset (3,) with covariance (3, 3), whose prior has ``prior_sigma_m`` (3,) along the same axes,
+    """Test an adjusted offset (d,) with covariance (d, d), whose prior has ``prior_sigma_m`` (d,) along the same axes,
     none of them 0."""
     # In units of the prior, Q has the eigenvalues 1 / (1 + λ), λ the information of the measurements.
-    share, U = np.linalg.eigh(np.eye(3) - covariance_m2 / np.outer(prior_sigma_m, prior_sigma_m))
+    share, U = np.linalg.eigh(np.eye(len(offset_m)) - covariance_m2 / np.outer(prior_sigma_m, prior_sigma_m))
     share = np.clip(share, 0.0, 1.0)  # λ / (1 + λ)
     known = share > LEAST_SHARE
     u = U.T @ (offset_m / prior_sigma_m)
@@ -67,7 +115,7 @@ def _test(statistic: float, degrees: int, offset: FloatArray, variance: FloatArr
     with np.errstate(divide="ignore", invalid="ignore"):
         p_axes = np.where(variance > 0.0, 2.0 * norm.sf(np.abs(offset) / np.sqrt(variance)), np.nan)
     if not degrees:
-        return OffsetTest(float("nan"), 0, float("nan"), np.full(3, np.nan))
+        return OffsetTest(float("nan"), 0, float("nan"), np.full(len(offset), np.nan))
     return OffsetTest(statistic, degrees, float(chi2.sf(statistic, degrees)), p_axes)
 
 
@@ -89,22 +137,18 @@ def implied_offsets(
     None where the offsets are among the unknowns.
     """
     block = problem.block
-    axes = block.frame.rotation_world_from_map(np.zeros(3))
     flights: list[str] = []
     offsets, covariances = [], []
-    members = [p.flight for p in block.photographs if p.gnss_world_m is not None]
-    for flight in () if problem.flights else sorted(set(members)):
+    positions = [] if problem.flights else list(measured_positions(problem, state, found.layout))
+    of_flight = [block.photographs[position.photograph].flight for position in positions]
+    for flight in sorted(set(of_flight)):
         N, score = np.zeros((3, 3)), np.zeros(3)
         L = np.zeros((found.layout.columns + found.layout.border, 3))
-        for i, photograph in enumerate(block.photographs):
-            measured = photograph.measured_centre_world_m(state.rotation[i])
-            if photograph.flight != flight or measured is None or photograph.gnss_sigma_m is None:
-                continue
-            weight = axes @ np.diag(photograph.gnss_sigma_m**-2.0) @ axes.T
-            N += weight
-            score += weight @ (state.position[i] - measured)
-            at = 6 * int(found.layout.place[i])
-            L[at : at + 6] += position_jacobian(state.rotation[i], photograph.lever_arm_camera_m).T @ weight
+        for position, own in zip(positions, of_flight, strict=True):
+            if own == flight:
+                N += position.weight
+                score += position.weight @ position.misfit
+                L[position.columns] += position.jacobian.T @ position.weight
         K = N - found.between(L, L)
         flights.append(flight)
         root = np.linalg.cholesky(N)

@@ -75,6 +75,7 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             cameras=adjustment.block.cameras,
             poses=tuple(poses),
             tie_points=replace(tie, photograph=kept[tie.photograph]),
+            common_errors=adjustment.block.common_errors,
         ),
         position_covariance_m2=_spread(adjustment.position_covariance_m2, kept, count),
         rotation_covariance_rad2=_spread(adjustment.rotation_covariance_rad2, kept, count),

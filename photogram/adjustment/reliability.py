@@ -12,14 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from photogram.adjustment.gnss_offsets import measured_positions
 from photogram.arrays import FloatArray
+from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
 from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.priors import position_jacobian
 from photogram.results import Reliability
 
 SIGNIFICANCE, POWER = 0.001, 0.80
@@ -69,15 +69,19 @@ class _Known:
     counted: Covariances
 
     def joint(self, photograph: int) -> FloatArray:
-        """Return what stands in tests for the joint covariance of a pose and the GNSS offsets (6 + 3 flights)."""
-        held = _pose_and_offsets(self.held, photograph)
-        return held if self.counted is self.held else _doubled(held, _pose_and_offsets(self.counted, photograph))
-
-
-def _pose_and_offsets(found: Covariances, photograph: int) -> FloatArray:
-    joint, layout = found.joint(np.array([photograph])), found.layout
-    kept = np.concatenate([np.arange(6), np.arange(6 + layout.offset_column, 6 + layout.ground_column)])
-    return np.asarray(joint[np.ix_(kept, kept)])
+        """Return what stands in tests for the joint covariance (6 + border) of a pose and the border."""
+        held = self.held.joint(np.array([photograph]))
+        if self.counted is self.held:
+            return held
+        counted, layout, other = self.counted.joint(np.array([photograph])), self.held.layout, self.counted.layout
+        # a considered focal length is one of the border's first columns, which no measured position or attitude has
+        own, same = (
+            np.concatenate([np.arange(6), np.arange(6 + at.offset_column, 6 + at.ground_column)])
+            for at in (layout, other)
+        )
+        whole = np.zeros_like(held)
+        whole[np.ix_(own, own)] = _doubled(held[np.ix_(own, own)], counted[np.ix_(same, same)])
+        return whole
 
 
 def _doubled(held: FloatArray, counted: FloatArray) -> FloatArray:
@@ -89,22 +93,13 @@ def _gnss(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return redundancy numbers and w (N, 3) of GNSS positions along the map's axes, and the prediction by all other
     observations minus the measurement (N, 3), with its covariance (N, 3, 3); NaN where there are none."""
-    block = problem.block
+    block, layout = problem.block, known.held.layout
     redundancy, w, predicted = (np.full((len(block.photographs), 3), np.nan) for _ in range(3))
     covariance = np.full((len(block.photographs), 3, 3), np.nan)
-    for i, photograph in enumerate(block.photographs):
-        measured = photograph.measured_centre_world_m(state.rotation[i])
-        if measured is None or photograph.gnss_sigma_m is None:
-            continue
+    for i, sigma, misfit, _, columns, jacobian in measured_positions(problem, state, layout):
         joint = known.joint(i)
         rows = np.zeros((3, len(joint)))
-        rows[:, :6] = axes.T @ position_jacobian(state.rotation[i], photograph.lever_arm_camera_m)
-        misfit = state.position[i] - measured
-        if problem.flights:
-            flight = problem.flights.index(photograph.flight)
-            rows[:, 6 + 3 * flight : 9 + 3 * flight] = -axes.T
-            misfit = misfit - state.offset[flight]
-        sigma = photograph.gnss_sigma_m
+        rows[:, :6], rows[:, columns[6:] - layout.columns + 6] = axes.T @ jacobian[:, :6], axes.T @ jacobian[:, 6:]
         rows /= sigma[:, None]
         whitened, adjusted = ((axes.T @ misfit) / sigma)[None], (rows @ joint @ rows.T)[None]
         r, t = w_tests(whitened, adjusted)
@@ -117,14 +112,21 @@ def _gnss(
 def _attitudes(problem: Problem, state: State, known: _Known) -> tuple[FloatArray, FloatArray]:
     """Return by how much everything else turns the cameras away from their measured attitudes (N, 3), rad, about their
     own axes, and the covariances of that (N, 3, 3); NaN where there are none, or their heading is not known."""
-    photographs = problem.block.photographs
+    photographs, layout = problem.block.photographs, known.held.layout
     turned, covariance = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3, 3), np.nan)
+    own, where = attitude_errors(problem.block), parts(problem.block.common_errors)
     for i, photograph in enumerate(photographs):
         measured, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
         if measured is None or sigma is None or not photograph.heading_known:
             continue
-        error = Rotation.from_matrix(measured.T @ state.rotation[i]).as_rotvec()
-        adjusted = known.joint(i)[:3, :3] / sigma**2
+        bias = state.common[where[own[i]]] if own[i] >= 0 else np.zeros(0)
+        error, of_turn, of_bias = attitude_residual(measured, state.rotation[i], bias)
+        joint = known.joint(i)
+        rows = np.zeros((3, len(joint)))
+        rows[:, :3] = of_turn
+        if own[i] >= 0:
+            rows[:, 6 + layout.columns_of_common(own[i])] = of_bias
+        adjusted = rows @ joint @ rows.T / sigma**2
         residual, spread = left_out(error[None] / sigma, adjusted[None])
         turned[i], covariance[i] = residual[0] * sigma, spread[0] * sigma**2
     return turned, covariance

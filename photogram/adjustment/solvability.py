@@ -19,7 +19,16 @@ from photogram.factors.datum import SCALE, SHIFT, TURN, datum_of, reach_m, weigh
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, DATUM, GNSS_OFFSET, POSE, TIE_POINT, WORDS
+from photogram.factors.variables import (
+    CALIBRATION,
+    COMMON_ERROR,
+    CONTROL_POINT,
+    DATUM,
+    GNSS_OFFSET,
+    POSE,
+    TIE_POINT,
+    WORDS,
+)
 from photogram.survey import Block
 
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
@@ -84,6 +93,7 @@ def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
         POSE: lambda i: problem.block.photographs[i].name,
         CONTROL_POINT: lambda i: problem.block.control_points.with_role("control").name[i],
         GNSS_OFFSET: lambda i: problem.flights[i],
+        COMMON_ERROR: lambda i: problem.block.common_errors[i].kind.replace("_", " "),
         CALIBRATION: lambda i: problem.block.cameras[i].name,
         TIE_POINT: str,
     }
@@ -96,6 +106,7 @@ _LACKS = {
     GNSS_OFFSET: (
         "without control points it cannot be separated from the block's position: give gnss.offset_sigma_m, or 0"
     ),
+    COMMON_ERROR: "nothing determines it",
     CALIBRATION: "the photographs do not determine all free parameters: give prior sigmas, or fix some",
     TIE_POINT: "its rays are nearly parallel",
 }

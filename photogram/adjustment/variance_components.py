@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
+from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
@@ -26,6 +26,7 @@ from photogram.results import Reliability, VarianceComponents
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
 LEAST_REDUNDANCY = 1.0  # below it a group says nothing about its own sigmas
 NO_OBSERVATION = "unknown_heading"  # a weight so small that it only keeps the equations solvable
+COMMON_ERRORS = "common_errors"  # whose priors are wide and nobody's statement
 
 
 @dataclass(frozen=True)
@@ -46,15 +47,25 @@ def _tested(name: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray)
     return _Group(name, int(known.sum()), float(redundancy[known].sum()), float(squares.sum()), sigma[known])
 
 
-def _right_jacobian_inverse(rotation_vector: FloatArray) -> FloatArray:
-    """Return ∂Log(R Exp(ω))/∂ω (N, 3, 3) of rotation vectors (N, 3) (Förstner & Wrobel 2016, sec. 8.1.6)."""
-    x, y, z = rotation_vector.T
-    zero = np.zeros_like(x)
-    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    angle = np.linalg.norm(rotation_vector, axis=1)
-    safe = np.where(angle > 1e-4, angle, 1.0)
-    bend = np.where(angle > 1e-4, 1.0 / safe**2 - 0.5 / (safe * np.tan(0.5 * safe)), 1.0 / 12.0)
-    return np.asarray(np.eye(3) + 0.5 * cross + bend[:, None, None] * cross @ cross)
+def _attitude_errors(
+    problem: Problem, state: State, found: Covariances, index: IntArray, measured: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the residuals (n, 3) of the attitudes ``measured`` (n, 3, 3) of photographs (n,), rad, and the covariances
+    (n, 3, 3) of the adjusted ones, their common errors among them."""
+    block = problem.block
+    own, where = attitude_errors(block), parts(block.common_errors)
+    error, covariance = np.zeros((len(index), 3)), np.zeros((len(index), 3, 3))
+    poses = found.poses
+    for n, i in enumerate(index.tolist()):
+        if own[i] < 0:
+            error[n], J, _ = attitude_residual(measured[n], state.rotation[i], np.zeros(0))
+            covariance[n] = J @ poses[i, :3, :3] @ J.T
+            continue
+        error[n], J, of_bias = attitude_residual(measured[n], state.rotation[i], state.common[where[own[i]]])
+        joint, columns = found.joint(np.array([i])), 6 + found.layout.columns_of_common(own[i])
+        A, at = np.hstack([J, of_bias]), np.concatenate([np.arange(3), columns])
+        covariance[n] = A @ joint[np.ix_(at, at)] @ A.T
+    return error, covariance
 
 
 def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Group]:
@@ -70,9 +81,7 @@ def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Grou
     index = np.array([i for i, *_ in stated])
     measured, sigma = np.array([R for _, R, *_ in stated]), np.array([s for *_, s, _ in stated])
     unknown = np.array([not known for *_, known in stated])
-    error = Rotation.from_matrix(measured.transpose(0, 2, 1) @ state.rotation[index]).as_rotvec()
-    J = _right_jacobian_inverse(error)
-    covariance = J @ found.poses[index, :3, :3] @ J.transpose(0, 2, 1)
+    error, covariance = _attitude_errors(problem, state, found, index, measured)
     vertical = measured[:, 2] * unknown[:, None]  # the world's up axis in the camera frame
     kept = np.eye(3) - vertical[:, :, None] * vertical[:, None, :]
     counted = 3 - unknown
@@ -90,7 +99,7 @@ def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Grou
 
 
 def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray) -> list[_Group]:
-    """Return what was known beforehand of GNSS offsets and of calibrations."""
+    """Return what was known beforehand of common errors and of calibrations."""
     groups = []
     if problem.flights:
         sigma = np.maximum(problem.block.gnss_offset_sigma_m, 1e-6)
@@ -100,6 +109,11 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
             _Group("gnss_offset", residual.size, float(redundancy.sum()), float(np.sum(residual**2)),
                    np.tile(sigma, len(residual)))
         )  # fmt: skip
+    if errors := problem.block.common_errors:
+        sigma = np.concatenate([error.sigma for error in errors])
+        spread = np.concatenate([np.diag(found.common(k)) for k in range(len(errors))])
+        redundancy, residual = 1.0 - spread / sigma**2, state.common / sigma
+        groups.append(_Group(COMMON_ERRORS, len(sigma), float(redundancy.sum()), float(residual @ residual), sigma))
     sigmas = np.array([camera.sigmas for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
     stated = (sigmas > 0) & np.isfinite(sigmas)
     if stated.any():
@@ -175,7 +189,7 @@ def scatters(components: VarianceComponents) -> dict[str, Scatter]:
     found = {}
     c = components
     for k, name in enumerate(c.group.tolist()):
-        if name == NO_OBSERVATION:
+        if name in (NO_OBSERVATION, COMMON_ERRORS):
             continue
         n, r, squares = int(c.observations[k]), float(c.redundancy[k]), float(c.squares[k])
         factor = float(np.sqrt(squares / r)) if r >= LEAST_REDUNDANCY else float("nan")

@@ -219,7 +219,9 @@ def block_deformation(
     problem = make_problem(part, settings)
     control = np.array(result.block.control_points.role) == "control"
     state = replace(
-        start_state(part, problem.flights), control=result.ground_world_m[control], offset=result.offset_world_m
+        start_state(problem.block, problem.flights),
+        control=result.ground_world_m[control],
+        offset=result.offset_world_m,
     )
     problem = with_considered(problem, state)
     with limited_threads(0):  # everything here is too small for BLAS to share out

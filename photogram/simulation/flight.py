@@ -1,8 +1,8 @@
 """A plan as it was flown and measured: true poses, GNSS positions, attitudes, ground points and their marks.
 
 Errors:
-    GNSS position      = projection centre − offset of the flight + noise     (projection centre = GNSS + offset)
-    measured attitude  = true rotation · Exp(noise), about the camera's axes
+    GNSS position      = projection centre − offset of the flight − R · arm − velocity · time offset − drift + noise
+    measured attitude  = heading error · true rotation · boresight · Exp(noise), about the camera's axes
     approximate camera = true interior orientation + noise, or what the EXIF focal length says
     surveyed point     = true position + noise
     mark               = projection of the true position + noise, rounded to whole pixels where the plan says so
@@ -124,42 +124,70 @@ def turned(rotation: FloatArray, noise_rad: FloatArray) -> FloatArray:
     return np.asarray(rotation @ Rotation.from_rotvec(noise_rad).as_matrix())
 
 
+def _strips(plan: SurveyPlan) -> list[tuple[float, float, float, int]]:
+    """Return offset from the middle (m), heading and tilt (°) and number of photographs of the strips."""
+    apart, length = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m, plan.photographs_per_strip
+    if not plan.crossing:
+        return [((s - (plan.strips - 1) / 2) * apart, 180.0 * (s % 2), 0.0, length) for s in range(plan.strips)]
+    strips = []
+    for first in (0, 1):
+        own = range(first, plan.strips, 2)
+        strips += [
+            ((k - (len(own) - 1) / 2) * apart, 90.0 * first + 180.0 * (k % 2), 0.0, length) for k in range(len(own))
+        ]
+    return strips
+
+
 def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Return rotations (N, 3, 3), projection centres (N, 3) and directions of flight (N, 3), strip after strip, and the
+    """Return rotations (N, 3, 3), projection centres (N, 3) and velocities (N, 3), m/s, strip after strip, and the
     strip (N,) of each."""
-    apart = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m
-    length = plan.photographs_per_strip
-    courses = [((s - (plan.strips - 1) / 2) * apart, 180.0 * (s % 2), 0.0, length) for s in range(plan.strips)]
+    length, courses = plan.photographs_per_strip, _strips(plan)
     if plan.oblique_strip:
         courses.append((0.0, 90.0, plan.oblique_angle_deg, plan.oblique_photographs or length))
-    rotations, centres, directions = [], [], []
+    rotations, centres, velocities = [], [], []
     for offset, heading_deg, tilt_deg, count in courses:
         heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
         forward = np.array([np.sin(heading), np.cos(heading), 0.0])
         right, down = np.array([forward[1], -forward[0], 0.0]), np.array([0.0, 0.0, -1.0])
-        across, setback = np.array([offset, 0.0, plan.flying_height_m]), np.tan(tilt) * plan.flying_height_m
+        across = offset * np.abs(right) if plan.crossing else np.array([offset, 0.0, 0.0])
+        across, setback = across - plan.flying_height_m * down, np.tan(tilt) * plan.flying_height_m
         axis = np.cos(tilt) * down + np.sin(tilt) * forward
         along = (np.arange(count) - (count - 1) / 2) * plan.base_m
-        rotations += [np.column_stack([right, np.cross(axis, right), axis])] * count
+        attitude = np.column_stack([right, np.cross(axis, right), axis])
+        rotations += [attitude if plan.turns else np.diag([1.0, -1.0, -1.0])] * count
         centres.append(across + (along[:, None] - setback) * forward)
-        directions += [forward] * count
+        velocities += [(plan.speed_m_s - plan.headwind_m_s * forward[1]) * forward] * count
     position = np.concatenate(centres)
     position += plan.position_noise_m * rng.standard_normal(position.shape)
     noise_rad = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
     strip = np.repeat(np.arange(len(courses)), [count for _, _, _, count in courses])
-    return turned(np.array(rotations), noise_rad), position, np.array(directions), strip
+    return turned(np.array(rotations), noise_rad), position, np.array(velocities), strip
+
+
+def _share_of_flight(seconds: FloatArray, flight: IntArray) -> FloatArray:
+    """Return times (N,) in the duration of their flight (N,), −1/2 to 1/2."""
+    share = np.zeros(len(seconds))
+    for f in np.unique(flight):
+        own = flight == f
+        share[own] = (seconds[own] - seconds[own].min()) / max(float(np.ptp(seconds[own])), 1e-9) - 0.5
+    return share
 
 
 def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
     """Fly the plan and measure the positions and attitudes of its photographs."""
     camera, approximate = _cameras(plan, rng)
-    rotations, centres, directions, strip = _courses(plan, rng)
+    rotations, centres, velocities, strip = _courses(plan, rng)
     offset = np.array(plan.gnss_offset_sigma_m) * rng.standard_normal((plan.flights, 3))
     flight = np.minimum(strip * plan.flights // plan.strips, plan.flights - 1)
     sigma, sigma_rad = np.array(plan.gnss_sigma_m), float(np.radians(plan.attitude_sigma_deg))
+    step_s = plan.base_m / np.linalg.norm(velocities, axis=1)
+    seconds = np.cumsum(step_s) - step_s[0] + 20.0 * strip + 1200.0 * flight
     gnss = centres - offset[flight] + sigma * rng.standard_normal(centres.shape)
-    attitude = turned(rotations, sigma_rad * rng.standard_normal(centres.shape))
-    seconds = np.arange(len(strip)) * plan.base_m / plan.speed_m_s + 20.0 * strip + 1200.0 * flight
+    gnss -= rotations @ np.array(plan.lever_arm_m) + velocities * plan.time_offset_s
+    gnss -= _share_of_flight(seconds, flight)[:, None] * np.array(plan.drift_m)
+    off = Rotation.from_rotvec([0.0, 0.0, -np.radians(plan.heading_error_deg)]).as_matrix()
+    boresight = Rotation.from_rotvec(np.radians(plan.boresight_deg)).as_matrix()
+    attitude = turned(off @ rotations @ boresight, sigma_rad * rng.standard_normal(centres.shape))
     bare = [Photograph(f"sim_{i + 1:04d}.JPG", 0, flight=str(flight[i] + 1)) for i in range(len(strip))]
     photographs = tuple(
         replace(
@@ -172,7 +200,7 @@ def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
     )  # fmt: skip
     poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
     offsets = {str(f + 1): v for f, v in enumerate(offset)}
-    readout = plan.readout_s * plan.speed_m_s * directions
+    readout = plan.readout_s * velocities
     return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets, readout)
 
 

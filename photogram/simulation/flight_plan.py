@@ -17,6 +17,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import check_range
 from photogram.frames import LocalFrame
+from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, PARAMETERS
 from photogram.quality.flight_lines import Course, flown
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
@@ -29,7 +30,7 @@ Gnss = Literal["rtk", "consumer", "none"]
 Layout = Literal["corners", "edges", "grid", "centre"]
 
 GNSS_SIGMA_M: dict[Gnss, Vector] = {"rtk": RTK_GNSS_SIGMA_M, "consumer": CONSUMER_GNSS_SIGMA_M}
-GNSS_OFFSET_SIGMA_M: dict[Gnss, Vector] = {"rtk": (0.02, 0.02, 0.03), "consumer": (1.0, 1.0, 2.0)}
+GNSS_OFFSET_SIGMA_M: dict[Gnss, Vector] = {"rtk": RTK_OFFSET_SIGMA_M, "consumer": (1.0, 1.0, 2.0)}
 INSET = 0.04  # of the site's sides, by which control points keep off its edges
 MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction can handle
 MOST_PHOTOGRAPHS = 2000

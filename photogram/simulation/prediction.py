@@ -146,7 +146,7 @@ def predict(plan: FlightPlan) -> Prediction:
     try:
         survey = survey_of(plan, SEED, errors=False)
         problem = make_problem(survey.block, AdjustmentSettings(robust_loss="none"))
-        state = start_state(survey.block, problem.flights)
+        state = start_state(problem.block, problem.flights)
         found = covariances(problem, state)
     except ValueError as fault:
         raise AdjustmentError(f"this flight cannot be predicted: {fault}") from fault

@@ -83,6 +83,22 @@ class SurveyPlan:
     """Standard deviations of the GNSS positions: east, north, up."""
     gnss_offset_sigma_m: tuple[float, float, float] = (0.3, 0.3, 0.5)
     """Standard deviations of the GNSS offset of a flight: east, north, up."""
+    heading_error_deg: float = 0.0
+    """Error of the compass, common to all measured attitudes: clockwise seen from above."""
+    boresight_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation about the camera's axes by which all measured attitudes are off."""
+    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Arm from antenna to camera along the camera's axes, which the surveyor does not know of."""
+    time_offset_s: float = 0.0
+    """By how much later photographs are exposed than their positions are measured."""
+    drift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Drift of the positions over a flight: east, north, up, projection centre minus position."""
+    headwind_m_s: float = 0.0
+    """By how much slower than ``speed_m_s`` strips are flown northwards, faster southwards."""
+    crossing: bool = False
+    """Whether every other strip is flown at right angles, eastwards or westwards."""
+    turns: bool = True
+    """Whether the aircraft heads where it flies; if not, its heading is north on all strips."""
     relief_m: float = 8.0
     """Relief from valley to hill."""
     cell_m: float = 0.1

@@ -21,9 +21,10 @@ from photogram.factors.elimination.reduced import NormalEquations
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.graph import cost, ground_graph, ground_values
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, key
+from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
 from photogram.projection import PARAMETERS
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.survey import Block, CommonError
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2,
@@ -39,12 +40,42 @@ def test_both_engines_take_the_same_steps_without_mismatches(loss: str) -> None:
     assert (fast.iterations, fast.converged) == (slow.iterations, slow.converged)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
-    for name in ("rotation", "position", "parameters", "tie_point", "control", "offset"):
+    for name in ("rotation", "position", "parameters", "tie_point", "control", "offset", "common"):
         np.testing.assert_allclose(getattr(fast.state, name), getattr(slow.state, name), rtol=1e-8, atol=1e-7)
 
 
-def test_ground_terms_are_the_linear_graph_of_gtsam() -> None:
-    problem, state = problem_of(simulated(PLAN, off=0.3).block, "huber")
+def with_common_errors(block: Block) -> Block:
+    """The block with errors of every kind that positions may have in common, their values off zero."""
+    basis = np.linalg.qr(np.array([[1.0, 0.2], [0.1, 1.0], [0.3, 0.0]]))[0]
+    return replace(
+        block,
+        common_errors=(
+            CommonError("lever_arm", None, 0, np.full(2, 0.5), np.array([0.1, -0.2]), basis),
+            CommonError("time_offset", None, 0, np.full(1, 0.1), np.array([0.02])),
+            CommonError("drift", "2", None, np.full(3, 0.3), np.array([0.1, 0.0, -0.1])),
+        ),
+    )
+
+
+def test_both_engines_find_the_same_common_errors() -> None:
+    problem, start = problem_of(with_common_errors(simulated(PLAN, off=0.3).block), "none")
+    assert [e.kind for e in problem.block.common_errors] == [
+        "lever_arm",
+        "time_offset",
+        "drift",
+        "attitude",
+        "attitude",
+    ]
+    fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
+    assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
+    assert np.all(np.abs(fast.state.common) > 0.0)
+    np.testing.assert_allclose(fast.state.common, slow.state.common, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("errors", ["attitudes alone", "all kinds"])
+def test_ground_terms_are_the_linear_graph_of_gtsam(errors: str) -> None:
+    block = simulated(PLAN, off=0.3).block
+    problem, state = problem_of(with_common_errors(block) if errors == "all kinds" else block, "huber")
     state = replace(state, offset=np.random.default_rng(1).normal(0, 0.2, state.offset.shape))
     layout = bundle_of(problem, state).layout
     ground = GroundTerms(problem, layout)
@@ -59,7 +90,8 @@ def test_ground_terms_are_the_linear_graph_of_gtsam() -> None:
     ordering = gtsam.Ordering()
     for i in layout.photograph_at.tolist():
         ordering.push_back(key(POSE, i))
-    for variable in (key(CALIBRATION, 0), key(GNSS_OFFSET, 0), key(GNSS_OFFSET, 1)):
+    common = [key(COMMON_ERROR, k) for k in range(len(problem.block.common_errors))]
+    for variable in (key(CALIBRATION, 0), key(GNSS_OFFSET, 0), key(GNSS_OFFSET, 1), *common):
         ordering.push_back(variable)
     for g in range(len(state.control)):
         ordering.push_back(key(CONTROL_POINT, g))
@@ -87,7 +119,11 @@ def test_every_column_belongs_to_its_variable() -> None:
     names = [variable_at(layout, c) for c in range(layout.columns + layout.border)]
     assert names[6 * layout.place[4]] == names[6 * layout.place[4] + 5] == (POSE, 4)
     assert names[layout.columns : layout.columns + 6] == [(CALIBRATION, 0)] * 6
-    assert names[layout.columns + 6 :] == [(GNSS_OFFSET, 0)] * 3 + [(GNSS_OFFSET, 1)] * 3
+    offsets, attitudes = (
+        [(GNSS_OFFSET, 0)] * 3 + [(GNSS_OFFSET, 1)] * 3,
+        [(COMMON_ERROR, 0)] * 4 + [(COMMON_ERROR, 1)] * 4,
+    )
+    assert names[layout.columns + 6 :] == offsets + attitudes
 
 
 def test_a_joint_covariance_is_the_same_within_the_band_and_beyond() -> None:

@@ -41,7 +41,7 @@ def block(seed: int, plan: SurveyPlan = EVERYTHING, tie_points: int = 80) -> tup
         start_point_sigma_m=0.3,
     )  # fmt: skip
     problem = make_problem(made.block, AdjustmentSettings())
-    return problem, start_state(made.block, problem.flights)
+    return problem, start_state(problem.block, problem.flights)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -122,7 +122,7 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
         kept = found.block.tie_points
         problem = make_problem(replace(made.block, tie_points=kept), AdjustmentSettings())
-        right = replace(made.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
+        right = replace(problem.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
         start = start_state(right, problem.flights)
         minimum = minimise(problem, start, AdjustmentSettings())
         assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed

@@ -21,6 +21,7 @@ from PIL import Image
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
 from photogram.frames import geodetic_from_map, map_from_geodetic
+from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import ControlFile, LeftOut, TaggedPhotograph, Wishes, draft_project
 from photogram.project.draft.positions import Gnss, gnss_of, offset_prior
@@ -396,7 +397,7 @@ def test_sigmas_of_a_fix_a_float_and_a_single_solution_stay_apart_in_the_project
     assert values["gnss_sigma_m"] == [*STD]
     assert ["gnss_sigma_m" in p for p in values["list"]] == [False, False, True, True, True]
     assert "3 RTK fix, 1 RTK float, 1 single (autonomous)" in squeezed(outcome.out)
-    assert project.gnss_offset_sigma_m.tolist() == [0, 0, 0]
+    assert project.gnss_offset_sigma_m.tolist() == [0.02, 0.02, 0.03]
 
 
 def mrk(folder: Path, name: str, flags: Sequence[int], first: int = 1) -> None:
@@ -453,8 +454,8 @@ def test_an_mrk_that_does_not_belong_here_is_not_used_and_said_so(folder: Path, 
     ("gnss", "has_control", "sigma_m"),
     [
         (Gnss("RTK fix", STD), True, (0.1, 0.1, 0.15)),
-        (Gnss("RTK fix", STD), False, (0.0, 0.0, 0.0)),
-        (Gnss("with stated accuracy", STD), False, (0.0, 0.0, 0.0)),
+        (Gnss("RTK fix", STD), False, RTK_OFFSET_SIGMA_M),
+        (Gnss("with stated accuracy", STD), False, RTK_OFFSET_SIGMA_M),
         (Gnss("with stated accuracy", (3.0, 3.0, 6.0)), True, (3.0, 3.0, 30.0)),
         (Gnss("without stated accuracy", (2.0, 2.0, 3.0)), True, (3.0, 3.0, 30.0)),
         (Gnss("RTK float", (0.3, 0.3, 0.5)), False, (2.0, 2.0, 10.0)),

@@ -104,7 +104,7 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
 def test_both_engines_take_the_same_steps(name: str) -> None:
     block = simulated(name, 1, 150).block
     problem = make_problem(block, AdjustmentSettings(robust_threshold=200.0))  # none is a mismatch
-    start = start_state(block, problem.flights)
+    start = start_state(problem.block, problem.flights)
     fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, True)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
@@ -117,7 +117,7 @@ def test_both_engines_take_the_same_steps(name: str) -> None:
 def test_covariances_are_gtsams_marginals(name: str) -> None:
     block = simulated(name, 2, 60).block
     problem = make_problem(block, AdjustmentSettings(robust_loss="none"))
-    state = minimise(problem, start_state(block, problem.flights), AdjustmentSettings(robust_loss="none")).state
+    state = minimise(problem, start_state(problem.block, problem.flights), AdjustmentSettings(robust_loss="none")).state
     found = covariances(problem, state)
     system = linearise_all(problem, ground_graph(problem), state)
     zero = gtsam.VectorValues()
@@ -187,7 +187,7 @@ def test_a_fisheye_is_no_brown_camera() -> None:
     block = simulated("fisheye", 1, 800).block
     wrong = replace(block, cameras=(replace(block.cameras[0], model="brown"),))
     problem, other = (make_problem(b, AdjustmentSettings()) for b in (block, wrong))
-    state, brown = start_state(block, problem.flights), start_state(wrong, other.flights)
+    state, brown = start_state(problem.block, problem.flights), start_state(other.block, other.flights)
     assert cost(other, ground_graph(other), brown) > 5.0 * cost(problem, ground_graph(problem), state)
     assert state.cameras.model.tolist() == [FISHEYE]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +19,17 @@ from photogram.camera import Pose, project
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.pipeline.store.stored_results import adjustment_arrays
+from photogram.files.npz_json import read_arrays
+from photogram.pipeline.store.stored_results import (
+    ADJUSTED,
+    adjusted_block_from,
+    adjustment_arrays,
+    adjustment_from,
+    write_adjustment,
+)
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Block
+from photogram.survey import Block, CommonError
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
@@ -173,6 +181,26 @@ def test_what_is_said_comes_back_from_the_workspace() -> None:
         assert tuple(str(word) for word in arrays[name]) == getattr(result, name)
 
 
+def test_common_errors_come_back_from_the_workspace(tmp_path: Path) -> None:
+    found = replace(adjusted(0).common_errors[0], as_well="an arm")
+    arm = CommonError("lever_arm", None, 0, np.ones(2), np.array([0.05, 0.01]), np.eye(3)[:, :2])
+    other = replace(found, error=arm, estimate=np.array([0.05, 0.01, np.nan]), p=float("nan"))
+    result = replace(adjusted(0), common_errors=(found, other))
+    write_adjustment(tmp_path, result)
+    arrays = read_arrays(tmp_path / ADJUSTED)
+    block = adjusted_block_from(result.block, arrays, result.block.tie_points)
+    assert [e.kind for e in block.common_errors] == ["attitude", "lever_arm"]
+    back = adjustment_from(block, lambda name: tmp_path / name)
+    for given, read in zip(result.common_errors, back.common_errors, strict=True):
+        assert (read.error.kind, read.error.flight, read.error.camera) == (
+            given.error.kind, given.error.flight, given.error.camera
+        )  # fmt: skip
+        for name in ("sigma", "value", "basis"):
+            np.testing.assert_array_equal(getattr(read.error, name), getattr(given.error, name))
+        for name in ("estimate", "covariance", "photographs", "chi2", "degrees", "p", "as_well"):
+            np.testing.assert_array_equal(getattr(read, name), getattr(given, name))
+
+
 def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() -> None:
     block = simulated(0).block
     points = block.control_points
@@ -203,7 +231,7 @@ def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() ->
 def solved(block: Block) -> tuple[Problem, State]:
     """Problem and state of a block at its start, for what is said of turned photographs."""
     problem = make_problem(block, SETTINGS)
-    state = start_state(block, problem.flights)
+    state = start_state(problem.block, problem.flights)
     return problem, replace(state, tie_point=simulated(0).tie_point_position_world_m)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -24,10 +25,10 @@ from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
 from photogram.quality.gross_errors.snooped_adjustment import Verdict
 from photogram.report.record.ground import BlunderRecord, CheckPointsRecord
-from photogram.results import Adjustment, Deformation, Reliability, VarianceComponents
+from photogram.results import Adjustment, CommonErrorEstimate, Deformation, Reliability, VarianceComponents
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
-from photogram.survey import Block, Photograph, TiePoints
+from photogram.survey import Block, CommonError, Photograph, TiePoints
 
 
 @dataclass(frozen=True)
@@ -184,17 +185,41 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 ADJUSTED, COVARIANCES = "adjustment.npz", "covariances.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
+_COMMON = "common_errors"
 _OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m")
+
+
+def common_error_to(found: CommonErrorEstimate) -> dict[str, object]:
+    """Return an estimated common error as JSON."""
+    error = found.error
+    return {
+        "error": {**vars(error), "sigma": error.sigma.tolist(), "value": error.value.tolist(),
+                  "basis": error.basis.tolist()},
+        **{name: value for name, value in vars(found).items() if name != "error"},
+        "estimate": found.estimate.tolist(),
+        "covariance": found.covariance.tolist(),
+    }  # fmt: skip
+
+
+def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
+    """Return the estimated common error that ``common_error_to`` wrote."""
+    error = dict(value["error"])
+    sigma = np.array(error.pop("sigma"))
+    basis = np.array(error.pop("basis")).reshape((3, len(sigma)) if error["kind"] == "lever_arm" else (0, 0))
+    common = CommonError(**{**error, "sigma": sigma, "value": np.array(error["value"]), "basis": basis})
+    arrays = {name: np.array(value[name]) for name in ("estimate", "covariance")}
+    return CommonErrorEstimate(**{**value, "error": common, **arrays})
 
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(("block", *_WORDS, "reliability", "components", "deformation"))
+    parts = dict.fromkeys(("block", *_WORDS, _COMMON, "reliability", "components", "deformation"))
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     for name in _WORDS:
         arrays[name] = np.array(getattr(result, name), dtype=np.str_)
+    arrays[_COMMON] = np.array([json.dumps(common_error_to(found)) for found in result.common_errors], dtype=np.str_)
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
@@ -223,6 +248,7 @@ def adjusted_block_from(
         cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
         poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
         tie_points=tie_points,
+        common_errors=tuple(common_error_from(json.loads(str(text))).error for text in arrays.get(_COMMON, ())),
     )
     return without(adjusted, [a for a in rejected if a.kind != "focal length"])
 
@@ -233,6 +259,7 @@ def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
     values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in _OF_BLOCK}
     for name in _WORDS:
         values[name] = tuple(str(word) for word in values[name])
+    values[_COMMON] = tuple(common_error_from(json.loads(str(text))) for text in values.get(_COMMON, ()))
     return Adjustment(
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from photogram.files.photographs.tags import PhotographTags
-from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
+from photogram.gnss import FLOOR_M, RTK_OFFSET_SIGMA_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 
 GnssKind = Literal["RTK fix", "RTK float", "single (autonomous)", "with stated accuracy", "without stated accuracy"]
 
@@ -86,8 +86,10 @@ def offset_prior(gnss: Sequence[Gnss | None], has_control: bool) -> tuple[Sigma3
             "metres in height. The control points determine these offsets, one per flight."
         )
     if precise:
-        reason = "RTK and no control points: the positions are used as they are, without a common offset."
-        return (0.0, 0.0, 0.0), reason
+        return RTK_OFFSET_SIGMA_M, (
+            "RTK without control points: base station and corrections may be off by this much for a whole flight, "
+            "undetected; the absolute accuracies of the report include it."
+        )
     return (2.0, 2.0, 10.0), (
         "Without RTK and without control points a whole flight may be off by this much, undetected; the "
         "absolute accuracies of the report include it."

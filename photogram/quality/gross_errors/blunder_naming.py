@@ -15,6 +15,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import project
+from photogram.factors.common_errors import common_shifts
 from photogram.quality.accuracy import AXES
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
 from photogram.results import Adjustment
@@ -181,6 +182,7 @@ def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Bl
         offset = np.zeros(3)
         if photograph.flight in result.flights:
             offset = result.offset_world_m[result.flights.index(photograph.flight)]
+        offset = offset + common_shifts(result.block)[i]
         places = frame.map_from_world(np.array([pose.position_world_m - offset, measured]))
         off = tuple((places[0] - places[1]).tolist())
     if len(off) == 3 and np.isfinite(off).all():

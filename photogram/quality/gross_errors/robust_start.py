@@ -13,13 +13,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
+from photogram.factors.common_errors import attitude_errors, attitude_residual, common_shifts, parts
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
@@ -72,16 +72,19 @@ def _misfits(problem: Problem, state: State) -> _Misfits:
     v = residuals(problem.marks, state.cameras, state.control)
     mark[used] = np.where(np.isfinite(v).all(axis=1), np.linalg.norm(v, axis=1) / np.sqrt(2.0), np.inf)
     gnss, attitude = np.full(count, np.nan), np.full(count, np.nan)
+    shift = common_shifts(block, state.common, state.rotation)
+    error_of, where = attitude_errors(block), parts(block.common_errors)
     for i, photograph in enumerate(block.photographs):
         measured = photograph.measured_centre_world_m(state.rotation[i])
         if measured is not None and photograph.gnss_sigma_m is not None:
             offset = state.offset[problem.flights.index(photograph.flight)] if problem.flights else np.zeros(3)
-            away = axes.T @ (state.position[i] - offset - measured)
+            away = axes.T @ (state.position[i] - offset - shift[i] - measured)
             gnss[i] = np.linalg.norm(away / photograph.gnss_sigma_m) / np.sqrt(3.0)
         attitude_given, sigma_rad = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
         if attitude_given is not None and sigma_rad is not None and photograph.heading_known:
-            turn = Rotation.from_matrix(attitude_given.T @ state.rotation[i]).magnitude()
-            attitude[i] = turn / sigma_rad / np.sqrt(3.0)
+            bias = state.common[where[error_of[i]]] if error_of[i] >= 0 else np.zeros(0)
+            turn = attitude_residual(attitude_given, state.rotation[i], bias)[0]
+            attitude[i] = np.linalg.norm(turn) / sigma_rad / np.sqrt(3.0)
     sigma_px = np.array([c.sigmas[0] if 0.0 < c.sigmas[0] < np.inf else np.nan for c in block.cameras])
     focal = abs(state.parameters[:, 0] - np.array([c.focal_px for c in block.cameras])) / sigma_px
     return _Misfits(control, mark, gnss, attitude, focal)
@@ -132,7 +135,7 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
     """
     part, _ = registered_block(block)
     whole = make_problem(part, settings)
-    state = start_state(part, whole.flights)
+    state = start_state(whole.block, whole.flights)
     controls = np.array(part.control_points.role) == "control"
     met = intersected_marks(part)[0][controls]
     state = replace(state, control=np.where(np.isfinite(met), met, state.control))

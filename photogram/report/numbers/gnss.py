@@ -9,13 +9,14 @@ from typing import Literal
 
 import numpy as np
 
+from photogram.adjustment.common_errors import LeftArm
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
-from photogram.adjustment.lever_arms import LeftArm
 from photogram.arrays import FloatArray
 from photogram.project.measured_block import PhotographNote
 from photogram.project.measured_positions import position_note
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.record.positions import (
+    CommonErrorRecord,
     DatumRecord,
     FlightRecord,
     GnssRecord,
@@ -23,8 +24,8 @@ from photogram.report.record.positions import (
     LeverArmRecord,
     UnusedPositionRecord,
 )
-from photogram.results import Adjustment
-from photogram.survey import Photograph
+from photogram.results import Adjustment, CommonErrorEstimate
+from photogram.survey import CommonErrorKind, Photograph
 from photogram.wording import some, things
 
 Notes = Sequence[PhotographNote]
@@ -222,6 +223,78 @@ def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     )
 
 
+_UNITS: dict[CommonErrorKind, tuple[Literal["deg", "m", "s"], float]] = {
+    "attitude": ("deg", float(np.degrees(1.0))),
+    "lever_arm": ("m", 1.0),
+    "time_offset": ("s", 1.0),
+    "drift": ("m", 1.0),
+}
+
+
+def _common_sentence(found: CommonErrorEstimate, camera: str) -> str:
+    """Return what an estimated common error says; ``camera`` is its name where there are several."""
+    error, p = found.error, _p(found.p)
+    estimate, sigma = found.estimate, np.sqrt(np.diag(found.covariance))
+    whose = (f" of flight {error.flight}" if error.flight is not None else "") + camera
+    if error.kind == "attitude":
+        figures = ", ".join(f"{np.degrees(v):+.2f} ± {np.degrees(s):.2f}" for v, s in zip(estimate, sigma, strict=True))
+        off = f"off together by {figures}° about the camera's x, y and z axes"
+        if not found.degrees:
+            return f"Whether the measured attitudes{whose} are off together is not determined."
+        if not found.significant:
+            return f"The measured attitudes{whose} are not significantly {off} ({p})."
+        return f"The measured attitudes{whose} are {off} ({p}): compass or boresight; it is estimated and removed."
+    if error.kind == "lever_arm":
+        right, backward, down = estimate
+        words = ", ".join(
+            f"{x:+.3f} ± {s:.3f} m {name}"
+            for name, x, s in zip(("forward", "right", "down"), (-backward, right, down), sigma[[1, 0, 2]], strict=True)
+            if np.isfinite(x)
+        )
+        text = f"The GNSS positions{camera} show a lever arm from antenna to camera of {words} (nadir view; {p})"
+    elif error.kind == "time_offset":
+        later = "after" if estimate[0] > 0 else "before"
+        text = (
+            f"The photographs{camera} are exposed {1000.0 * abs(estimate[0]):.0f} ± {1000.0 * sigma[0]:.0f} ms {later} "
+            f"the epochs of their GNSS positions ({p})"
+        )
+    else:
+        text = (
+            f"The GNSS positions{whose} drift by {_figures(estimate)} ± {_sigmas(sigma)} m in easting, northing and "
+            f"height over the flight ({p})"
+        )
+    also = f"; {found.as_well} explains them nearly as well: the two are held together as one" if found.as_well else ""
+    return f"{text}: estimated and removed{also}."
+
+
+def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
+    """Return the common errors that were estimated, beside the offsets of flights."""
+    block, numbers = result.block, list[CommonErrorRecord]()
+    for found in result.common_errors:
+        unit, factor = _UNITS[found.error.kind]
+        name = None if found.error.camera is None else block.cameras[found.error.camera].name
+        sigma = np.sqrt(np.diag(found.covariance))
+        known = bool(found.degrees)
+        numbers.append(
+            {
+                "kind": found.error.kind,
+                "flight": found.error.flight,
+                "camera": name,
+                "photographs": found.photographs,
+                "unit": unit,
+                "estimate": [float(factor * v) if np.isfinite(v) else None for v in found.estimate],
+                "sigma": [float(factor * s) if np.isfinite(s) else None for s in sigma],
+                "chi2": found.chi2 if known else None,
+                "degrees_of_freedom": found.degrees,
+                "p": found.p if known else None,
+                "significant": found.significant if known else None,
+                "as_well": found.as_well,
+                "sentence": _common_sentence(found, f" of {name}" if name and len(block.cameras) > 1 else ""),
+            }
+        )
+    return numbers
+
+
 def _least(sigmas_m: Sequence[Sequence[float]]) -> str:
     """Return the smallest of standard deviations (n, 3) along each axis, in words."""
     return ", ".join(f"{s:.3g}" for s in np.min(sigmas_m, axis=0))
@@ -331,6 +404,7 @@ def gnss_numbers(result: Adjustment, notes: Notes = ()) -> GnssRecord:
         "lever_arm_m": _arms(photographs, used, notes),
         "lever_arm_left": arm,
         "datum": _datum(result.block.datum_sigma_m),
+        "common_errors": common_error_numbers(result),
         "not_used": lost,
         "warnings": doubtful + ([arm_warning] if arm_warning else []) + _warnings(notes, used),
     }

@@ -8,9 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.reliability import CRITICAL, minimal_detectable_blunder
 from photogram.arrays import FloatArray
 from photogram.camera import Pose, omega_phi_kappa_deg
+from photogram.factors.common_errors import common_shifts
 from photogram.frames import LocalFrame
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
@@ -91,17 +93,20 @@ def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, 
 
 
 def gnss_residual_m(result: Adjustment) -> FloatArray:
-    """Return adjusted projection centre − (GNSS position + lever arm + flight's offset) of every photograph (N, 3):
+    """Return adjusted projection centre − (GNSS position + lever arm + common errors) of every photograph (N, 3):
     easting, northing, height; NaN rows for photographs without a GNSS position and for those that are not registered.
     """
     photographs, frame = result.block.photographs, result.block.frame
     centre, expected = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3), np.nan)
     offset = dict(zip(result.flights, result.offset_world_m, strict=True))
+    shifts = iter(common_shifts(registered_block(result.block)[0]))
     for i, (photograph, pose) in enumerate(zip(photographs, result.block.poses, strict=True)):
-        measured = None if pose is None else photograph.measured_centre_world_m(pose.rotation_world_from_camera)
-        if pose is not None and measured is not None:
+        if pose is None:
+            continue
+        shift, measured = next(shifts), photograph.measured_centre_world_m(pose.rotation_world_from_camera)
+        if measured is not None:
             centre[i] = pose.position_world_m
-            expected[i] = measured + offset.get(photograph.flight, np.zeros(3))
+            expected[i] = measured + offset.get(photograph.flight, np.zeros(3)) + shift
     return frame.map_from_world(centre) - frame.map_from_world(expected)
 
 

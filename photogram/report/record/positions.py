@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal, NotRequired
 
+from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.gnss import Solution
 from photogram.height_systems import HeightSystem
 from photogram.report.record.units import AxisFigures, AxisMetres, Count, Metres, Probability
+from photogram.survey import CommonErrorKind
 
 
 class FlightRecord(TypedDict):
@@ -53,6 +55,25 @@ class DatumRecord(TypedDict):
     sentence: str
 
 
+class CommonErrorRecord(TypedDict):
+    """What measurements of many photographs had in common, as it was estimated and removed: attitudes about the
+    camera's axes, a lever arm along them, a time offset, a drift along easting, northing, height."""
+
+    kind: CommonErrorKind
+    flight: str | None
+    camera: str | None
+    photographs: Count
+    unit: Literal["deg", "m", "s"]
+    estimate: Annotated[list[float | None], Field(min_length=1, max_length=3)]
+    sigma: Annotated[list[float | None], Field(min_length=1, max_length=3)]
+    chi2: float | None
+    degrees_of_freedom: Count
+    p: Probability | None
+    significant: bool | None
+    as_well: str
+    sentence: str
+
+
 class UnusedPositionRecord(TypedDict):
     """A photograph whose position took no part, and why."""
 
@@ -72,6 +93,7 @@ class GnssRecord(TypedDict):
     lever_arm_m: dict[str, LeverArmRecord] | None
     lever_arm_left: LeverArmLeftRecord | None
     datum: DatumRecord | None
+    common_errors: NotRequired[list[CommonErrorRecord]]
     not_used: list[UnusedPositionRecord]
     warnings: list[str]
 

@@ -1,5 +1,5 @@
-"""Lever arms from the antenna to the camera: the factor, the turn from the aircraft to the world, and what residuals
-show when an arm is ignored. Surveys are simulated."""
+"""Common errors: lever arms from the antenna to the camera (the factor, the turn from the aircraft to the world, what
+residuals show when an arm is ignored), time offsets, drifts, and compasses. Surveys are simulated."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.common_errors import Score, _Candidate, _chosen, with_attitude_errors
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
@@ -24,10 +25,11 @@ from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Block, Photograph
+from photogram.survey import Block, CommonError, CommonErrorKind, Photograph
 
 ARM = np.array([0.02, 0.3, -0.05])  # camera axes: 2 cm right, 30 cm to the rear, 5 cm up
-SETTINGS = AdjustmentSettings(robust_loss="none")
+SETTINGS = AdjustmentSettings(robust_loss="none", common_errors="none")
+AUTO = replace(SETTINGS, common_errors="auto")
 PLAN = SurveyPlan(
     focal_px=900.0, strips=4, photographs_per_strip=5, control_points=8, check_points=4, forward_overlap=0.75,
     gnss_offset_sigma_m=(0.0, 0.0, 0.0), calibration_sigmas=(0.0,) * 11,
@@ -140,6 +142,40 @@ def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: Simulated
     assert max(after[:2]) < 1.5 * PLAN.gnss_sigma_m[0]
 
 
+def test_an_arm_ignored_is_estimated_and_removed(made: SimulatedBlock) -> None:
+    found = adjust(made.block, AUTO)
+    attitude, arm = found.common_errors
+    assert (attitude.error.kind, attitude.significant) == ("attitude", False)
+    assert (arm.error.kind, arm.significant, arm.photographs) == ("lever_arm", True, len(made.block.photographs))
+    sigma = np.sqrt(np.diag(arm.covariance))
+    assert np.isnan(arm.estimate[2])  # the height of it is that of the flight
+    assert np.all(np.abs(arm.estimate - ARM)[:2] < 4 * sigma[:2])
+    assert sigma[:2].max() < 0.03
+    report = gnss_of(found)
+    assert report["lever_arm_left"] is None
+    assert report["warnings"] == []
+    common = report["common_errors"][1]
+    assert common["estimate"][2] is None
+    assert "m forward, +0.0" in common["sentence"]
+    assert ": estimated and removed" in common["sentence"]
+    assert common["significant"]
+    # as accurate as with the arm given, and residuals as stated
+    given = with_arm(made, ARM)
+    np.testing.assert_allclose(np.std(gnss_residual_m(found), axis=0), np.std(gnss_residual_m(given), axis=0), rtol=0.2)
+    # as many unknowns more as priors more
+    both = [r.redundancy - 2 * len(r.residual_px) + 3 * len(r.block.tie_points) for r in (found, given)]
+    assert both[0] == both[1]
+
+
+def test_redundancies_and_squares_of_all_groups_are_those_of_the_whole(made: SimulatedBlock) -> None:
+    for settings in (AUTO, replace(AUTO, engine="reference", maximum_rounds=2)):
+        found = adjust(made.block, settings)
+        c = found.components
+        assert "common_errors" in c.group
+        assert c.squares.sum() == pytest.approx(found.sigma0**2 * found.redundancy, rel=1e-6)
+        assert 0.0 < c.redundancy[c.group.tolist().index("common_errors")] < 6.0
+
+
 def test_the_arm_that_is_left_is_the_one_that_is_missing(made: SimulatedBlock) -> None:
     part = np.array([0.02, 0.1, -0.05])
     left = gnss_of(with_arm(made, part))["lever_arm_left"]
@@ -201,3 +237,156 @@ def test_w_tests_of_positions_with_an_arm_are_standard(made: SimulatedBlock) -> 
     w = with_arm(made, ARM).reliability.gnss_w
     assert np.abs(w).max() < 4.0
     assert 0.6 < w.std() < 1.4
+
+
+# ---- what else positions and attitudes have in common ----------------------------------------------------------------
+
+FLOWN = SurveyPlan(
+    focal_px=1200.0, strips=6, photographs_per_strip=5, control_points=0, check_points=4, forward_overlap=0.75,
+    gnss_sigma_m=(0.02, 0.02, 0.03), gnss_offset_sigma_m=(0.02, 0.02, 0.03), attitude_sigma_deg=2.0, crossing=True,
+    speed_m_s=8.0, calibration_sigmas=(0.0,) * 11,
+)  # fmt: skip
+
+
+def kinds(found: Adjustment) -> list[str]:
+    return [e.error.kind for e in found.common_errors]
+
+
+def block_of(seed: int = 1, **changes: Any) -> SimulatedBlock:
+    return simulate_block(replace(FLOWN, **changes), seed, tie_points=400)
+
+
+def turn_deg(found: Adjustment, made: SimulatedBlock) -> float:
+    pairs = zip(found.block.poses, made.truth.poses, strict=True)
+    turns = [p.rotation_world_from_camera @ t.rotation_world_from_camera.T for p, t in pairs if p is not None]
+    return float(np.degrees(Rotation.from_matrix(turns).as_rotvec()[:, 2].mean()))
+
+
+def test_a_time_offset_is_one_where_the_heading_does_not_follow_the_flight() -> None:
+    made = block_of(turns=False, time_offset_s=0.02)
+    found = adjust(made.block, AUTO)
+    assert kinds(found) == ["attitude", "time_offset"]
+    delay = found.common_errors[1]
+    sigma_s = float(np.sqrt(delay.covariance[0, 0]))
+    assert sigma_s < 0.002
+    assert abs(delay.estimate[0] - 0.02) < 4 * sigma_s
+    assert delay.as_well == ""
+    sentence = gnss_of(found)["common_errors"][1]["sentence"]
+    assert sentence.startswith("The photographs are exposed ")
+    assert " ms after the epochs of their GNSS positions (p < 0.001): estimated" in sentence
+
+
+def test_an_arm_along_the_flight_and_a_time_offset_are_one_at_one_speed_and_the_report_says_so() -> None:
+    found = adjust(block_of(time_offset_s=0.02).block, AUTO)
+    assert kinds(found) == ["attitude", "lever_arm"]  # 16 cm fit a drone
+    arm = found.common_errors[1]
+    assert arm.estimate[1] == pytest.approx(-0.16, abs=0.04)
+    assert "a time offset of +" in arm.as_well
+    assert "held together as one" in gnss_of(found)["common_errors"][1]["sentence"]
+
+
+def test_a_drift_is_found() -> None:
+    found = adjust(block_of(drift_m=(0.0, 0.3, 0.0)).block, AUTO)
+    assert "drift" in kinds(found)
+    drift = found.common_errors[kinds(found).index("drift")]
+    assert (drift.error.flight, drift.error.camera) == ("1", None)
+    off = drift.estimate - np.array([0.0, 0.3, 0.0])
+    assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(drift.covariance)))
+    assert "drift by" in gnss_of(found)["common_errors"][-1]["sentence"]
+
+
+@pytest.mark.parametrize("oblique_deg", [0.0, 25.0])
+def test_a_compass_does_not_turn_the_block(oblique_deg: float) -> None:
+    oblique = {"oblique_strip": True, "oblique_angle_deg": oblique_deg} if oblique_deg else {}
+    made = block_of(heading_error_deg=6.0, gnss_sigma_m=(0.5, 0.5, 1.0), crossing=False, **oblique)
+    found, before = adjust(made.block, AUTO), adjust(made.block, SETTINGS)
+    assert kinds(found)[0] == "attitude"
+    assert abs(turn_deg(before, made)) > 0.5
+    assert abs(turn_deg(found, made)) < 0.3
+    error = found.common_errors[0]
+    assert error.significant
+    # 6° clockwise seen from above are 6° about the axis of a camera that looks down
+    assert np.degrees(error.estimate[2]) == pytest.approx(6.0, abs=1.0)
+    assert "compass or boresight; it is estimated and removed" in gnss_of(found)["common_errors"][0]["sentence"]
+    # attitudes are no longer contradicted
+    left = found.reliability.attitude_left_out_rad
+    sigma = np.sqrt(np.einsum("nii->ni", found.reliability.attitude_left_out_covariance_rad2))
+    assert 0.7 < np.std(left / sigma) < 1.3
+    assert np.abs(np.mean(left / sigma, axis=0)).max() < 0.6
+
+
+def test_a_boresight_is_found_about_its_axes() -> None:
+    found = adjust(block_of(boresight_deg=(1.5, -1.0, 0.0)).block, AUTO)
+    error = found.common_errors[0]
+    off = np.degrees(error.estimate) - np.array([1.5, -1.0, 0.0])
+    assert np.all(np.abs(off) < 4 * np.degrees(np.sqrt(np.diag(error.covariance))))
+    assert error.significant
+
+
+def test_positions_whose_time_is_not_known_have_no_time_offset_and_no_drift() -> None:
+    made = block_of(turns=False, time_offset_s=0.05)
+    timeless = tuple(replace(p, time=None) for p in made.block.photographs)
+    found = adjust(replace(made.block, photographs=timeless), AUTO)
+    assert not {"time_offset", "drift"} & set(kinds(found))
+
+
+def test_a_gross_position_passes_for_nothing_common() -> None:
+    made = block_of(seed=3)
+    photographs = list(made.block.photographs)
+    for i in (4, 17):
+        wrong = photographs[i].gnss_world_m
+        assert wrong is not None
+        photographs[i] = replace(photographs[i], gnss_world_m=wrong + np.array([3.0, -2.0, 1.0]))
+    found = adjust(replace(made.block, photographs=tuple(photographs)), AUTO)
+    assert kinds(found) == ["attitude"]
+
+
+def test_positions_that_scatter_more_than_stated_pass_for_nothing_common() -> None:
+    """Eight surveys whose positions are three times worse than stated: a plain test would find an error in most."""
+    for seed in range(8):
+        made = block_of(seed=seed, gnss_sigma_m=(0.06, 0.06, 0.09))
+        stated = tuple(replace(p, gnss_sigma_m=np.array([0.02, 0.02, 0.03])) for p in made.block.photographs)
+        assert kinds(adjust(replace(made.block, photographs=stated), AUTO)) == ["attitude"], seed
+
+
+def test_few_attitudes_and_settings_without_have_none() -> None:
+    made = block_of()
+    assert adjust(made.block, SETTINGS).common_errors == ()
+    few = tuple(
+        p if i < 2 else replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None)
+        for i, p in enumerate(made.block.photographs)
+    )
+    assert with_attitude_errors(replace(made.block, photographs=few)).common_errors == ()
+    three = with_attitude_errors(made.block)
+    assert [len(e.sigma) for e in three.common_errors] == [4]
+    assert with_attitude_errors(three) is three
+    headless = tuple(replace(p, heading_known=False) for p in made.block.photographs)
+    assert [len(e.sigma) for e in with_attitude_errors(replace(made.block, photographs=headless)).common_errors] == [3]
+
+
+def candidate(kind: CommonErrorKind, statistic: float, size: float) -> _Candidate:
+    k = 2 if kind == "lever_arm" else 1
+    basis = np.eye(3)[:, :2] if kind == "lever_arm" else np.eye(1)
+    value = np.concatenate([[size], np.zeros(k - 1)])
+    told = Score(basis, value, np.full(k, 1e-4), statistic)
+    return _Candidate(CommonError(kind, None, 0, np.ones(k), np.zeros(k), basis), told, statistic)
+
+
+@pytest.mark.parametrize(
+    ("arm", "delay", "arm_m", "taken", "said"),
+    [
+        (102.0, 100.0, 0.1, "lever_arm", True),  # alike: a drone may have such an arm
+        (102.0, 100.0, 2.0, "time_offset", True),  # alike: no drone has
+        (100.0, 150.0, 0.1, "time_offset", False),
+        (1000.0, 980.0, 2.0, "lever_arm", True),  # better, and the other nearly as well
+        (150.0, 100.0, 2.0, "lever_arm", False),
+    ],
+)
+def test_of_two_that_explain_the_positions_alike_the_likelier_is_taken(
+    arm: float, delay: float, arm_m: float, taken: str, said: bool
+) -> None:
+    new, rival = _chosen([candidate("lever_arm", arm, arm_m), candidate("time_offset", delay, 0.02)])
+    assert new.error.kind == taken
+    assert (rival is not None) == said
+    if rival is not None:
+        assert ("time offset of +20 ms" if taken == "lever_arm" else "an arm of 2.000 m") in rival.words
