@@ -14,6 +14,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.adjustment.assumed_gnss import GnssScatter, gnss_scatters, gnss_steady, gnss_table, with_gnss_factors
+from photogram.adjustment.estimated_sigmas import (
+    Factors,
+    TieGroups,
+    TieScatter,
+    as_stated,
+    improved,
+    joined,
+    scattering,
+    table,
+    taken_by_cameras,
+    tie_groups,
+    tie_scatter,
+    weighted,
+)
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.lever_arms import left_arm
@@ -34,15 +49,15 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Pose
 from photogram.errors import AdjustmentError, check_range
 from photogram.factors.consider import with_considered
-from photogram.factors.covariance import covariances
+from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.levenberg_marquardt import Minimum
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
-from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
+from photogram.factors.joint_covariance import joint_ground_covariance, points_redundancy, ray_covariances
 from photogram.factors.minimisation import minimise_graph, minimise_problem
-from photogram.results import Adjustment
+from photogram.results import Adjustment, EstimatedSigmas, Reliability, VarianceComponents
 from photogram.survey import Block
 
 Progress = Callable[[str], None]
@@ -50,6 +65,7 @@ _LOG = logging.getLogger(__name__)
 
 LEFT_OUT = 0.25  # of the oriented photographs, that may be left out for the rest to be adjusted
 MOST_LOST_MARKS = 3
+MOST_REWEIGHTED = 3  # adjustments with sigmas that the covariances of the one before ask for
 
 
 @dataclass(frozen=True)
@@ -65,6 +81,7 @@ class AdjustmentSettings:
     maximum_rounds: int = 10
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
+    estimate_sigmas: bool = True  # of tie points, and of GNSS positions where they are assumed, from their residuals
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
     solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
 
@@ -137,11 +154,17 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The end of the outlier rounds: the problem with the observations that took part, and its minimum."""
+    """The end of the outlier rounds: the ``whole`` problem with the sigmas that were used, the ``problem`` of the
+    observations that took part, and its minimum. ``limit_px`` (N,) bounded the residuals, ``factors`` multiply stated
+    sigmas by ``groups``."""
 
+    whole: Problem
     problem: Problem
     minimum: Minimum
     used: NDArray[np.bool_]
+    limit_px: FloatArray
+    groups: TieGroups
+    factors: Factors
     rounds: int
     iterations: int
 
@@ -151,14 +174,17 @@ def _with_cameras_held(block: Block) -> Block:
 
 
 def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
-    """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
-    tie = whole.block.tie_points
+    """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
+    choice and sigmas settle."""
+    stated, groups = whole, tie_groups(whole.block)
+    factors, steady = as_stated(groups), not settings.estimate_sigmas
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
-    used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
+    used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
+    limit_px = np.full(len(whole.tie), first)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
     for number in range(1, settings.maximum_rounds + 1):
-        last = number == settings.maximum_rounds or (number > 2 and settled(used, chosen))
+        last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
         check_determined(problem)
@@ -171,16 +197,23 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         if last:
             break
         state = minimum.state
-        whitened = residuals(problem.tie, state.cameras, state.tie_point)
-        scale = noise_scale(whitened, problem.tie.point, len(tie))
-        limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
+        if settings.estimate_sigmas and number > 1:  # what the first round keeps says nothing of the noise yet
+            found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
+            better = factors if found is None else improved(found, factors, groups)
+            steady, factors = better.are_near(factors), better
+            whole = weighted(stated, groups, factors)
+        part = whole.tie.select(used)
+        scale = noise_scale(residuals(part, state.cameras, state.tie_point), part.point, len(state.tie_point))
+        limit_px = outlier_limit_px(whole.block.tie_points, scale, settings.outlier_threshold)
         _LOG.debug(
-            "round %d: %d of %d observations took part, cost %.6g after %d iterations; residuals scatter by %.3g sigma",
-            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale,
+            "round %d: %d of %d observations took part, cost %.6g after %d iterations; they scatter by %.3g sigma, "
+            "that stated times %s",
+            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale, factors.group,
         )  # fmt: skip
-        chosen, points = agreeing_observations(whole, state, limit, angle)
+        chosen, points = agreeing_observations(whole, state, limit_px, angle)
     check_in_front(problem, minimum.state)
-    return Solved(problem, minimum, without_narrow(tie, minimum.state, used, angle), number, iterations)
+    used = without_narrow(whole.block.tie_points, minimum.state, used, angle)
+    return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations)
 
 
 def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
@@ -198,13 +231,83 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 
 
-def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tuple[Block, NDArray[np.bool_]]:
-    """Return the block with adjusted values and only what took part, and the mask (P,) of tie points kept."""
-    kept = np.bincount(block.tie_points.point[used], minlength=len(block.tie_points)) >= 2
-    tie_points = replace(block.tie_points, position_world_m=state.tie_point).select(kept, used)
-    cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A solved block with only what took part, (P,) of whose tie points are ``kept``: its covariances with focal
+    lengths as ``held`` and with those ``counted`` that are considered, reliability, and what scatters by how much."""
+
+    block: Block
+    kept: NDArray[np.bool_]
+    problem: Problem
+    state: State
+    held: Covariances
+    counted: Problem
+    covariances: Covariances
+    tested: Reliability
+    sigma0: float
+    redundancy: int
+    components: VarianceComponents
+    ties: TieScatter | None
+    gnss: list[GnssScatter]
+
+
+def _judged(solved: Solved, stated: Block, settings: AdjustmentSettings) -> _Judged:
+    """Return a solved block with its covariances, and what its observations scatter by; ``stated`` is the block with
+    all its observations and the sigmas as stated."""
+    whole, state = solved.whole.block, solved.minimum.state
+    kept = np.bincount(whole.tie_points.point[solved.used], minlength=len(whole.tie_points)) >= 2
+    mine = kept[whole.tie_points.point] & solved.used
+    tie = replace(whole.tie_points, position_world_m=state.tie_point).select(kept, solved.used)
+    cameras = tuple(c.with_parameters(q) for c, q in zip(whole.cameras, state.parameters, strict=True))
     poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
-    return replace(block, cameras=cameras, poses=poses, tie_points=tie_points), kept
+    adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie)
+    state = replace(state, tie_point=tie.position_world_m)
+    problem = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
+    held = covariances(problem, state)
+    counted = with_considered(problem, state)
+    found = held if counted is problem else covariances(counted, state)
+    tested = reliability(problem, state, held, counted, found)
+    sigma0, redundancy = sigma0_and_redundancy(problem, state)
+    groups = solved.groups.select(mine)
+    names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
+    components = variance_components(problem, state, held, tested, redundancy, names)
+    ties, gnss = None, list[GnssScatter]()
+    if settings.estimate_sigmas:
+        of_ties = float(components.redundancy[components.group == "tie_points"].sum())
+        taken = float(points_redundancy(problem, state).sum()) - of_ties
+        ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
+        gnss = gnss_scatters(problem, tested)
+    return _Judged(
+        adjusted, kept, problem, state, held, counted, found, tested, sigma0, redundancy, components, ties, gnss
+    )
+
+
+def _median_sigmas(stated: Block, groups: TieGroups) -> dict[str, float]:
+    """Return the medians of the stated sigmas of the groups of variance components for which others are estimated."""
+    medians = {"tie_points": float(np.median(groups.stated_px))} if len(groups.stated_px) else {}
+    gnss = [p.gnss_sigma_m for p in stated.photographs if p.gnss_sigma_m is not None]
+    if gnss:
+        plan_and_height = np.array(gnss)
+        medians["gnss_plan"] = float(np.median(plan_and_height[:, :2]))
+        medians["gnss_height"] = float(np.median(plan_and_height[:, 2]))
+    return medians
+
+
+def _reweighted(solved: Solved, judged: _Judged, stated: Problem, settings: AdjustmentSettings) -> Solved | None:
+    """Return the block adjusted again with the sigmas that its covariances ask for, None where these stay.
+
+    In the rounds the redundancy of tie points was that of many beside little else, here it is exact; GNSS positions of
+    assumed sigmas need their redundancy numbers.
+    """
+    factors = solved.factors if judged.ties is None else improved(judged.ties, solved.factors, solved.groups)
+    block = with_gnss_factors(solved.whole.block, judged.gnss)
+    if factors.are_near(solved.factors) and gnss_steady(solved.whole.block, block):
+        return None
+    whole = weighted(replace(stated, block=replace(block, tie_points=stated.block.tie_points)), solved.groups, factors)
+    problem = whole.with_tie_observations(whole.tie.select(solved.used))
+    minimum = minimise(problem, solved.minimum.state, settings)
+    iterations = solved.iterations + minimum.iterations
+    return replace(solved, whole=whole, problem=problem, minimum=minimum, factors=factors, iterations=iterations)
 
 
 def adjust(
@@ -271,28 +374,32 @@ def _adjust_oriented(
             moved = np.where(free, np.array(start), first.parameters)
             first = replace(first, cameras=first.cameras._replace(parameters=moved))
         solved = _solve_rounds(whole, first, settings, progress)
-        state = solved.minimum.state
-        adjusted, kept = _adjusted_block(block, state, solved.used)
-        tie = adjusted.tie_points
-        final_state = replace(state, tie_point=tie.position_world_m)
-        final = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
         progress("covariances")
-        held = covariances(final, final_state)
-        counted = with_considered(final, final_state)
-        found = held if counted is final else covariances(counted, final_state)
+        judged = _judged(solved, block, settings)
+        for _ in range(MOST_REWEIGHTED if settings.estimate_sigmas else 0):
+            again = _reweighted(solved, judged, whole, settings)
+            if again is None:
+                break
+            solved = again
+            judged = _judged(solved, block, settings)
     except IndeterminateError as fault:
         raise undetermined(whole, fault) from fault
-    sigma0, redundancy = sigma0_and_redundancy(final, final_state)
+    final, final_state, state, tie = judged.problem, judged.state, solved.minimum.state, judged.block.tie_points
+    held, found, counted, tested = judged.held, judged.covariances, judged.counted, judged.tested
     ground, ground_covariance = ground_points(final, final_state, found)
-    tested = reliability(final, final_state, held, counted, found)
+    sigmas = EstimatedSigmas.none()
+    if settings.estimate_sigmas:
+        ties = table(block, solved.groups.select(judged.kept[solved.whole.tie.point] & solved.used), solved.factors,
+                     judged.ties)  # fmt: skip
+        sigmas = joined(ties, gnss_table(block, judged.block, judged.gnss))
     poses, R = found.poses, state.rotation
     held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
     arm = left_arm(final, final_state, held)
     tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
     return Adjustment(
-        block=adjusted,
-        sigma0=sigma0,
-        redundancy=redundancy,
+        block=judged.block,
+        sigma0=judged.sigma0,
+        redundancy=judged.redundancy,
         residual_px=tie_residual * tie.sigma_px[:, None],
         mark_residual_px=mark_residuals_px(block, ground, state),
         position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
@@ -309,16 +416,17 @@ def _adjust_oriented(
         converged=solved.minimum.converged,
         cost=solved.minimum.cost,
         discarded_observations=int(np.count_nonzero(~solved.used)),
-        discarded_points=int(np.count_nonzero(~kept)),
+        discarded_points=int(np.count_nonzero(~judged.kept)),
         reliability=tested,
         ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
-        components=variance_components(final, final_state, held, tested, redundancy),
+        components=judged.components,
+        sigmas=sigmas,
         held_flights=held_flights,
         implied_offset_world_m=implied,
         implied_offset_covariance_m2=implied_covariance,
         left_arm_camera_m=arm.arm_camera_m,
         left_arm_sigma_m=arm.sigma_m,
         left_arm_p=arm.p,
-        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found)),
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(sigmas)),
     )
