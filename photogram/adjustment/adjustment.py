@@ -20,6 +20,7 @@ from photogram.adjustment.estimated_sigmas import (
     TieGroups,
     TieScatter,
     as_stated,
+    factors_of,
     improved,
     joined,
     scattering,
@@ -28,6 +29,7 @@ from photogram.adjustment.estimated_sigmas import (
     tie_groups,
     tie_scatter,
     weighted,
+    with_gnss_sigmas,
 )
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
@@ -173,11 +175,14 @@ def _with_cameras_held(block: Block) -> Block:
     return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
 
 
-def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
+def _solve_rounds(
+    stated: Problem, state: State, settings: AdjustmentSettings, progress: Progress, sigmas: EstimatedSigmas | None
+) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
-    choice and sigmas settle."""
-    stated, groups = whole, tie_groups(whole.block)
-    factors, steady = as_stated(groups), not settings.estimate_sigmas
+    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated."""
+    groups, estimating = tie_groups(stated.block), sigmas is None
+    factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
+    whole, steady = weighted(stated, groups, factors), not estimating
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
@@ -197,7 +202,7 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         if last:
             break
         state = minimum.state
-        if settings.estimate_sigmas and number > 1:  # what the first round keeps says nothing of the noise yet
+        if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
             found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
             better = factors if found is None else improved(found, factors, groups)
             steady, factors = better.are_near(factors), better
@@ -316,13 +321,15 @@ def adjust(
     progress: Progress = lambda _: None,
     *,
     start: Sequence[FloatArray] = (),
+    sigmas: EstimatedSigmas | None = None,
 ) -> Adjustment:
     """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
-    what is held stays as given. A single photograph or mark that keeps the rest from a solution is left out, with the
-    reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    what is held stays as given. ``sigmas`` are those of another adjustment of these observations: they are used as
+    they are, and none are estimated. A single photograph or mark that keeps the rest from a solution is left out,
+    with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
     """
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
@@ -333,7 +340,7 @@ def adjust(
     while True:
         solvable, kept = registered_block(part)
         try:
-            adjusted = _adjust_oriented(solvable, settings, progress, start)
+            adjusted = _adjust_oriented(solvable, settings, progress, start, sigmas)
             break
         except UnheldError as fault:
             left |= {int(kept[i]): why for i, why in fault.photographs.items()}
@@ -363,20 +370,26 @@ def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
 
 
 def _adjust_oriented(
-    block: Block, settings: AdjustmentSettings, progress: Progress, start: Sequence[FloatArray]
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    start: Sequence[FloatArray],
+    sigmas: EstimatedSigmas | None,
 ) -> Adjustment:
     """Adjust a block whose photographs all have a pose to start from."""
-    whole = make_problem(block, settings)
+    estimating = settings.estimate_sigmas and sigmas is None
+    used = None if estimating else sigmas or EstimatedSigmas.none()
+    whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
     try:
         first = start_state(block, whole.flights)
         if len(start):
             free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
             moved = np.where(free, np.array(start), first.parameters)
             first = replace(first, cameras=first.cameras._replace(parameters=moved))
-        solved = _solve_rounds(whole, first, settings, progress)
+        solved = _solve_rounds(whole, first, settings, progress, used)
         progress("covariances")
         judged = _judged(solved, block, settings)
-        for _ in range(MOST_REWEIGHTED if settings.estimate_sigmas else 0):
+        for _ in range(MOST_REWEIGHTED if estimating else 0):
             again = _reweighted(solved, judged, whole, settings)
             if again is None:
                 break
@@ -387,11 +400,11 @@ def _adjust_oriented(
     final, final_state, state, tie = judged.problem, judged.state, solved.minimum.state, judged.block.tie_points
     held, found, counted, tested = judged.held, judged.covariances, judged.counted, judged.tested
     ground, ground_covariance = ground_points(final, final_state, found)
-    sigmas = EstimatedSigmas.none()
+    estimated = EstimatedSigmas.none()
     if settings.estimate_sigmas:
         ties = table(block, solved.groups.select(judged.kept[solved.whole.tie.point] & solved.used), solved.factors,
                      judged.ties)  # fmt: skip
-        sigmas = joined(ties, gnss_table(block, judged.block, judged.gnss))
+        estimated = joined(ties, gnss_table(block, judged.block, judged.gnss))
     poses, R = found.poses, state.rotation
     held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
     arm = left_arm(final, final_state, held)
@@ -421,12 +434,12 @@ def _adjust_oriented(
         ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
         components=judged.components,
-        sigmas=sigmas,
+        sigmas=estimated,
         held_flights=held_flights,
         implied_offset_world_m=implied,
         implied_offset_covariance_m2=implied_covariance,
         left_arm_camera_m=arm.arm_camera_m,
         left_arm_sigma_m=arm.sigma_m,
         left_arm_p=arm.p,
-        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(sigmas)),
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(estimated)),
     )

@@ -273,16 +273,24 @@ def joined(first: EstimatedSigmas, second: EstimatedSigmas) -> EstimatedSigmas:
     return EstimatedSigmas(*(np.concatenate(pair) for pair in pairs))
 
 
-def with_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
-    """Return a block of stated sigmas with those that were estimated; what they do not name stays as stated."""
-    groups, names = tie_groups(block), [p.name for p in block.photographs]
-    of_kind: dict[str, dict[str, float]] = {kind: sigmas.factors(kind) for kind in (KEY_POINTS, CORRELATED)}
-    group = [of_kind[kind].get(camera, 1.0) for camera, kind in zip(groups.camera, groups.kind, strict=True)]
+def factors_of(block: Block, groups: TieGroups, sigmas: EstimatedSigmas) -> Factors:
+    """Return the factors that were estimated for the groups and photographs of a block; 1 for what ``sigmas`` do not
+    name."""
+    of_kind = {kind: sigmas.factors(kind) for kind in (KEY_POINTS, CORRELATED)}
     own = sigmas.factors(PHOTOGRAPH)
-    photograph = np.array([own.get(name, 1.0) for name in names])
-    tie = block.tie_points
-    sigma_px = tie.sigma_px * np.array(group)[groups.group] * photograph[tie.photograph]
-    return with_gnss_sigmas(replace(block, tie_points=replace(tie, sigma_px=sigma_px)), sigmas)
+    return Factors(
+        np.array([of_kind[kind].get(camera, 1.0) for camera, kind in zip(groups.camera, groups.kind, strict=True)]),
+        np.array([own.get(photograph.name, 1.0) for photograph in block.photographs]),
+    )
+
+
+def stated_again(block: Block, sigmas: EstimatedSigmas) -> Block:
+    """Return the block of an adjustment with the sigmas of its tie points as they were stated, before they were
+    multiplied by the factors of ``sigmas``."""
+    tie, groups = block.tie_points, tie_groups(block)
+    factors = factors_of(block, groups, sigmas)
+    stated_px = tie.sigma_px / (factors.group[groups.group] * factors.photograph[tie.photograph])
+    return replace(block, tie_points=replace(tie, sigma_px=stated_px))
 
 
 def with_gnss_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
