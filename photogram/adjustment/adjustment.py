@@ -329,7 +329,8 @@ def adjust(
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
     what is held stays as given. ``sigmas`` are those of another adjustment of these observations: they are used as
     they are, and none are estimated. A single photograph or mark that keeps the rest from a solution is left out,
-    with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it
+    lacks.
     """
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
