@@ -162,7 +162,9 @@ def trial(seed: int) -> Trial:
         seconds[way] = time.perf_counter() - start
     errors = {way: tie_point_errors(given, result) for way, result in results.items()}
     known = np.all([np.isfinite(error).all(axis=1) for error, _ in errors.values()], axis=0)
-    squares, scores, z = {}, {}, {}
+    squares: dict[str, FloatArray] = {}
+    scores: dict[str, FloatArray] = {}
+    z: dict[str, FloatArray] = {}
     for way, (error, sigma) in errors.items():
         parts = ((error[known] ** 2, squares), ((error[known] / sigma[known]) ** 2, scores))
         for value, into in parts:

@@ -155,7 +155,7 @@ class TieScatter:
         redundancy, and the redundancies; of the observations ``chosen`` (N,) where given."""
         part = np.ones(len(of), dtype=bool) if chosen is None else chosen
         square, expected, redundancy = (
-            np.bincount(of[part], weights=w[part], minlength=count)
+            np.asarray(np.bincount(of[part], weights=w[part], minlength=count), dtype=np.float64)
             for w in (self.square, self.expected, self.redundancy)
         )
         known = (expected > 0.0) & (square > 0.0)
