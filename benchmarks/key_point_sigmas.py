@@ -20,8 +20,7 @@ from photogram.pipeline.pipeline import load_project
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import SMALLEST_PX, picture_scale
-from photogram.sfm.tie_points.guided_matching import TRANSFERRED
-from photogram.survey import Features, TiePoints
+from photogram.survey import TRANSFERRED, Features, TiePoints
 
 EDGES = (1.0, 2.0, 4.0, 8.0, 16.0, np.inf)
 FEWEST = 60  # observations that make a figure

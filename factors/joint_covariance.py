@@ -21,6 +21,7 @@ from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
 
 OBSERVATIONS_AT_ONCE = 100_000
+SINGULAR = 1e-18  # determinant over the cube of the trace, below which rays determine no point
 
 
 def joint_ground_covariance(
@@ -84,3 +85,25 @@ def ray_covariances(problem: Problem, state: State) -> FloatArray:
         V = np.add.reduceat(J.transpose(0, 2, 1) @ J, first_observations(part.point, end - begin)[:-1], axis=0)
         covariance[begin:end] = np.linalg.inv(V)
     return covariance
+
+
+def points_redundancy(problem: Problem, state: State) -> FloatArray:
+    """Return the redundancy numbers (N,) that the observations of tie points would have if the cameras were known,
+    summed over both coordinates: 2 − tr(B V⁻¹ Bᵀ), with an observation's Jacobian B on its point and V = Σ BᵀB.
+
+    Every point that is observed needs two rays; observations are sorted by point.
+    """
+    redundancy = np.empty(len(problem.tie))
+    done = 0
+    for begin, end, part in _parts(problem.tie, len(state.tie_point)):
+        if not len(part):
+            continue
+        J = linearise(part, state.cameras, state.tie_point[begin:end]).point
+        seen, own = np.unique(part.point, return_inverse=True)
+        V = np.add.reduceat(J.transpose(0, 2, 1) @ J, np.searchsorted(own, np.arange(len(seen))), axis=0)
+        # of a point that some of its photographs have behind them too little may be left
+        lost = np.linalg.det(V) <= np.trace(V, axis1=1, axis2=2) ** 3 * SINGULAR
+        V[lost] = np.eye(3)
+        redundancy[done : done + len(part)] = 2.0 - np.einsum("nri,nij,nrj->n", J, np.linalg.inv(V)[own], J)
+        done += len(part)
+    return redundancy

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,12 +99,57 @@ class VarianceComponents:
     """vᵀPv of the residuals (K,)."""
     stated_sigma: FloatArray
     """Medians of the stated sigmas (K,), px, m or rad."""
+    used_sigma: FloatArray
+    """Medians of the sigmas (K,) that were used: the stated ones where none were estimated."""
 
     @staticmethod
     def unknown() -> VarianceComponents:
         """Return those of no observations."""
         none = np.zeros(0)
-        return VarianceComponents(np.zeros(0, dtype=np.str_), none.astype(np.int64), none, none, none)
+        return VarianceComponents(np.zeros(0, dtype=np.str_), none.astype(np.int64), none, none, none, none)
+
+
+SigmaKind = Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedSigmas:
+    """Standard deviations that were estimated from residuals, by group of observations (K).
+
+    Groups are the key points and the transferred tie points of a camera, the tie points of a photograph that scatter
+    more than those of its camera's others, and GNSS positions of assumed sigmas, by flight, in plan and in height.
+    """
+
+    kind: NDArray[np.str_]
+    """What each group is (K,), a SigmaKind."""
+    of: NDArray[np.str_]
+    """Name of its camera, photograph or flight (K,)."""
+    observations: IntArray
+    """Numbers of observed coordinates (K,)."""
+    redundancy: FloatArray
+    """Sums of redundancy numbers (K,)."""
+    stated_sigma: FloatArray
+    """Medians of the stated or assumed sigmas (K,), px or m."""
+    estimated_sigma: FloatArray
+    """What the residuals say (K,), px or m; NaN where the redundancy is too small."""
+    used_sigma: FloatArray
+    """Medians of the sigmas (K,) that were used, px or m."""
+    factor: FloatArray
+    """By what stated sigmas were multiplied (K,); of a photograph, beside the factor of its camera's group."""
+
+    @staticmethod
+    def none() -> EstimatedSigmas:
+        """Return those of an adjustment that estimates none."""
+        names, figures = np.zeros(0, dtype=np.str_), np.zeros(0)
+        return EstimatedSigmas(names, names, figures.astype(np.int64), *(figures,) * 5)
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def factors(self, kind: SigmaKind) -> dict[str, float]:
+        """Return the factors of the groups of a kind, by name of camera, photograph or flight."""
+        mine = self.kind == kind
+        return dict(zip(self.of[mine].tolist(), self.factor[mine].tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +322,8 @@ class Adjustment:
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     deformation: Deformation = field(default_factory=Deformation.unknown)
     """Covariance of the block as a whole, unknown until computed."""
+    sigmas: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)
+    """Standard deviations that were estimated from residuals; the block of the adjustment has those that were used."""
     warnings: tuple[str, ...] = ()
     """Sentences on what is weak, or was rejected by the adjustment."""
     reason: tuple[str, ...] = ()

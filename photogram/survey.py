@@ -57,6 +57,8 @@ class Photograph:
     lever_arm_camera_m: FloatArray | None = None
     """Lever arm (3,) from antenna to projection centre along the camera's axes, None where it is zero or already
     applied."""
+    gnss_sigma_assumed: bool = False
+    """Whether nobody has stated the standard deviations of the position: they are then estimated."""
 
     def __repr__(self) -> str:
         measured = [
@@ -170,6 +172,10 @@ class Matches:
         return f"<Matches of photographs {self.first} and {self.second}: {things(len(self), 'match', 'matches')}>"
 
 
+TRANSFERRED = -1
+"""Number of the key point of an observation that has none: it was measured by correlation."""
+
+
 @dataclass(frozen=True, eq=False)
 class TiePoints:
     """Image observations of tie points (N), sorted by point, then photograph, and the points themselves (P)."""
@@ -179,7 +185,7 @@ class TiePoints:
     point: IntArray
     """Index of the point of each observation (N,)."""
     feature: IntArray
-    """Index of the key point in its photograph (N,)."""
+    """Index of the key point in its photograph (N,), TRANSFERRED where there is none."""
     pixel: FloatArray
     """Observed image coordinates (N, 2)."""
     sigma_px: FloatArray

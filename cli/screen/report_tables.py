@@ -14,7 +14,7 @@ from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.positions import GnssRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import CloudRecord
-from photogram.report.titles import CLOUD_TITLES
+from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES
 
 MAXIMUM_SENTENCES = 4
 MAXIMUM_SUSPECTS = 5
@@ -123,6 +123,10 @@ def _result(report: Report) -> Table:
     table.add_row("discarded observations", str(a["discarded_observations"]))
     table.add_row("reprojection RMS", f"{_fixed(a['reprojection_rms_px'])} px")
     table.add_row("sigma0 (a priori 1)", _fixed(a["sigma0"]))
+    for group in report["estimated_sigmas"][:MAXIMUM_SENTENCES]:
+        unit, title = group["unit"], SIGMA_TITLES[group["kind"]]
+        stated, used = _fixed(group["stated_sigma"]), _fixed(group["used_sigma"])
+        table.add_row(f"sigma: {title}, {group['of']}", f"{used} {unit} (stated {stated})")
     table.add_row(
         "converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s"
     )

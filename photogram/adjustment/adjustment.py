@@ -8,20 +8,39 @@ down-weighted.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.adjustment.assumed_gnss import GnssScatter, gnss_scatters, gnss_steady, gnss_table, with_gnss_factors
 from photogram.adjustment.common_errors import (
     MOST_CHANGES,
+    What,
     estimates,
     left_arm,
     next_change,
     values_after,
     with_attitude_errors,
+)
+from photogram.adjustment.estimated_sigmas import (
+    Factors,
+    TieGroups,
+    TieScatter,
+    as_stated,
+    factors_of,
+    improved,
+    joined,
+    scattering,
+    table,
+    taken_by_cameras,
+    tie_groups,
+    tie_scatter,
+    weighted,
+    with_gnss_sigmas,
 )
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
@@ -49,9 +68,9 @@ from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
-from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
+from photogram.factors.joint_covariance import joint_ground_covariance, points_redundancy, ray_covariances
 from photogram.factors.minimisation import minimise_graph, minimise_problem
-from photogram.results import Adjustment
+from photogram.results import Adjustment, EstimatedSigmas, Reliability, VarianceComponents
 from photogram.survey import Block
 
 Progress = Callable[[str], None]
@@ -59,6 +78,7 @@ _LOG = logging.getLogger(__name__)
 
 LEFT_OUT = 0.25  # of the oriented photographs, that may be left out for the rest to be adjusted
 MOST_LOST_MARKS = 3
+MOST_REWEIGHTED = 3  # adjustments with sigmas that the covariances of the one before ask for
 
 
 @dataclass(frozen=True)
@@ -75,6 +95,7 @@ class AdjustmentSettings:
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
     common_errors: Literal["auto", "none"] = "auto"  # of attitudes and positions, estimated where they show
+    estimate_sigmas: bool = True  # of tie points, and of GNSS positions where they are assumed, from their residuals
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
     solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
 
@@ -151,11 +172,17 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The end of the outlier rounds: the problem with the observations that took part, and its minimum."""
+    """The end of the outlier rounds: the ``whole`` problem with the sigmas that were used, the ``problem`` of the
+    observations that took part, and its minimum. ``limit_px`` (N,) bounded the residuals, ``factors`` multiply stated
+    sigmas by ``groups``."""
 
+    whole: Problem
     problem: Problem
     minimum: Minimum
     used: NDArray[np.bool_]
+    limit_px: FloatArray
+    groups: TieGroups
+    factors: Factors
     rounds: int
     iterations: int
 
@@ -164,15 +191,21 @@ def _with_cameras_held(block: Block) -> Block:
     return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
 
 
-def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, progress: Progress) -> Solved:
-    """Alternate between choosing the observations that agree and adjusting with them, until the choice settles."""
-    tie = whole.block.tie_points
+def _solve_rounds(
+    stated: Problem, state: State, settings: AdjustmentSettings, progress: Progress, sigmas: EstimatedSigmas | None
+) -> Solved:
+    """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
+    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated."""
+    groups, estimating = tie_groups(stated.block), sigmas is None
+    factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
+    whole, steady = weighted(stated, groups, factors), not estimating
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
-    used: NDArray[np.bool_] = np.zeros(len(tie.photograph), dtype=bool)
+    used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
+    limit_px = np.full(len(whole.tie), first)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
     for number in range(1, settings.maximum_rounds + 1):
-        last = number == settings.maximum_rounds or (number > 2 and settled(used, chosen))
+        last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
         check_determined(problem)
@@ -185,16 +218,23 @@ def _solve_rounds(whole: Problem, state: State, settings: AdjustmentSettings, pr
         if last:
             break
         state = minimum.state
-        whitened = residuals(problem.tie, state.cameras, state.tie_point)
-        scale = noise_scale(whitened, problem.tie.point, len(tie))
-        limit = outlier_limit_px(tie, scale, settings.outlier_threshold)
+        if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
+            found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
+            better = factors if found is None else improved(found, factors, groups)
+            steady, factors = better.are_near(factors), better
+            whole = weighted(stated, groups, factors)
+        part = whole.tie.select(used)
+        scale = noise_scale(residuals(part, state.cameras, state.tie_point), part.point, len(state.tie_point))
+        limit_px = outlier_limit_px(whole.block.tie_points, scale, settings.outlier_threshold)
         _LOG.debug(
-            "round %d: %d of %d observations took part, cost %.6g after %d iterations; residuals scatter by %.3g sigma",
-            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale,
+            "round %d: %d of %d observations took part, cost %.6g after %d iterations; they scatter by %.3g sigma, "
+            "that stated times %s",
+            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale, factors.group,
         )  # fmt: skip
-        chosen, points = agreeing_observations(whole, state, limit, angle)
+        chosen, points = agreeing_observations(whole, state, limit_px, angle)
     check_in_front(problem, minimum.state)
-    return Solved(problem, minimum, without_narrow(tie, minimum.state, used, angle), number, iterations)
+    used = without_narrow(whole.block.tie_points, minimum.state, used, angle)
+    return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations)
 
 
 def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
@@ -212,58 +252,118 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 
 
-def _adjusted_block(block: Block, state: State, used: NDArray[np.bool_]) -> tuple[Block, NDArray[np.bool_]]:
-    """Return the block with adjusted values and only what took part, and the mask (P,) of tie points kept."""
-    kept = np.bincount(block.tie_points.point[used], minlength=len(block.tie_points)) >= 2
-    tie_points = replace(block.tie_points, position_world_m=state.tie_point).select(kept, used)
-    cameras = tuple(c.with_parameters(q) for c, q in zip(block.cameras, state.parameters, strict=True))
-    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
-    common = with_values(block, state.common)
-    return replace(block, cameras=cameras, poses=poses, tie_points=tie_points, common_errors=common), kept
-
-
 @dataclass(frozen=True, eq=False)
-class _Settled:
-    """The minimum with its common errors: the block as adjusted, which tie points (P,) it kept, the problem and the
-    state of these, their covariances, and what explains the measurements as well as a common error."""
+class _Judged:
+    """A solved block with only what took part, (P,) of whose tie points are ``kept``: its covariances with focal
+    lengths as ``held`` and with those ``counted`` that are considered, reliability, and what scatters by how much."""
 
-    solved: Solved
     block: Block
     kept: NDArray[np.bool_]
     problem: Problem
     state: State
     held: Covariances
-    as_well: dict[tuple[str, int | None], str]
+    counted: Problem
+    covariances: Covariances
+    tested: Reliability
+    sigma0: float
+    redundancy: int
+    components: VarianceComponents
+    ties: TieScatter | None
+    gnss: list[GnssScatter]
 
 
-def _with_common_errors(solved: Solved, settings: AdjustmentSettings, progress: Progress) -> _Settled:
-    """Add the common errors of positions that show, one at a time, and adjust again from the present state."""
-    barred: list[tuple[str, str | None, int | None]] = []
-    as_well: dict[tuple[str, int | None], str] = {}
-    for changes in range(MOST_CHANGES + 1):
-        problem, state = solved.problem, solved.minimum.state
-        adjusted, kept = _adjusted_block(problem.block, state, solved.used)
-        tie = adjusted.tie_points
-        final_state = replace(state, tie_point=tie.position_world_m)
-        final = problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
-        progress("covariances")
-        held = covariances(final, final_state)
-        settled = _Settled(solved, adjusted, kept, final, final_state, held, as_well)
-        if settings.common_errors == "none" or changes == MOST_CHANGES:
-            break
-        change = next_change(final, final_state, held, reliability(final, final_state, held), barred)
-        if change is None:
-            break
-        barred += [] if change.dropped is None else [change.dropped]
-        as_well |= change.as_well
-        _LOG.debug("common errors: %s", ", ".join(error.kind for error in change.errors) or "none")
-        again = replace(problem, block=replace(problem.block, common_errors=change.errors))
-        start = replace(state, common=values_after(problem, state, change.errors))
-        progress("common errors: " + ", ".join(error.kind.replace("_", " ") for error in change.errors))
-        minimum = minimise(again, start, settings, progress)
-        iterations = solved.iterations + minimum.iterations
-        solved = replace(solved, problem=again, minimum=minimum, iterations=iterations)
-    return settled
+def _judged(solved: Solved, stated: Block, settings: AdjustmentSettings) -> _Judged:
+    """Return a solved block with its covariances, and what its observations scatter by; ``stated`` is the block with
+    all its observations and the sigmas as stated."""
+    whole, state = solved.whole.block, solved.minimum.state
+    kept = np.bincount(whole.tie_points.point[solved.used], minlength=len(whole.tie_points)) >= 2
+    mine = kept[whole.tie_points.point] & solved.used
+    tie = replace(whole.tie_points, position_world_m=state.tie_point).select(kept, solved.used)
+    cameras = tuple(c.with_parameters(q) for c, q in zip(whole.cameras, state.parameters, strict=True))
+    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
+    common = with_values(whole, state.common)
+    adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common)
+    state = replace(state, tie_point=tie.position_world_m)
+    problem = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
+    held = covariances(problem, state)
+    counted = with_considered(problem, state)
+    found = held if counted is problem else covariances(counted, state)
+    tested = reliability(problem, state, held, counted, found)
+    sigma0, redundancy = sigma0_and_redundancy(problem, state)
+    groups = solved.groups.select(mine)
+    names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
+    components = variance_components(problem, state, held, tested, redundancy, names)
+    ties, gnss = None, list[GnssScatter]()
+    if settings.estimate_sigmas:
+        of_ties = float(components.redundancy[components.group == "tie_points"].sum())
+        taken = float(points_redundancy(problem, state).sum()) - of_ties
+        ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
+        gnss = gnss_scatters(problem, tested)
+    return _Judged(
+        adjusted, kept, problem, state, held, counted, found, tested, sigma0, redundancy, components, ties, gnss
+    )
+
+
+def _median_sigmas(stated: Block, groups: TieGroups) -> dict[str, float]:
+    """Return the medians of the stated sigmas of the groups of variance components for which others are estimated."""
+    medians = {"tie_points": float(np.median(groups.stated_px))} if len(groups.stated_px) else {}
+    gnss = [p.gnss_sigma_m for p in stated.photographs if p.gnss_sigma_m is not None]
+    if gnss:
+        plan_and_height = np.array(gnss)
+        medians["gnss_plan"] = float(np.median(plan_and_height[:, :2]))
+        medians["gnss_height"] = float(np.median(plan_and_height[:, 2]))
+    return medians
+
+
+def _reweighted(solved: Solved, judged: _Judged, stated: Problem, settings: AdjustmentSettings) -> Solved | None:
+    """Return the block adjusted again with the sigmas that its covariances ask for, None where these stay.
+
+    In the rounds the redundancy of tie points was that of many beside little else, here it is exact; GNSS positions of
+    assumed sigmas need their redundancy numbers.
+    """
+    factors = solved.factors if judged.ties is None else improved(judged.ties, solved.factors, solved.groups)
+    block = with_gnss_factors(solved.whole.block, judged.gnss)
+    if factors.are_near(solved.factors) and gnss_steady(solved.whole.block, block):
+        return None
+    whole = weighted(replace(stated, block=replace(block, tie_points=stated.block.tie_points)), solved.groups, factors)
+    problem = whole.with_tie_observations(whole.tie.select(solved.used))
+    minimum = minimise(problem, solved.minimum.state, settings)
+    iterations = solved.iterations + minimum.iterations
+    return replace(solved, whole=whole, problem=problem, minimum=minimum, factors=factors, iterations=iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """The common errors of positions on their way among the unknowns: those ``barred`` since they were dropped, what
+    explains the measurements ``as_well`` as one of them, and how many changes there were."""
+
+    barred: tuple[What, ...] = ()
+    as_well: Mapping[tuple[str, int | None], str] = MappingProxyType({})
+    changes: int = 0
+
+
+def _with_common_error(
+    solved: Solved, judged: _Judged, settings: AdjustmentSettings, so_far: _Unknowns, progress: Progress
+) -> tuple[Solved, _Unknowns] | None:
+    """Return the block adjusted again from the present state with a common error of positions added or dropped, None
+    where the unknowns are right."""
+    if settings.common_errors == "none" or so_far.changes == MOST_CHANGES:
+        return None
+    change = next_change(judged.problem, judged.state, judged.held, judged.tested, so_far.barred)
+    if change is None:
+        return None
+    names = ", ".join(error.kind.replace("_", " ") for error in change.errors)
+    _LOG.debug("common errors: %s", names or "none")
+    whole = replace(solved.whole, block=replace(solved.whole.block, common_errors=change.errors))
+    problem = whole.with_tie_observations(whole.tie.select(solved.used))
+    state = solved.minimum.state
+    start = replace(state, common=values_after(solved.problem, state, change.errors))
+    progress(f"common errors: {names}")
+    minimum = minimise(problem, start, settings, progress)
+    iterations = solved.iterations + minimum.iterations
+    dropped = () if change.dropped is None else (change.dropped,)
+    known = _Unknowns((*so_far.barred, *dropped), {**so_far.as_well, **change.as_well}, so_far.changes + 1)
+    return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations), known
 
 
 def adjust(
@@ -272,13 +372,16 @@ def adjust(
     progress: Progress = lambda _: None,
     *,
     start: Sequence[FloatArray] = (),
+    sigmas: EstimatedSigmas | None = None,
 ) -> Adjustment:
     """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
     orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
-    what is held stays as given. A single photograph or mark that keeps the rest from a solution is left out, with the
-    reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it lacks.
+    what is held stays as given. ``sigmas`` are those of another adjustment of these observations: they are used as
+    they are, and none are estimated. A single photograph or mark that keeps the rest from a solution is left out,
+    with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it
+    lacks.
     """
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
@@ -289,7 +392,7 @@ def adjust(
     while True:
         solvable, kept = registered_block(part)
         try:
-            adjusted = _adjust_oriented(solvable, settings, progress, start)
+            adjusted = _adjust_oriented(solvable, settings, progress, start, sigmas)
             break
         except UnheldError as fault:
             left |= {int(kept[i]): why for i, why in fault.photographs.items()}
@@ -319,36 +422,56 @@ def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
 
 
 def _adjust_oriented(
-    block: Block, settings: AdjustmentSettings, progress: Progress, start: Sequence[FloatArray]
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    start: Sequence[FloatArray],
+    sigmas: EstimatedSigmas | None,
 ) -> Adjustment:
     """Adjust a block whose photographs all have a pose to start from."""
-    whole = make_problem(block, settings)
+    estimating = settings.estimate_sigmas and sigmas is None
+    used = None if estimating else sigmas or EstimatedSigmas.none()
+    whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
     try:
         first = start_state(whole.block, whole.flights)
         if len(start):
             free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
             moved = np.where(free, np.array(start), first.parameters)
             first = replace(first, cameras=first.cameras._replace(parameters=moved))
-        solved = _solve_rounds(whole, first, settings, progress)
-        settled = _with_common_errors(solved, settings, progress)
-        solved, adjusted, kept, held = settled.solved, settled.block, settled.kept, settled.held
-        final, final_state, tie = settled.problem, settled.state, adjusted.tie_points
-        state = solved.minimum.state
-        counted = with_considered(final, final_state)
-        found = held if counted is final else covariances(counted, final_state)
+        solved = _solve_rounds(whole, first, settings, progress, used)
+        progress("covariances")
+        judged, unknowns = _judged(solved, block, settings), _Unknowns()
+        reweighted = 0 if estimating else MOST_REWEIGHTED
+        while True:
+            changed = _with_common_error(solved, judged, settings, unknowns, progress)
+            if changed is not None:
+                solved, unknowns = changed
+            elif reweighted < MOST_REWEIGHTED:
+                again = _reweighted(solved, judged, whole, settings)
+                if again is None:
+                    break
+                solved, reweighted = again, reweighted + 1
+            else:
+                break
+            judged = _judged(solved, block, settings)
     except IndeterminateError as fault:
         raise undetermined(whole, fault) from fault
-    sigma0, redundancy = sigma0_and_redundancy(final, final_state)
+    final, final_state, state, tie = judged.problem, judged.state, solved.minimum.state, judged.block.tie_points
+    held, found, counted, tested = judged.held, judged.covariances, judged.counted, judged.tested
     ground, ground_covariance = ground_points(final, final_state, found)
-    tested = reliability(final, final_state, held, counted, found)
+    estimated = EstimatedSigmas.none()
+    if settings.estimate_sigmas:
+        ties = table(block, solved.groups.select(judged.kept[solved.whole.tie.point] & solved.used), solved.factors,
+                     judged.ties)  # fmt: skip
+        estimated = joined(ties, gnss_table(block, judged.block, judged.gnss))
     poses, R = found.poses, state.rotation
     held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
     arm = left_arm(final, final_state, held)
     tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
     return Adjustment(
-        block=adjusted,
-        sigma0=sigma0,
-        redundancy=redundancy,
+        block=judged.block,
+        sigma0=judged.sigma0,
+        redundancy=judged.redundancy,
         residual_px=tie_residual * tie.sigma_px[:, None],
         mark_residual_px=mark_residuals_px(block, ground, state),
         position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
@@ -365,17 +488,18 @@ def _adjust_oriented(
         converged=solved.minimum.converged,
         cost=solved.minimum.cost,
         discarded_observations=int(np.count_nonzero(~solved.used)),
-        discarded_points=int(np.count_nonzero(~kept)),
+        discarded_points=int(np.count_nonzero(~judged.kept)),
         reliability=tested,
         ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
-        components=variance_components(final, final_state, held, tested, redundancy),
+        components=judged.components,
+        sigmas=estimated,
         held_flights=held_flights,
         implied_offset_world_m=implied,
         implied_offset_covariance_m2=implied_covariance,
         left_arm_camera_m=arm.arm_camera_m,
         left_arm_sigma_m=arm.sigma_m,
         left_arm_p=arm.p,
-        common_errors=estimates(final, final_state, held, found, settled.as_well),
-        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found)),
+        common_errors=estimates(final, final_state, held, found, dict(unknowns.as_well)),
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(estimated)),
     )

@@ -58,6 +58,10 @@ larger beyond which it is worth a word."""
 MOST_CHANGES = 8
 
 
+What = tuple[str, str | None, int | None]
+"""Kind, flight and camera of a common error."""
+
+
 @dataclass(frozen=True, eq=False)
 class LeftArm:
     """An arm (3,) along the camera's axes that would be estimated, with its sigmas (3,), and the p of there being
@@ -207,7 +211,7 @@ class Change:
 
     errors: tuple[CommonError, ...]
     as_well: dict[tuple[str, int | None], str]
-    dropped: tuple[str, str | None, int | None] | None = None
+    dropped: What | None = None
 
 
 def _possible(block: Block) -> Iterator[CommonError]:
@@ -222,7 +226,7 @@ def _possible(block: Block) -> Iterator[CommonError]:
         yield CommonError("drift", flight, None, np.zeros(3), np.zeros(3))
 
 
-def _what(error: CommonError) -> tuple[str, str | None, int | None]:
+def _what(error: CommonError) -> What:
     return error.kind, error.flight, error.camera
 
 
@@ -298,7 +302,7 @@ def next_change(
     state: State,
     found: Covariances,
     tested: Reliability,
-    barred: Sequence[tuple[str, str | None, int | None]] = (),
+    barred: Sequence[What] = (),
 ) -> Change | None:
     """Return which common error of positions to add or to drop at a solution, None where the unknowns are right.
 

@@ -2,11 +2,12 @@
 
 With the whitened residuals v of a group and the sum r of its redundancy numbers, vᵀv / r estimates the factor by which
 the group's variances are off (Förstner 1979; Förstner & Wrobel 2016, sec. 4.2.4): 1 where the sigmas are right. It is
-the first step of the iterated estimate, taken at the stated sigmas; it is shown and never applied.
+taken at the sigmas that were used and shown; what of it is applied, and how, is in estimated_sigmas and assumed_gnss.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ COMMON_ERRORS = "common_errors"  # whose priors are wide and nobody's statement
 
 @dataclass(frozen=True)
 class _Group:
-    """One group: its name, number of observations, redundancy, vᵀPv and stated sigmas."""
+    """One group: its name, number of observations, redundancy, vᵀPv and the sigmas that were used."""
 
     name: str
     observations: int
@@ -126,12 +127,18 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
 
 
 def variance_components(
-    problem: Problem, state: State, found: Covariances, tested: Reliability, redundancy: int
+    problem: Problem,
+    state: State,
+    found: Covariances,
+    tested: Reliability,
+    redundancy: int,
+    stated_sigma: Mapping[str, float] | None = None,
 ) -> VarianceComponents:
     """Return what every group of observations scatters by on the final linearisation.
 
     ``redundancy`` is that of the whole adjustment: since all redundancy numbers sum to it, the tie points have what
-    the others leave. Tie points count with their robust weights, in vᵀPv as in the redundancy numbers.
+    the others leave. Tie points count with their robust weights, in vᵀPv as in the redundancy numbers. ``stated_sigma``
+    are the medians of the stated sigmas of the groups for which others were estimated and used.
     """
     points, photographs = problem.block.control_points, problem.block.photographs
     axes = problem.block.frame.rotation_world_from_map(np.zeros(3))
@@ -158,23 +165,28 @@ def variance_components(
         float(np.sum(weight[:, None] * whitened**2)), problem.tie.sigma_px,
     )  # fmt: skip
     groups = [g for g in (ties, *groups) if g.observations]
+    used = {g.name: float(np.median(g.sigma)) for g in groups}
+    stated = {**used, **(stated_sigma or {})}
     return VarianceComponents(
         np.array([g.name for g in groups], dtype=np.str_),
         np.array([g.observations for g in groups], dtype=np.int64),
         np.array([g.redundancy for g in groups], dtype=np.float64),
         np.array([g.squares for g in groups], dtype=np.float64),
-        np.array([float(np.median(g.sigma)) for g in groups], dtype=np.float64),
+        np.array([stated[g.name] for g in groups], dtype=np.float64),
+        np.array([used[g.name] for g in groups], dtype=np.float64),
     )
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """What a group scatters by: ``sigma_factor`` sqrt(vᵀPv / r), by which its sigmas would have to be multiplied, with
-    its own standard deviation; not a number without redundancy. ``significant`` where the stated sigmas are refuted."""
+    """What a group scatters by: ``sigma_factor`` sqrt(vᵀPv / r), by which the sigmas that were used would have to be
+    multiplied, with its own standard deviation; not a number without redundancy. ``significant`` where stated sigmas
+    are refuted that were used; those that were estimated are not tested by the residuals that they come from."""
 
     observations: int
     redundancy: float
     stated_sigma: float
+    used_sigma: float
     sigma_factor: float
     sigma_factor_sd: float
     significant: bool
@@ -195,5 +207,7 @@ def scatters(components: VarianceComponents) -> dict[str, Scatter]:
         factor = float(np.sqrt(squares / r)) if r >= LEAST_REDUNDANCY else float("nan")
         tail = min(chi2.sf(squares, r), chi2.cdf(squares, r)) if r >= LEAST_REDUNDANCY else 1.0
         sd = factor / float(np.sqrt(2.0 * r)) if r >= LEAST_REDUNDANCY else float("nan")
-        found[name] = Scatter(n, r, float(c.stated_sigma[k]), factor, sd, bool(tail < SIGNIFICANCE / 2))
+        stated, used = float(c.stated_sigma[k]), float(c.used_sigma[k])
+        refuted = bool(tail < SIGNIFICANCE / 2) and used == stated
+        found[name] = Scatter(n, r, stated, used, factor, sd, refuted)
     return found

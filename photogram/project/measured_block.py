@@ -170,6 +170,7 @@ def _photograph(
         None if attitude is None else float(np.deg2rad(source.attitude_sigma_deg)),
         note["height_above_ground_m"],
         lever_arm_camera_m=None if arm is None else np.array(arm),
+        gnss_sigma_assumed=gnss is not None and note.get("gnss_sigma_assumed", False),
     )
 
 

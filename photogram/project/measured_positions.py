@@ -33,7 +33,8 @@ class MeasuredPosition:
     ``source`` is FROM_PROJECT, FROM_TAGS, or the file of positions. ``sigma_m`` is what is believed, ``stated_m`` what
     was stated. The lever arm from the antenna to the camera lies along true east,
     north and up (``arm_enu_m``) or along the camera's axes (``arm_camera_m``); both are None where there is none to be
-    counted. ``of_antenna`` says that the position is known to be the antenna's.
+    counted. ``of_antenna`` says that the position is known to be the antenna's,
+    ``sigma_assumed`` that nobody has stated its standard deviations.
     """
 
     map_m: FloatArray
@@ -44,6 +45,7 @@ class MeasuredPosition:
     of_antenna: bool = False
     arm_enu_m: FloatArray | None = None
     arm_camera_m: FloatArray | None = None
+    sigma_assumed: bool = False
 
     @property
     def overstated(self) -> bool:
@@ -70,6 +72,8 @@ class PositionNote(TypedDict):
     """Kind of solution."""
     gnss_stated_sigma_m: NotRequired[list[float] | None]
     """Standard deviations that were stated: east, north, up; None where they are believed."""
+    gnss_sigma_assumed: NotRequired[bool]
+    """Whether nobody has stated the standard deviations."""
     gnss_lacks_lever_arm: NotRequired[bool]
     """Whether it is known to be the antenna's position, and not where the camera is from it."""
     lever_arm_enu_m: NotRequired[list[float] | None]
@@ -146,9 +150,7 @@ def sigmas_of(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tup
     """
     given = None if photograph.gnss_sigma_m is None else _sigma3(photograph.gnss_sigma_m)
     listed, solution = photograph.file_position, solution_of(photograph, tags)
-    read = None
-    if photograph.gnss_map_m is None:
-        read = listed.sigma_m if listed is not None else None if tags is None else tags.gnss_sigma_m
+    read = _read_sigma(photograph, tags)
     stated = given if given is not None and (photograph.own_sigma or listed is None) else read or given
     if stated is None:
         return None, None
@@ -156,6 +158,15 @@ def sigmas_of(photograph: ProjectPhotograph, tags: PhotographTags | None) -> tup
     if solution in ("float", "single") and read is not None and not photograph.own_sigma:
         believed = at_least(believed, read)
     return believed, stated
+
+
+def _read_sigma(photograph: ProjectPhotograph, tags: PhotographTags | None) -> Sigma3 | None:
+    """Return the standard deviations that a file of positions or else the tags state of a photograph's position."""
+    if photograph.gnss_map_m is not None:
+        return None
+    if photograph.file_position is not None:
+        return photograph.file_position.sigma_m
+    return None if tags is None else tags.gnss_sigma_m
 
 
 def _sigma3(values: FloatArray) -> Sigma3:
@@ -229,8 +240,9 @@ def known_position(
     believed, stated = sigmas_of(photograph, tags)
     nothing = (np.nan,) * 3
     solution, of_antenna = solution_of(photograph, tags), _is_antennas(photograph)
+    assumed = photograph.gnss_sigma_assumed and _read_sigma(photograph, tags) is None
     return MeasuredPosition(
-        map_m, source, solution, believed or nothing, stated or nothing, of_antenna, *_arms(photograph, tags)
+        map_m, source, solution, believed or nothing, stated or nothing, of_antenna, *_arms(photograph, tags), assumed
     )
 
 
@@ -269,6 +281,7 @@ def position_note(measured: MeasuredPosition | None) -> PositionNote:
         "gnss_source": measured.source,
         "gnss_solution": measured.solution,
         "gnss_stated_sigma_m": list(measured.stated_m) if measured.overstated else None,
+        "gnss_sigma_assumed": measured.sigma_assumed,
         "gnss_lacks_lever_arm": measured.lacks_arm,
         "lever_arm_enu_m": None if measured.arm_enu_m is None else measured.arm_enu_m.tolist(),
         "lever_arm_camera_m": None if measured.arm_camera_m is None else measured.arm_camera_m.tolist(),

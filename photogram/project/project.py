@@ -91,6 +91,8 @@ class ProjectPhotograph:
     """Lever arm (3,) from antenna to camera, None where positions are those of the camera."""
     lever_arm_axes: LeverArmAxes = "body"
     """Axes of the lever arm: forward, right and down of aircraft or camera."""
+    gnss_sigma_assumed: bool = False
+    """True if ``gnss_sigma_m`` is only assumed, nobody having stated one."""
 
     def __post_init__(self) -> None:
         if self.lever_arm_m is not None:
@@ -464,6 +466,7 @@ def _photograph(
         entry.gnss_sigma_m is not None,
         None if arm is None else np.array(arm),
         file.gnss.lever_arm_axes,
+        file.photographs.gnss_sigma_assumed and entry.gnss_sigma_m is None,
     )
 
 

@@ -228,6 +228,7 @@ class PhotographsEntry(Entry):
     camera: Text | None = None
     positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None
+    gnss_sigma_assumed: bool = False
     attitude_sigma_deg: AngleSigma = 2.0
     height_above_ground_m: FlyingHeight | None = None
     list: Sequence[PhotographEntry] | None = None

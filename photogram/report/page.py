@@ -38,7 +38,7 @@ from photogram.report.record.photographs import OrientedPhotograph
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
 from photogram.report.record.verdict import LightRecord
-from photogram.report.titles import CLOUD_TITLES, STAGE_TITLES
+from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES, STAGE_TITLES
 
 Row = dict[str, object]
 """What a table of the page shows in one row, by the names that the template uses."""
@@ -97,7 +97,12 @@ def report_page(report: Report, figures: Sequence[Mapping[str, str]]) -> str:
         matching_settings=matching_settings,
     )
     environment.globals.update(
-        grades=GRADES, axes=AXES, cloud_titles=CLOUD_TITLES, library_titles=LIBRARY_TITLES, page_font=PAGE_FONT
+        grades=GRADES,
+        axes=AXES,
+        cloud_titles=CLOUD_TITLES,
+        sigma_titles=SIGMA_TITLES,
+        library_titles=LIBRARY_TITLES,
+        page_font=PAGE_FONT,
     )
     template = environment.get_template("report.html.jinja")
     control = _ground_rows(report, "control", "left out")

@@ -26,6 +26,17 @@ STAGE_TITLES: Mapping[str, str] = MappingProxyType(
 )
 """By the name of the stage."""
 
+SIGMA_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "key_points": "Key points",
+        "transferred": "Tie points by correlation",
+        "photograph": "Tie points of a photograph",
+        "gnss_plan": "GNSS positions in plan",
+        "gnss_height": "GNSS positions in height",
+    }
+)
+"""By the kind of an estimated standard deviation."""
+
 CLOUD_TITLES: Mapping[str, str] = MappingProxyType(
     {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 )

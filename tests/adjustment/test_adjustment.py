@@ -393,13 +393,15 @@ def test_without_any_pose_there_is_nothing_to_adjust() -> None:
 # ---- two engines ---------------------------------------------------------------------------------------------------
 
 
-def test_both_engines_give_the_same_adjustment() -> None:
-    block = simulated(5, 0.05).block
-    fast, slow = (adjust(block, replace(SETTINGS, engine=engine)) for engine in ("fast", "reference"))
+@pytest.mark.parametrize(("estimated", "alike"), [(False, 1e-9), (True, 1e-6)])
+def test_both_engines_give_the_same_adjustment(estimated: bool, alike: float) -> None:
+    """Sigmas are estimated from drafts, which the engines end at within their rounding alone."""
+    block, settings = simulated(5, 0.05).block, replace(SETTINGS, estimate_sigmas=estimated)
+    fast, slow = (adjust(block, replace(settings, engine=engine)) for engine in ("fast", "reference"))
     assert fast.converged
     assert slow.converged
     assert fast.rounds == slow.rounds
-    assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
+    assert fast.cost == pytest.approx(slow.cost, rel=alike)
     np.testing.assert_array_equal(fast.block.tie_points.feature, slow.block.tie_points.feature)
     np.testing.assert_allclose(
         fast.block.tie_points.position_world_m, slow.block.tie_points.position_world_m, rtol=0, atol=1e-6

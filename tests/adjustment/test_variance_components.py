@@ -135,6 +135,7 @@ def test_what_is_said_of_a_group() -> None:
         np.array([2000.0, 50.0, 20.0, 0.2, 3.0]),
         np.array([500.0, 200.0, 21.0, 0.1, 0.0]),
         np.array([0.5, 0.4, np.deg2rad(1.0), 3.0, 10.0]),
+        np.array([0.5, 0.4, np.deg2rad(1.0), 3.0, 10.0]),
     )
     result = replace(adjust(simulated(PLAN, 3).block, AdjustmentSettings()), components=components)
     said = component_numbers(result)

@@ -33,7 +33,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Any:
         "suspects": [], "blunders": [], "blunders_effect": None,
         "gnss": {"flights": {}, "warnings": []},
         "verdict": {"sentence": "", "figures": [{"rmse_m": None, "target_m": None}] * 2},
-        "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {},
+        "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {}, "estimated_sigmas": [],
         "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip
 

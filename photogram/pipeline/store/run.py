@@ -22,6 +22,7 @@ from photogram.machine import cores
 from photogram.pipeline.store.stored_results import (
     ADJUSTED,
     COVARIANCES,
+    SIGMAS,
     PlacedBy,
     StoredVerdict,
     adjusted_block_from,
@@ -38,7 +39,7 @@ from photogram.project.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
-from photogram.results import Adjustment, Deformation
+from photogram.results import Adjustment, Deformation, EstimatedSigmas
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
@@ -155,7 +156,8 @@ class Run:
         out. Needs the stage `adjustment`, of which no covariance is read."""
         arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
         tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
-        return adjusted_block_from(self.block(), arrays, tie_points, rejected_from(self.verdict()))
+        sigmas = read_record(self.workspace.file("adjustment", SIGMAS), EstimatedSigmas)
+        return adjusted_block_from(self.block(), arrays, tie_points, rejected_from(self.verdict()), sigmas)
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage

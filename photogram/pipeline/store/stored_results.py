@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
+from photogram.adjustment.estimated_sigmas import with_gnss_sigmas
 from photogram.camera import Pose
 from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame
@@ -25,7 +26,14 @@ from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
 from photogram.quality.gross_errors.snooped_adjustment import Verdict
 from photogram.report.record.ground import BlunderRecord, CheckPointsRecord
-from photogram.results import Adjustment, CommonErrorEstimate, Deformation, Reliability, VarianceComponents
+from photogram.results import (
+    Adjustment,
+    CommonErrorEstimate,
+    Deformation,
+    EstimatedSigmas,
+    Reliability,
+    VarianceComponents,
+)
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, CommonError, Photograph, TiePoints
@@ -183,7 +191,7 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
     )
 
 
-ADJUSTED, COVARIANCES = "adjustment.npz", "covariances.npz"
+ADJUSTED, COVARIANCES, SIGMAS = "adjustment.npz", "covariances.npz", "sigmas.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
 _COMMON = "common_errors"
 _OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m")
@@ -213,7 +221,7 @@ def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(("block", *_WORDS, _COMMON, "reliability", "components", "deformation"))
+    parts = dict.fromkeys(("block", *_WORDS, _COMMON, "reliability", "components", "deformation", "sigmas"))
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
@@ -235,13 +243,19 @@ def write_adjustment(folder: Path, result: Adjustment) -> None:
     write_record(folder / "tie_points.npz", result.block.tie_points)
     write_record(folder / "reliability.npz", result.reliability)
     write_record(folder / "components.npz", result.components)
+    write_record(folder / SIGMAS, result.sigmas)
     write_record(folder / "deformation.npz", result.deformation)
 
 
 def adjusted_block_from(
-    block: Block, arrays: Mapping[str, NDArray[Any]], tie_points: TiePoints, rejected: Sequence[Hypothesis] = ()
+    block: Block,
+    arrays: Mapping[str, NDArray[Any]],
+    tie_points: TiePoints,
+    rejected: Sequence[Hypothesis] = (),
+    sigmas: EstimatedSigmas | None = None,
 ) -> Block:
-    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``rejected`` took no part."""
+    """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``rejected`` took no part.
+    ``tie_points`` have the sigmas that were used, GNSS positions get those that were estimated."""
     parameters, rotation, position = (arrays[name] for name in _OF_BLOCK)
     adjusted = replace(
         block,
@@ -250,6 +264,8 @@ def adjusted_block_from(
         tie_points=tie_points,
         common_errors=tuple(common_error_from(json.loads(str(text))).error for text in arrays.get(_COMMON, ())),
     )
+    if sigmas is not None:
+        adjusted = with_gnss_sigmas(adjusted, sigmas)
     return without(adjusted, [a for a in rejected if a.kind != "focal length"])
 
 
@@ -264,6 +280,7 @@ def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),
         components=read_record(file("components.npz"), VarianceComponents),
+        sigmas=read_record(file(SIGMAS), EstimatedSigmas),
         deformation=read_record(file("deformation.npz"), Deformation),
         **values,
     )

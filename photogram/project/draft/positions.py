@@ -25,10 +25,12 @@ _ASSUMED: Mapping[Solution, tuple[GnssKind, Sigma3]] = {
 
 @dataclass(frozen=True)
 class Gnss:
-    """How good a photograph's position is: ``sigma_m`` along easting, northing and height."""
+    """How good a photograph's position is: ``sigma_m`` along easting, northing and height, ``assumed`` where nothing
+    states it and the receiver is no better than a consumer's."""
 
     kind: GnssKind
     sigma_m: Sigma3
+    assumed: bool = False
 
 
 def gnss_with(solution: Solution, sigma_m: Sigma3 | None) -> Gnss | None:
@@ -39,7 +41,8 @@ def gnss_with(solution: Solution, sigma_m: Sigma3 | None) -> Gnss | None:
     if solution == "unknown":
         return None
     kind, assumed_m = _ASSUMED[solution]
-    return Gnss(kind, _rounded(at_least(sigma_m or assumed_m, FLOOR_M[solution])))
+    sigma = _rounded(at_least(sigma_m or assumed_m, FLOOR_M[solution]))
+    return Gnss(kind, sigma, sigma_m is None and solution == "single")
 
 
 def _rounded(sigma_m: Sigma3) -> Sigma3:
@@ -61,7 +64,7 @@ def gnss_of(tags: PhotographTags) -> Gnss | None:
         return Gnss("with stated accuracy", _rounded(at_least(sigma, FLOOR_M["fix"])))
     if error is not None:
         return Gnss("with stated accuracy", _rounded(at_least((error, error, 2.0 * error), FLOOR_M["fix"])))
-    return Gnss("without stated accuracy", _AUTONOMOUS)
+    return Gnss("without stated accuracy", _AUTONOMOUS, assumed=True)
 
 
 def _is_precise(gnss: Gnss | None) -> bool:

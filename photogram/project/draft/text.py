@@ -151,6 +151,9 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     lines += _positions(draft)
     if common is not None:
         lines.append(f"  gnss_sigma_m: {_sigma3(common)}")
+    alike = [p.gnss for p in draft.photographs if p.gnss is not None and not p.listed and p.gnss.sigma_m == common]
+    if alike and all(gnss.assumed for gnss in alike):
+        lines.append("  gnss_sigma_assumed: true # nobody states it: estimated from the residuals of each flight")
     if with_attitude:
         all_of_them = things(len(draft.photographs), "photograph")
         text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from photogram.adjustment.estimated_sigmas import stated_again
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
 from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without
@@ -49,7 +50,7 @@ def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) 
     focal_px, sigma_px = _focal_of(free, camera, c)
     ties = free.block.tie_points
     camera_of = block.camera_of
-    start = replace(block, poses=free.block.poses, tie_points=ties)
+    start = replace(block, poses=free.block.poses, tie_points=stated_again(free.block, free.sigmas).tie_points)
     parts: list[tuple[float, float]] = []
     for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
         try:

@@ -36,7 +36,9 @@ def _held_in_place(block: Block) -> Block:
         flying_m = float(np.median(heights) - np.median(ground)) if len(ground) else 0.0
         sigma = np.full(3, max(GAUGE * flying_m, 1.0))
         photographs = tuple(
-            p if pose is None else replace(p, gnss_world_m=pose.position_world_m, gnss_sigma_m=sigma)
+            p
+            if pose is None
+            else replace(p, gnss_world_m=pose.position_world_m, gnss_sigma_m=sigma, gnss_sigma_assumed=False)
             for p, pose in zip(photographs, block.poses, strict=True)
         )
     return replace(block, control_points=points, photographs=photographs)

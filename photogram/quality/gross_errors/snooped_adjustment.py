@@ -35,7 +35,7 @@ from photogram.quality.gross_errors.data_snooping import (
 from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
 from photogram.quality.gross_errors.robust_start import grossly_off
 from photogram.quality.gross_errors.screening import gross_blunders
-from photogram.results import Adjustment, FocalDecision
+from photogram.results import Adjustment, EstimatedSigmas, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
 from photogram.wording import some, things
@@ -82,6 +82,25 @@ class Verdict:
         return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
 
 
+@dataclass(eq=False)
+class Weighing:
+    """How blocks are adjusted while explanations are compared: all with the same ``sigmas``, since one that bends the
+    block would otherwise raise those of the tie points and hide behind them."""
+
+    settings: AdjustmentSettings
+    progress: Progress
+    start: Sequence[FloatArray]
+    sigmas: EstimatedSigmas
+
+    def adjust(self, block: Block) -> Adjustment:
+        """Adjust a block with ``sigmas``."""
+        return adjust(block, self.settings, self.progress, start=self.start, sigmas=self.sigmas)
+
+    def estimate(self, block: Block) -> Adjustment:
+        """Adjust a block and estimate its sigmas."""
+        return adjust(block, self.settings, self.progress, start=self.start)
+
+
 def _outvoted(block: Block, result: Adjustment) -> bool:
     """Return whether most tie points of a photograph were rejected, possibly because of a wrong mark in it."""
     count = len(block.photographs)
@@ -106,12 +125,18 @@ def _no_checks(points: ControlPoints) -> CheckAccuracy:
 
 
 def _explained(
-    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], adjuster: Adjuster
+    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], weighing: Weighing
 ) -> tuple[Search, Adjustment | None]:
     """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
     blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
     gross, whole, found = _looked_for(lambda: grossly_off(block, settings, start)), None, []
     fault: PhotogramError | None = None
+    if settings.estimate_sigmas and not gross:
+        estimated = _looked_at(block, (), weighing.estimate)
+        if estimated is not None and _worst(estimated) <= BENT and not _outvoted(block, estimated):
+            weighing.sigmas = estimated.sigmas
+            return search(block, estimated, weighing.adjust), estimated
+    adjuster = weighing.adjust
     if not gross:
         try:
             whole = adjuster(block)
@@ -150,11 +175,25 @@ def _explained(
     return min(found, key=cost), whole
 
 
+def _reweighted(block: Block, found: Search, weighing: Weighing) -> Search:
+    """Return the data snooping that goes on from an explanation with the sigmas that are estimated without what it
+    rejects."""
+    try:
+        result = weighing.estimate(without(block, found.rejected))
+        weighing.sigmas = result.sigmas
+        return search(block, result, weighing.adjust, found.rejected)
+    except PhotogramError as fault:
+        weighing.sigmas = found.result.sigmas
+        said = f"The sigmas of tie points could not be estimated: {fault}. They are used as stated"
+        return replace(found, result=replace(found.result, warnings=(*found.result.warnings, said)))
+
+
 def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
     """Return the adjustment with all measurements, for the effect of blunders on the check points, None where it has no
     solution."""
     quick = replace(
         settings,
+        estimate_sigmas=False,
         maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),
         maximum_iterations=min(ITERATIONS_TO_COMPARE, settings.maximum_iterations),
     )
@@ -232,13 +271,14 @@ def adjust_and_judge(
     too little is left, with what contradicts the rest by name.
     """
 
-    def adjuster(given: Block) -> Adjustment:
-        return adjust(given, settings, progress, start=start)
-
+    weighing = Weighing(settings, progress, start, EstimatedSigmas.none())
+    adjuster = weighing.adjust
     of_another_size, size = _of_another_size(block, start)
     block = without(block, of_another_size)
     try:
-        found, whole = _explained(block, settings, start, adjuster)
+        found, whole = _explained(block, settings, start, weighing)
+        if settings.estimate_sigmas and (found.rejected or not len(weighing.sigmas)):
+            found = _reweighted(block, found, weighing)
     except PhotogramError as fault:
         if not size:
             raise

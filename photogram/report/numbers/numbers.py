@@ -455,6 +455,7 @@ def report_numbers(
         "predicted_against_achieved": consistency.predicted_against_achieved,
         "leave_one_out": consistency.leave_one_out,
         "variance_components": consistency.variance_components,
+        "estimated_sigmas": consistency.estimated_sigmas,
         "suspects": [
             {"kind": s.kind, "name": s.name, "axis": s.axis, "w": s.w, "off": s.off, "sentence": s.sentence}
             for s in suspects(result)

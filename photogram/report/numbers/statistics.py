@@ -16,6 +16,7 @@ from photogram.quality.prediction_test import (
     predicted_against_achieved,
 )
 from photogram.report.record.ground import (
+    EstimatedSigmaRecord,
     GroundPointRecord,
     LeaveOneOutRecord,
     PredictionTestRecord,
@@ -23,7 +24,7 @@ from photogram.report.record.ground import (
     ZScoresRecord,
 )
 from photogram.report.record.surfaces import DatumSigmaRecord, DsmRecord, SigmaRecord
-from photogram.results import Adjustment
+from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Raster
 
 # what a group's observations are called in a sentence, the unit of their sigmas, and how many of it one px, m or rad is
@@ -60,12 +61,13 @@ def _sentence(name: str, found: Scatter) -> str | None:
 
 
 def component_numbers(result: Adjustment) -> dict[str, VarianceComponentRecord]:
-    """Return the variance component of every group of observations; nothing is rescaled by it."""
+    """Return the variance component of every group of observations, at the sigmas that were used."""
     return {
         name: {
             "observations": found.observations,
             "redundancy": found.redundancy,
             "stated_sigma": None if not _GROUPS[name][1] else found.stated_sigma * _GROUPS[name][2],
+            "used_sigma": None if not _GROUPS[name][1] else found.used_sigma * _GROUPS[name][2],
             "unit": _GROUPS[name][1] or None,
             "sigma_factor": _finite(found.sigma_factor),
             "sigma_factor_sd": _finite(found.sigma_factor_sd),
@@ -74,6 +76,24 @@ def component_numbers(result: Adjustment) -> dict[str, VarianceComponentRecord]:
         }
         for name, found in scatters(result.components).items()
     }
+
+
+def estimated_sigma_numbers(sigmas: EstimatedSigmas) -> list[EstimatedSigmaRecord]:
+    """Return the standard deviations that were estimated from residuals, beside the stated and the used ones."""
+    return [
+        {
+            "kind": kind,
+            "of": str(sigmas.of[k]),
+            "observations": int(sigmas.observations[k]),
+            "redundancy": float(sigmas.redundancy[k]),
+            "stated_sigma": float(sigmas.stated_sigma[k]),
+            "estimated_sigma": _finite(sigmas.estimated_sigma[k]),
+            "used_sigma": float(sigmas.used_sigma[k]),
+            "unit": "m" if kind in ("gnss_plan", "gnss_height") else "px",
+            "factor": float(sigmas.factor[k]),
+        }
+        for k, kind in enumerate(sigmas.kind.tolist())
+    ]
 
 
 def _z_scores(found: Shares) -> ZScoresRecord:
@@ -122,6 +142,7 @@ class Consistency:
     predicted_against_achieved: PredictionTestRecord | None
     leave_one_out: LeaveOneOutRecord | None
     variance_components: dict[str, VarianceComponentRecord]
+    estimated_sigmas: list[EstimatedSigmaRecord]
 
 
 def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> Consistency:
@@ -140,7 +161,8 @@ def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> 
             said = [point["verdict"]] if point["verdict"] else []
             point["suspect"], point["verdict"] = True, "; ".join([*said, accused[point["name"]]])
     loo = None if left_out is None else _left_out_numbers(left_out)
-    return Consistency(_check_point_numbers(found), loo, component_numbers(result))
+    sigmas = estimated_sigma_numbers(result.sigmas)
+    return Consistency(_check_point_numbers(found), loo, component_numbers(result), sigmas)
 
 
 def _sigma_numbers(sigma: Raster) -> SigmaRecord:

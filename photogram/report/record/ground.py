@@ -161,12 +161,30 @@ class LeaveOneOutRecord(TypedDict):
     max: FarthestPointRecord
 
 
+class EstimatedSigmaRecord(TypedDict):
+    """A standard deviation that was estimated from residuals, in `unit`: of tie points by camera and kind, of those in
+    a photograph that scatters more, of GNSS positions of assumed sigmas by flight. `of` names camera, photograph or
+    flight; `factor` is what stated sigmas were multiplied by, of a photograph beside that of its camera."""
+
+    kind: Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
+    of: str
+    observations: Count
+    redundancy: float
+    stated_sigma: float
+    estimated_sigma: float | None
+    used_sigma: float
+    unit: Literal["px", "m"]
+    factor: float
+
+
 class VarianceComponentRecord(TypedDict):
-    """Whether a group of observations scatters as stated; sigmas in `unit`."""
+    """Whether a group of observations scatters as its sigmas say; sigmas in `unit`. `sigma_factor` belongs to
+    `used_sigma`, which is `stated_sigma` where none was estimated."""
 
     observations: Count
     redundancy: float
     stated_sigma: float | None
+    used_sigma: float | None
     unit: str | None
     sigma_factor: float | None
     sigma_factor_sd: float | None

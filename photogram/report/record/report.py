@@ -16,6 +16,7 @@ from photogram.report.record.ground import (
     BlunderRecord,
     BlundersEffectRecord,
     CheckPointsRecord,
+    EstimatedSigmaRecord,
     GroundPointRecord,
     LeaveOneOutRecord,
     PredictionTestRecord,
@@ -60,6 +61,7 @@ class AdjustedNumbers(TypedDict):
     predicted_against_achieved: PredictionTestRecord | None
     leave_one_out: LeaveOneOutRecord | None
     variance_components: dict[str, VarianceComponentRecord]
+    estimated_sigmas: list[EstimatedSigmaRecord]
     suspects: list[SuspectRecord]
     diagnosis: DiagnosisRecord
     clouds: dict[str, CloudRecord]

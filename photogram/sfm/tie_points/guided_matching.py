@@ -18,13 +18,10 @@ from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
 from photogram.compilation import njit
 from photogram.errors import check_range
-from photogram.survey import TiePoints
+from photogram.survey import TRANSFERRED, TiePoints
 
 HALF_PATCH = 16
 """Half side in pixels of the piece of a photograph that is kept for each tie point."""
-
-TRANSFERRED = -1
-"""Number of the key point of an observation that has none."""
 
 
 @dataclass(frozen=True)
