@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -338,7 +337,7 @@ class _Unknowns:
     explains the measurements ``as_well`` as one of them, and how many changes there were."""
 
     barred: tuple[What, ...] = ()
-    as_well: Mapping[tuple[str, int | None], str] = MappingProxyType({})
+    as_well: Mapping[tuple[str, int | None], str] = field(default_factory=dict)
     changes: int = 0
 
 
