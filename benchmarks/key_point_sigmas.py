@@ -5,6 +5,7 @@
 Each PROJECT is a project.yaml with its folders work/ and results/. Residuals of points with three rays or more are
 divided by sqrt((2n − 3)/2n), which the adjustment of a point of n rays takes from its errors; the scatter is
 1.4826 times the median of their absolute values. Sizes are in units of the smallest key points.
+Adjust with adjustment.estimate_sigmas: false, since the law of sigmas is judged as stated.
 """
 
 from __future__ import annotations

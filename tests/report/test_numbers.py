@@ -379,9 +379,9 @@ def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarr
     # a cell of 1 m holds the height of its centre, the point lies up to 0.7 m beside it on slopes and walls
     assert abs(np.median(error)) < 0.03
     assert np.median(np.abs(error)) < 0.15
-    # all ground that two photographs see
-    assert bounds.left <= cloud[:, 0].min()
-    assert bounds.top >= cloud[:, 1].max()
+    # all ground that two photographs see, to a cell: tie points on its edge have their own errors
+    assert bounds.left <= cloud[:, 0].min() + raster.res[0]
+    assert bounds.top >= cloud[:, 1].max() - raster.res[1]
 
 
 def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
@@ -453,9 +453,18 @@ def test_check_points_never_enter_the_adjustment(
     assert own <= changed
     # conclusions from the check points
     drawn: tuple[str, ...]
-    drawn = ("/check_points/", "/predicted_against_achieved/", "/diagnosis/dome/", "/asprs/", "/summary/", "/warnings/")
+    drawn = (
+        "/check_points/",
+        "/predicted_against_achieved/",
+        "/diagnosis/dome/",
+        "/diagnosis/warnings/",
+        "/asprs/",
+        "/summary/",
+        "/warnings/",
+    )
     drawn += ("/dense/check_points/", "/dense/warnings/", "/verdict/", "/report_id", "/deliverables/")
-    assert all(key in own or key.startswith(drawn) for key in changed), changed - own
+    others = sorted(key for key in changed if key not in own and not key.startswith(drawn))
+    assert not others, [(key, before.get(key), after.get(key)) for key in others[:20]]
     assert report["predicted_against_achieved"]["consistent"]
     assert not moved["predicted_against_achieved"]["consistent"]
     shift = np.array(moved["control_points"][index]["residual_m"]) - report["control_points"][index]["residual_m"]
