@@ -25,7 +25,7 @@ from pyproj import CRS, Proj, Transformer
 from pyproj.exceptions import ProjError
 
 from photogram.arrays import FloatArray
-from photogram.crs import _any_crs, _plan_of, projected_crs
+from photogram.crs import NO_CRS, _any_crs, _plan_of, projected_crs
 from photogram.errors import FrameError
 from photogram.height_systems import (
     DeclaredHeights,
@@ -154,6 +154,16 @@ class LocalFrame:
         frame = cls(crs, (float(centre[0]), float(centre[1]), float(centre[2])), kind, geoid)
         frame.world_from_map(points_map_m[:1])
         return frame
+
+    @classmethod
+    def local(cls) -> LocalFrame:
+        """Return the frame of a block that is nowhere: map and world are the same Cartesian axes."""
+        return cls(NO_CRS, (0.0, 0.0, 0.0), "grid")
+
+    @property
+    def is_local(self) -> bool:
+        """Return whether the map is a Cartesian system without a CRS."""
+        return self.crs == NO_CRS
 
     def __repr__(self) -> str:
         easting, northing, height = self.origin_map_m
@@ -288,7 +298,7 @@ class LocalFrame:
         The identity in a tangent frame, but for the curvature of the Earth within the survey; meridian convergence in
         a grid frame.
         """
-        if self.kind == "tangent":
+        if self.kind == "tangent" or self.is_local:
             return np.eye(3)
         tangent = LocalFrame(self.crs, self.origin_map_m, "tangent", self.geoid)
         return tangent.rotation_world_from_map(position_world_m).T
