@@ -124,6 +124,7 @@ STAGES = (
         lambda run: [
             run.project.adjustment,
             run.project.gnss_offset_sigma_m,
+            run.project.distances,
             run.project.calibration,
             run.project.focal_readings_px,
             control_fingerprint(run.project),
@@ -134,7 +135,12 @@ STAGES = (
         "dense",
         STAGE_TITLES["dense"],
         ("adjustment",),
-        lambda run: [run.photograph_fingerprints, run.project.dense, run.project.surface.cell_m],
+        lambda run: [
+            run.photograph_fingerprints,
+            run.project.dense,
+            run.project.surface.cell_m,
+            run.project.surface.in_plan,
+        ],
         match_surface,
     ),
     Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), lambda run: run.project.surface, model_surface),

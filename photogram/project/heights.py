@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import height_system_of, plan_of, product_crs, projected_crs, vertical_of
+from photogram.crs import NO_CRS, height_system_of, plan_of, product_crs, projected_crs, vertical_of
 from photogram.errors import FrameError
 from photogram.frames import LocalFrame, map_from_crs, map_heights
 from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
@@ -33,7 +33,7 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     entry, before = file.heights or HeightsEntry(), document.faults
     try:
         vertical = None if file.crs is None else vertical_of(file.crs)
-        plan = None if file.crs is None else projected_crs(file.crs)
+        plan = None if file.crs is None or file.crs == NO_CRS else projected_crs(file.crs)
     except FrameError as fault:
         if file.crs is not None and _has_plan(file.crs):
             document.fault(("crs",), f"its vertical part {fault}")
