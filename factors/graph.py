@@ -35,6 +35,8 @@ from photogram.factors.priors import (
     common_offset_prior,
     gnss_position,
     measured_attitude,
+    measured_base,
+    measured_distance,
     offset_prior,
     surveyed_position,
 )
@@ -133,6 +135,9 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
             prior = calibration_prior(c, (camera.parameters / scale)[free], (camera.sigmas / scale)[free])
             if prior is not None:
                 graph.add(prior)
+    for distance, a, b in block.measured_distances():
+        between = measured_base if distance.of_photographs else measured_distance
+        graph.add(between(a, b, distance.length_m, distance.sigma_m))
     for factor in problem.further:
         graph.add(factor)
     return graph

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.factors.covariance import Covariances, joint_points, point_columns
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.points import first_observations
@@ -31,11 +31,32 @@ def joint_ground_covariance(
 
     Control points as adjusted, check points as intersected from their marks; NaN for points without a position.
     """
+    known, inverse, turned = _ground_columns(problem, state, found, ground_world_m)
+    joint = np.full((3 * len(ground_world_m), 3 * len(ground_world_m)), np.nan)
+    if len(known):
+        rows = (3 * known[:, None] + np.arange(3)).ravel()
+        joint[np.ix_(rows, rows)] = joint_points(found, inverse, turned)
+    return joint
+
+
+def columns_of_ground(
+    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the numbers (K,) of the ground points that have a position, and W V⁻¹ (6 free + border, K, 3), by which
+    they follow the cameras, see ``point_columns``."""
+    known, _, turned = _ground_columns(problem, state, found, ground_world_m)
+    return known, turned
+
+
+def _ground_columns(
+    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the numbers (K,) of the ground points that have a position, V⁻¹ (K, 3, 3) and W V⁻¹ (6 free + border, K,
+    3) of ``point_columns``."""
     points = problem.block.control_points
     known = np.flatnonzero(np.isfinite(ground_world_m).all(axis=1))
-    joint = np.full((3 * len(points), 3 * len(points)), np.nan)
     if not len(known):
-        return joint
+        return known, np.zeros((0, 3, 3)), np.zeros((found.layout.columns + found.layout.border, 0, 3))
     marks = np.isin(points.mark_point, known) & np.isfinite(points.mark_sigma_px)
     observations = Observations(
         points.mark_photograph[marks],
@@ -50,13 +71,10 @@ def joint_ground_covariance(
     V[np.searchsorted(known, controls)] += GroundTerms(problem, found.layout).linearise(state).control
     number = np.full(len(known), -1)
     number[np.searchsorted(known, controls)] = np.arange(len(controls))
-    _, inverse, turned = point_columns(observations, linear, V, found.layout, number)
-    rows = (3 * known[:, None] + np.arange(3)).ravel()
-    joint[np.ix_(rows, rows)] = joint_points(found, inverse, turned)
-    return joint
+    return known, *point_columns(observations, linear, V, found.layout, number)[1:]
 
 
-def _parts(observations: Observations, count: int) -> Iterator[tuple[int, int, Observations]]:
+def parts_of(observations: Observations, count: int) -> Iterator[tuple[int, int, Observations]]:
     """Yield ranges of points and their observations, numbered from the first of them, some 100 000 at once."""
     first = first_observations(observations.point, count)
     begin = 0
@@ -77,7 +95,7 @@ def ray_covariances(problem: Problem, state: State) -> FloatArray:
     """
     count = len(state.tie_point)
     covariance = np.full((count, 3, 3), np.nan)
-    for begin, end, part in _parts(problem.tie, count):
+    for begin, end, part in parts_of(problem.tie, count):
         X = state.tie_point[begin:end]
         linear = linearise(part, state.cameras, X)
         _, weight, _ = robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)
@@ -95,7 +113,7 @@ def points_redundancy(problem: Problem, state: State) -> FloatArray:
     """
     redundancy = np.empty(len(problem.tie))
     done = 0
-    for begin, end, part in _parts(problem.tie, len(state.tie_point)):
+    for begin, end, part in parts_of(problem.tie, len(state.tie_point)):
         if not len(part):
             continue
         J = linearise(part, state.cameras, state.tie_point[begin:end]).point

@@ -26,6 +26,9 @@ from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.height_systems import DeclaredHeights, HeightSystem, crs_name, full_crs, is_gnss_ellipsoid, vertical_crs
 
+NO_CRS = "none"
+"""What stands for the CRS of a survey in a Cartesian system of its own, which no map knows."""
+
 WGS84 = "EPSG:4326"
 """The CRS of positions in tags, and of GNSS files in longitude and latitude."""
 
@@ -38,6 +41,8 @@ _ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
 
 def _any_crs(name: str) -> CRS:
+    if name == NO_CRS:
+        raise FrameError("crs: none: a local frame has no map grid: name the CRS of the site for what needs one")
     try:
         return CRS.from_user_input(name)
     except CRSError as fault:
@@ -65,6 +70,8 @@ def vertical_of(name: str) -> str | None:
 
     Raises FrameError as projected_crs, and where its heights are not in metres upwards.
     """
+    if name == NO_CRS:
+        return None
     projected_crs(name)
     found = height_system_of(name)[1]
     if found is not None:
@@ -75,6 +82,8 @@ def vertical_of(name: str) -> str | None:
 def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
     """Return the system of the heights that a CRS of any kind names, None where it names none, and its vertical CRS
     where it is compound. Raises FrameError where PROJ does not know the CRS."""
+    if name == NO_CRS:
+        return None, None
     crs = _any_crs(name)
     if crs.is_compound:
         code = crs.sub_crs_list[1].to_epsg()
@@ -85,6 +94,8 @@ def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
 
 def plan_of(name: str) -> str:
     """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
+    if name == NO_CRS:
+        return name
     plan = projected_crs(name)
     return crs_name(plan) if CRS.from_user_input(name).is_compound else name
 
@@ -92,6 +103,8 @@ def plan_of(name: str) -> str:
 def neighbouring_zones(name: str) -> tuple[str, ...]:
     """Return the codes of up to three zones on each side of a map grid that is one of several zones, of one datum, the
     nearest first; none of a map without zones, or without a code. Raises FrameError as projected_crs."""
+    if name == NO_CRS:
+        return ()
     plan = projected_crs(name)
     code, zoned = plan.to_epsg(), _ZONE.fullmatch(plan.name)
     if code is None or zoned is None:
@@ -122,9 +135,11 @@ def crs_in_words(crs: str, heights: DeclaredHeights) -> str:
     return f"{crs}, heights above {above}"
 
 
-def written_crs(name: str) -> CRS:
-    """Return the CRS ``name`` as products carry it, with its vertical axis where it has one. Raises FrameError unless
-    it is a map grid in metres."""
+def written_crs(name: str) -> CRS | None:
+    """Return the CRS ``name`` as products carry it, with its vertical axis where it has one, None for a local frame.
+    Raises FrameError unless it is a map grid in metres."""
+    if name == NO_CRS:
+        return None
     plan = projected_crs(name)
     crs = CRS.from_user_input(name)
     return crs if crs.is_compound else plan
@@ -142,6 +157,8 @@ def esri_wkt(name: str) -> str:
 
 def crs_title(crs: str) -> str:
     """Return what a CRS is called: `ETRS89 / UTM zone 32N` for EPSG:25832. Raises FrameError for an unknown one."""
+    if crs == NO_CRS:
+        return "local frame"
     return str(projected_crs(crs).name)
 
 

@@ -26,6 +26,7 @@ from pyproj.exceptions import ProjError
 
 from photogram.arrays import FloatArray
 from photogram.crs import (
+    NO_CRS,
     WGS84,
     _any_crs,
     _plan_of,
@@ -191,6 +192,16 @@ class LocalFrame:
         frame.world_from_map(points_map_m[:1])
         return frame
 
+    @classmethod
+    def local(cls) -> LocalFrame:
+        """Return the frame of a block that is nowhere: map and world are the same Cartesian axes."""
+        return cls(NO_CRS, (0.0, 0.0, 0.0), "grid")
+
+    @property
+    def is_local(self) -> bool:
+        """Return whether the map is a Cartesian system without a CRS."""
+        return self.crs == NO_CRS
+
     def __repr__(self) -> str:
         easting, northing, height = self.origin_map_m
         return f"<LocalFrame {self.kind} in {self.crs}, origin {easting:.2f}, {northing:.2f}, {height:.2f} m>"
@@ -324,7 +335,7 @@ class LocalFrame:
         The identity in a tangent frame, but for the curvature of the Earth within the survey; meridian convergence in
         a grid frame.
         """
-        if self.kind == "tangent":
+        if self.kind == "tangent" or self.is_local:
             return np.eye(3)
         tangent = LocalFrame(self.crs, self.origin_map_m, "tangent", self.geoid)
         return tangent.rotation_world_from_map(position_world_m).T

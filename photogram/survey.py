@@ -247,7 +247,7 @@ class ControlPoints:
     role: tuple[Role, ...]
     """Role of each point: control if at least one coordinate is, else check."""
     position_world_m: FloatArray
-    """Surveyed positions (G, 3)."""
+    """Surveyed positions (G, 3), NaN for a point that is marked and not surveyed."""
     sigma_m: FloatArray
     """Standard deviations (G, 3) along easting, northing and height of the map; infinite for a rejected coordinate."""
     mark_photograph: IntArray
@@ -293,12 +293,15 @@ class ControlPoints:
 
     def with_role(self, role: Role) -> ControlPoints:
         """Return the points of one role and their marks."""
-        keep = np.array([r == role for r in self.role], dtype=bool)
+        return self.select(np.array([r == role for r in self.role], dtype=bool))
+
+    def select(self, keep: BoolArray) -> ControlPoints:
+        """Return the points of the mask (G,) and their marks."""
         marks = keep[self.mark_point] if len(self.mark_point) else np.zeros(0, dtype=bool)
         renumbered = np.cumsum(keep) - 1
         return ControlPoints(
-            tuple(n for n, r in zip(self.name, self.role, strict=True) if r == role),
-            tuple(r for r in self.role if r == role),
+            tuple(n for n, k in zip(self.name, keep, strict=True) if k),
+            tuple(r for r, k in zip(self.role, keep, strict=True) if k),
             self.position_world_m[keep],
             self.sigma_m[keep],
             self.mark_photograph[marks],
@@ -314,8 +317,24 @@ class ControlPoints:
 
     def fully_controlled(self) -> ControlPoints:
         """Return the points whose three coordinates are control: those that can say where something is."""
-        whole: NDArray[np.bool_] = np.asarray(self.controlled.all(axis=1))
+        whole: NDArray[np.bool_] = np.asarray(
+            self.controlled.all(axis=1) & np.isfinite(self.position_world_m).all(axis=1)
+        )
         return self.with_roles(["control" if w else "check" for w in whole]).with_role("control")
+
+
+@dataclass(frozen=True)
+class Distance:
+    """A measured distance between two ground points or two photographs."""
+
+    ends: tuple[str, str]
+    """Names of its ends."""
+    of_photographs: bool
+    """Whether they are photographs, their projection centres; else ground points."""
+    length_m: float
+    """Measured length."""
+    sigma_m: float
+    """Its standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,6 +361,8 @@ class Block:
     from the datum of GNSS to that of the map."""
     common_errors: tuple[CommonError, ...] = ()
     """Further errors that measurements have in common."""
+    distances: tuple[Distance, ...] = ()
+    """Measured distances; those of which an end takes no part are passed over."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
@@ -352,6 +373,40 @@ class Block:
     def camera_of(self) -> IntArray:
         """Return the number of the camera of every photograph (F,)."""
         return np.array([p.camera for p in self.photographs], dtype=np.int64)
+
+    @property
+    def is_free(self) -> bool:
+        """Return whether nothing says where the block is: a frame without a CRS, no GNSS position, and of no ground
+        point a surveyed position."""
+        surveyed = np.isfinite(self.control_points.position_world_m).any()
+        return self.frame.is_local and not surveyed and all(p.gnss_world_m is None for p in self.photographs)
+
+    @property
+    def has_scale(self) -> bool:
+        """Return whether lengths are in metres: a free network has as many as its distances give it."""
+        return not self.is_free or bool(self.distances)
+
+    @property
+    def surveyed(self) -> Block:
+        """The block without the ground points that are marked and not surveyed."""
+        points = self.control_points
+        known: BoolArray = np.asarray(np.isfinite(points.position_world_m).all(axis=1))
+        return self if known.all() else replace(self, control_points=points.select(known))
+
+    def measured_distances(self) -> list[tuple[Distance, int, int]]:
+        """Return the distances whose ends take part in an adjustment, with the numbers of their ends: of photographs,
+        or of the points of role control among themselves."""
+        control = [n for n, role in zip(self.control_points.name, self.control_points.role, strict=True)
+                   if role == "control"]  # fmt: skip
+        numbers = {name: i for i, name in enumerate(control)}
+        photographs = {p.name: i for i, p in enumerate(self.photographs)}
+        found = []
+        for distance in self.distances:
+            ends = photographs if distance.of_photographs else numbers
+            a, b = (ends.get(name) for name in distance.ends)
+            if a is not None and b is not None:
+                found.append((distance, a, b))
+        return found
 
     def oriented_cameras(self, chosen: Sequence[int] | None = None) -> OrientedCameras:
         """Return the photographs, all or those of the numbers ``chosen``, in their order, as compiled code takes them;

@@ -138,7 +138,7 @@ def _result(report: Report) -> Table:
         )
     table.add_row(*_accuracy(report))
     figures = [(f["rmse_m"], f["target_m"]) for f in report["verdict"]["figures"]]
-    if all(rmse_m is not None and target_m is not None for rmse_m, target_m in figures):
+    if figures and all(rmse_m is not None and target_m is not None for rmse_m, target_m in figures):
         reached, targets = (", ".join(map(_fixed, values)) for values in zip(*figures, strict=True))
         table.add_row("including the uncertainty of their survey; targets", f"{reached} m; {targets} m")
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
@@ -204,6 +204,15 @@ def _over_reference(clouds: Mapping[str, CloudRecord]) -> Table | None:
 
 def show_report(report: Report) -> None:
     """Print the essentials of report.json."""
+    local = report.get("local_frame")
+    if local is not None:
+        console.print(f"[bold]Local frame:[/bold] {escape(local['sentence'])}.", soft_wrap=True)
+    if local is not None and not local["scale_known"]:  # most of what follows is in metres
+        _show_tables(_left_out(report), _result(report))
+        _show_blunders(report)
+        _show_focal_lengths(report)
+        console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
+        return
     _show_tables(_resections(report), _block(report), _left_out(report), _result(report))
     _show_blunders(report)
     _show_focal_lengths(report)

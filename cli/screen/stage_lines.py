@@ -81,7 +81,7 @@ def _dense(summary: StageSummary) -> str:
 
 
 def _surface(summary: StageSummary) -> str:
-    return _cells(summary)
+    return f"left out: {summary['left_out']}" if "left_out" in summary else _cells(summary)
 
 
 def _relief(summary: StageSummary) -> str:

@@ -66,6 +66,7 @@ from photogram.factors.elimination.levenberg_marquardt import Minimum
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.factors.elimination.state import State
+from photogram.factors.free_network import minimal_datum, relative_covariances
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_graph
 from photogram.factors.joint_covariance import joint_ground_covariance, points_redundancy, ray_covariances
 from photogram.factors.minimisation import minimise_graph, minimise_problem
@@ -135,6 +136,13 @@ def start_state(block: Block, flights: tuple[str, ...]) -> State:
     )
 
 
+def without_attitudes(block: Block) -> Block:
+    """Return the block without measured attitudes: those of a free network have oriented its frame, and would strain
+    its datum."""
+    bare = (replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None) for p in block.photographs)
+    return replace(block, photographs=tuple(bare))
+
+
 def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     """Return the problem of a block, with all its tie-point observations and, unless the settings have none, a common
     error of the measured attitudes of each flight.
@@ -144,7 +152,9 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
         raise AdjustmentError(f"not oriented, so they cannot be adjusted: {', '.join(missing)}")
-    if settings.common_errors == "auto":
+    if block.is_free:
+        block = without_attitudes(block)
+    elif settings.common_errors == "auto":
         block = with_attitude_errors(block)
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
@@ -166,6 +176,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
         flights,
         settings.robust_loss,
         settings.robust_threshold,
+        further=minimal_datum(block),
     )
 
 
@@ -463,7 +474,13 @@ def _adjust_oriented(
         ties = table(block, solved.groups.select(judged.kept[solved.whole.tie.point] & solved.used), solved.factors,
                      judged.ties)  # fmt: skip
         estimated = joined(ties, gnss_table(block, judged.block, judged.gnss))
-    poses, R = found.poses, state.rotation
+    poses, R, tie_covariance = found.poses, state.rotation, found.tie_point
+    joint = joint_ground_covariance(counted, final_state, found, ground)
+    if block.is_free:
+        relative = relative_covariances(counted, final_state, found, ground, joint)
+        poses, tie_covariance, joint = relative.poses, relative.tie_point, relative.ground
+        own = np.arange(3 * len(ground)).reshape(-1, 3)
+        ground_covariance = joint[own[:, :, None], own[:, None, :]]
     held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
     arm = left_arm(final, final_state, held)
     tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
@@ -476,7 +493,7 @@ def _adjust_oriented(
         position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
         rotation_covariance_rad2=poses[:, :3, :3],
         calibration_covariance=np.array([found.calibration(c) for c in range(len(block.cameras))]),
-        tie_point_covariance_m2=found.tie_point,
+        tie_point_covariance_m2=tie_covariance,
         ground_world_m=ground,
         ground_covariance_m2=ground_covariance,
         flights=whole.flights,
@@ -489,7 +506,7 @@ def _adjust_oriented(
         discarded_observations=int(np.count_nonzero(~solved.used)),
         discarded_points=int(np.count_nonzero(~judged.kept)),
         reliability=tested,
-        ground_joint_covariance_m2=joint_ground_covariance(counted, final_state, found, ground),
+        ground_joint_covariance_m2=joint,
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
         components=judged.components,
         sigmas=estimated,

@@ -126,3 +126,33 @@ def with_all_marks(adjustment: Adjustment, block: Block, kept: NDArray[np.bool_]
             mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, kept, count),
         ),
     )
+
+
+def of_surveyed_points(adjustment: Adjustment) -> Adjustment:
+    """Return an adjustment with surveyed ground points alone: those that are marked and not surveyed have taken part,
+    and are tested by nothing."""
+    block = adjustment.block
+    kept = np.asarray(np.isfinite(block.control_points.position_world_m).all(axis=1))
+    if kept.all():
+        return adjustment
+    marks = kept[block.control_points.mark_point]
+    known, rows = adjustment.reliability, np.flatnonzero(np.repeat(kept, 3))
+    return replace(
+        adjustment,
+        block=block.surveyed,
+        mark_residual_px=adjustment.mark_residual_px[marks],
+        ground_world_m=adjustment.ground_world_m[kept],
+        ground_covariance_m2=adjustment.ground_covariance_m2[kept],
+        ground_joint_covariance_m2=adjustment.ground_joint_covariance_m2[np.ix_(rows, rows)],
+        reliability=replace(
+            known,
+            ground_redundancy=known.ground_redundancy[kept],
+            ground_w=known.ground_w[kept],
+            ground_left_out_m=known.ground_left_out_m[kept],
+            ground_left_out_covariance_m2=known.ground_left_out_covariance_m2[kept],
+            mark_redundancy=known.mark_redundancy[marks],
+            mark_w=known.mark_w[marks],
+            mark_left_out_px=known.mark_left_out_px[marks],
+            mark_left_out_covariance_px2=known.mark_left_out_covariance_px2[marks],
+        ),
+    )

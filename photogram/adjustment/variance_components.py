@@ -126,6 +126,31 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
     return groups
 
 
+def _distances(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+    """Return the measured distances."""
+    measured = problem.block.measured_distances()
+    if not measured:
+        return []
+    sigma = np.array([d.sigma_m for d, _, _ in measured])
+    length = np.array([d.length_m for d, _, _ in measured])
+    layout, columns = found.layout, np.zeros((found.layout.columns + found.layout.border, len(measured)))
+    adjusted = np.zeros(len(measured))
+    for k, (distance, *ends) in enumerate(measured):
+        places = state.position[ends] if distance.of_photographs else state.control[ends]
+        apart = places[1] - places[0]
+        adjusted[k] = np.linalg.norm(apart)
+        for end, along in zip(ends, (-apart / adjusted[k], apart / adjusted[k]), strict=True):
+            if distance.of_photographs:
+                first, pull = 6 * int(layout.place[end]) + 3, state.rotation[end].T @ along
+            else:  # what a distance joins is a variable of the border
+                number = int(np.searchsorted(layout.coupled, end))
+                first, pull = layout.columns + layout.ground_column + 3 * number, along
+            columns[first : first + 3, k] += pull
+    spread = np.diag(found.between(columns, columns)) / sigma**2
+    off = (adjusted - length) / sigma
+    return [_Group("distances", len(off), float(np.sum(1.0 - spread)), float(off @ off), sigma)]
+
+
 def variance_components(
     problem: Problem,
     state: State,
@@ -157,6 +182,7 @@ def variance_components(
         ),
         *_attitudes(problem, state, found),
         *_priors(problem, state, found, axes),
+        *_distances(problem, state, found),
     ]
     whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)

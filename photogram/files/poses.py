@@ -85,8 +85,9 @@ def _description(result: Adjustment, photograph: Photograph, registered: bool) -
     return {"name": photograph.name, "camera": camera, "flight": photograph.flight, "registered": registered}
 
 
-def _figures(exterior: _Exterior) -> dict[str, float | None]:
-    """Return the figures of _FIGURES, rounded to 0.1 mm and 1e-8 degrees; None where one is not known."""
+def _figures(exterior: _Exterior, finer: int = 0) -> dict[str, float | None]:
+    """Return the figures of _FIGURES, rounded to 0.1 mm or so many digits ``finer``, and 1e-8 degrees; None where one
+    is not known."""
     values = np.concatenate(
         [
             exterior.position_map_m,
@@ -98,38 +99,41 @@ def _figures(exterior: _Exterior) -> dict[str, float | None]:
         ]
     )
     named = zip(_FIGURES, values.tolist(), strict=True)
-    return {name: round(value, _digits(name)) if np.isfinite(value) else None for name, value in named}
+    return {name: round(value, _digits(name, finer)) if np.isfinite(value) else None for name, value in named}
 
 
-def _digits(column: str) -> int:
-    return 4 if column.endswith("_m") else 8
+def _digits(column: str, finer: int) -> int:
+    return 4 + finer if column.endswith("_m") else 8
 
 
 def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> None:
     """Write one line per photograph, in the order of the project; of those that are not registered the figures are
     empty. Beside it stand a ``.csvt`` with the types of the columns and a ``.prj`` with the CRS of easting and
-    northing: with them GDAL and QGIS open the table as points.
+    northing: with them GDAL and QGIS open the table as points. A local frame has no ``.prj``, and two more decimals.
 
     The first line names the COLUMNS. ``crs`` in words, else that of the frame, is the last of them. Omega, phi, kappa
     are against the map grid at the photograph, heading, yaw, pitch, roll against true north; sigmas of the attitude are
     about the camera's axes x right, y down, z forward. Raises WorkspaceError where a file cannot be written.
     """
     block = result.block
+    finer = 2 if block.frame.is_local else 0
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         table = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-        table.writeheader()
+        table.writerow({name: name if block.has_scale else f"{name.removesuffix('_m')}" for name in COLUMNS})
         for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
             row = {k: table_cell(v) for k, v in _description(result, photograph, True).items() if isinstance(v, str)}
             row["crs"] = crs or block.frame.crs
             row["registered"] = "yes" if pose is not None else "no"
             if pose is not None:
-                figures = _figures(_exterior(result, i, pose))
-                row |= {name: f"{x:.{_digits(name)}f}" for name, x in figures.items() if x is not None}
+                figures = _figures(_exterior(result, i, pose), finer)
+                row |= {name: f"{x:.{_digits(name, finer)}f}" for name, x in figures.items() if x is not None}
             table.writerow(row)
     places = {"easting_m": "CoordX", "northing_m": "CoordY"}
     kinds = [places.get(name, "Real" if name in _FIGURES else "String") for name in COLUMNS]
     with replacing(path.with_suffix(".csvt")) as partial:
         partial.write_text(",".join(f'"{kind}"' for kind in kinds) + "\n", encoding="ascii")
+    if block.frame.is_local:
+        return
     with replacing(path.with_suffix(".prj")) as partial:
         partial.write_text(esri_wkt(block.frame.crs) + "\n", encoding="utf-8")
 

@@ -46,7 +46,11 @@ def read_results(folder: Path) -> Report:
         below = folder / "results"
         hint = f"run photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
         raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: {hint}")
-    return read_report(path)
+    report = read_report(path)
+    local = report.get("local_frame")
+    if local is not None and not local["scale_known"]:
+        raise ReportError(f"{folder}: the network has no scale, and the page measures in metres: give a distance")
+    return report
 
 
 def cloud_of(folder: Path) -> Path:

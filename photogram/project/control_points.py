@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import DeclaredDatum, plan_of, projected_crs
+from photogram.crs import NO_CRS, DeclaredDatum, plan_of, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
 from photogram.frames import map_from_crs
@@ -179,7 +179,8 @@ def _positions(
     heights were given in."""
     target = file.crs
     try:
-        projected_crs(target or "")
+        if target != NO_CRS:
+            projected_crs(target or "")
     except FrameError:
         return None, None, None  # noted where the project names its CRS
     given = np.array([p.position for p in points.points]).reshape(-1, 3)
@@ -204,6 +205,8 @@ def _positions(
 
 
 def _is_grid(crs: str) -> bool:
+    if crs == NO_CRS:
+        return True
     try:
         projected_crs(crs)
     except FrameError:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import projected_crs
+from photogram.crs import NO_CRS, projected_crs
 from photogram.errors import FrameError
 from photogram.frames import map_from_geodetic
 from photogram.project.document import Document, Key, suggestion
@@ -73,6 +73,8 @@ class AreaOfUse:
     @classmethod
     def of(cls, name: str) -> AreaOfUse | None:
         """Return the area of use of a CRS, None where its definition gives none. Raises FrameError as projected_crs."""
+        if name == NO_CRS:
+            return None
         crs = projected_crs(name)
         area = crs.area_of_use
         if area is None:
@@ -153,6 +155,7 @@ def check_project(
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
     _check_control_points(document, file, photographs)
+    _check_distances(document, file, photographs, files)
     _check_positions(document, file, files, positions)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
@@ -267,13 +270,41 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
     points = file.control_points
     key: Key = ("control_points", "list")
     _check_twice(document, key, [p.name for p in points.list])
+    ends = {name for distance in file.distances for name in distance.between or ()}
     for i, point in enumerate(points.list):
         for name, what in (("sigma_m", "standard deviation"), ("mark_sigma_px", "standard deviation of its marks")):
             given = any(document.at(k) is not None for k in ((*key, i, name), ("control_points", name)))
+            given |= name == "sigma_m" and point.position_m is None
             if not given and (name == "sigma_m" or point.marks) and document.at((*key, i)) is not None:
                 document.fault((*key, i), f"the point has no {what}: give {name}, here or for all points")
+        if point.position_m is None and point.name not in ends and document.at((*key, i, "position_m")) is None:
+            text = "position_m is missing: [easting, northing, height] in the map grid, in metres"
+            document.fault((*key, i), f"{text}; without it a point only serves as an end of distances")
         if photographs is not None:
             _check_marks(document, file, (*key, i, "marks"), point, photographs)
+
+
+def _check_distances(
+    document: Document,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    files: Sequence[Sequence[Located]],
+) -> None:
+    points = {p.name for p in file.control_points.list if p.name is not None}
+    points |= {place.label.removesuffix(": ").rpartition(": ")[2] for place in chain.from_iterable(files)}
+    shown = {p.name for p in photographs or () if p.name is not None}
+    for i, distance in enumerate(file.distances):
+        ends = set(distance.between or ())
+        lost = [name for name in distance.between or () if name not in points | shown]
+        text = ""
+        if len(ends) == 1:
+            text = f"both ends are {ends.pop()!r}: give two"
+        elif lost and photographs is not None:
+            text = f"there is no ground point or photograph {lost[0]!r}: {suggestion(lost[0], points | shown)}"
+        elif not lost and not (ends <= points or ends <= shown):
+            text = "one end is a ground point, the other a photograph: give two of one kind"
+        if text:
+            document.fault(("distances", i, "between"), text)
 
 
 def _check_marks(
@@ -301,7 +332,7 @@ def _check_positions(
     document: Document, file: ProjectFile, files: Sequence[Sequence[Located]], positions: Sequence[Located]
 ) -> None:
     crs, area = None, None
-    if file.crs is not None:
+    if file.crs is not None and file.crs != NO_CRS:
         try:
             area = AreaOfUse.of(file.crs)
             crs = file.crs

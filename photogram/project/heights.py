@@ -13,6 +13,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.crs import (
+    NO_CRS,
     DeclaredDatum,
     changes_datum,
     datum_change,
@@ -43,7 +44,7 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     entry, before = file.heights or HeightsEntry(), document.faults
     try:
         vertical = None if file.crs is None else vertical_of(file.crs)
-        plan = None if file.crs is None else projected_crs(file.crs)
+        plan = None if file.crs is None or file.crs == NO_CRS else projected_crs(file.crs)
     except FrameError as fault:
         if file.crs is not None and _has_plan(file.crs):
             document.fault(("crs",), f"its vertical part {fault}")

@@ -13,6 +13,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import rotation_from_gimbal
+from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
@@ -104,7 +105,7 @@ def survey_frame(project: Project, notes: Sequence[PhotographNote]) -> LocalFram
     positions = _placing_map_m(project, notes)
     known = np.isfinite(positions)
     if not known.any(axis=0).all():
-        return None
+        return LocalFrame.local() if project.crs == NO_CRS and not known.any() else None
     middle = np.nanmean(positions, axis=0)
     return LocalFrame.near(
         project.crs, np.where(known, positions, middle), project.world_kind, project.heights.map_geoid
@@ -133,7 +134,7 @@ def measured_photographs(
     if frame is None:
         raise ProjectError(
             f"{project.path}: neither control points nor GNSS positions: the survey cannot be georeferenced; "
-            "give control_points, or photographs with GNSS tags"
+            "give control_points, photographs with GNSS tags, or crs: none for a free network"
         )
     stated_map_m = _stated_map_m(notes)
     known: BoolArray = np.asarray(np.isfinite(stated_map_m).all(axis=1))
@@ -207,6 +208,7 @@ def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
         points,
         project.common_gnss_sigma_m,
         project.datum_sigma_m,
+        distances=project.distances,
     )
 
 

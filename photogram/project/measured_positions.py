@@ -16,6 +16,7 @@ from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
+from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import map_from_geodetic, map_heights
@@ -97,11 +98,14 @@ def positions_map_m(
     project: Project, photographs: Sequence[ProjectPhotograph], tags: Sequence[PhotographTags | None]
 ) -> FloatArray:
     """Return the measured position (F, 3) of each photograph in the map: the project's before that of a file of
-    positions before its tags', NaN where there is none. Raises FrameError where the tags' lie outside the CRS."""
+    positions before its tags', NaN where there is none; tags say nothing in a local frame. Raises FrameError where the
+    tags' lie outside the CRS."""
     nothing = (np.nan,) * 3
     geodetic = np.array(
         [
-            nothing if t is None or source_of(p, t) != FROM_TAGS else (t.longitude_deg, t.latitude_deg, t.height_m)
+            nothing
+            if t is None or project.crs == NO_CRS or source_of(p, t) != FROM_TAGS
+            else (t.longitude_deg, t.latitude_deg, t.height_m)
             for p, t in zip(photographs, tags, strict=True)
         ],
         dtype=np.float64,

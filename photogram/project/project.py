@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photogram.adjustment.adjustment import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
-from photogram.crs import UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
+from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
@@ -53,7 +53,7 @@ from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
-from photogram.survey import ControlPoints, Role, Roles
+from photogram.survey import ControlPoints, Distance, Role, Roles
 
 ValueT = TypeVar("ValueT")
 
@@ -112,7 +112,7 @@ class ProjectControlPoint:
     roles: Roles
     """Role in plan and in height."""
     position_map_m: FloatArray
-    """Surveyed position (3,)."""
+    """Surveyed position (3,), NaN for a point that is marked and not surveyed."""
     sigma_m: FloatArray
     """Standard deviations (3,)."""
     mark_photograph: NDArray[np.int64]
@@ -206,6 +206,8 @@ class Project:
     """Declared height systems."""
     datum: DeclaredDatum = UNDECLARED_DATUM
     """What is declared of the way of positions into the datum of the map."""
+    distances: tuple[Distance, ...] = ()
+    """Measured distances between ground points or photographs."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
     warnings: tuple[Finding, ...] = ()
@@ -236,6 +238,12 @@ class Project:
         datum."""
         return np.hypot(self.gnss_offset_sigma_m, np.array([1.0, 1.0, 0.0]) * self.datum_sigma_m)
 
+    @property
+    def surveyed(self) -> Project:
+        """The project without the points that are marked and not surveyed."""
+        known = tuple(p for p in self.control_points if np.isfinite(p.position_map_m).all())
+        return self if len(known) == len(self.control_points) else replace(self, control_points=known)
+
     def gnss_systems(self, height_is_ellipsoidal: Sequence[bool | None]) -> list[HeightSystem | None]:
         """Return the system in which each photograph's GNSS height was given, None where nobody says; the tags' word
         is ``height_is_ellipsoidal``, for each photograph."""
@@ -259,7 +267,7 @@ class Project:
         return ControlPoints(
             tuple(p.name for p in points),
             tuple(p.role for p in points),
-            frame.world_from_map(position_map_m),
+            _in_world(frame, position_map_m),
             np.array([p.sigma_m for p in points]).reshape(-1, 3),
             np.concatenate([np.zeros(0, dtype=np.int64), *(p.mark_photograph for p in points)]),
             np.repeat(np.arange(len(points), dtype=np.int64), marks),
@@ -267,6 +275,14 @@ class Project:
             np.concatenate([np.zeros(0), *(p.mark_sigma_px for p in points)]),
             np.array([p.controlled for p in points], dtype=bool).reshape(-1, 3),
         )
+
+
+def _in_world(frame: LocalFrame, position_map_m: FloatArray) -> FloatArray:
+    """Return positions (N, 3) of the map in the world, NaN for points that are not surveyed."""
+    known = np.isfinite(position_map_m).all(axis=1)
+    world = np.full(position_map_m.shape, np.nan)
+    world[known] = frame.world_from_map(position_map_m[known])
+    return world
 
 
 SECTIONS: Mapping[str, type[Any]] = {
@@ -315,7 +331,7 @@ def read_project(
     return Project(
         path=path,
         crs=_given(file.crs),
-        world_kind=file.world,
+        world_kind="grid" if file.crs == NO_CRS else file.world,
         quality=file.quality,
         cameras=tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
         calibration=tuple(file.cameras[name].calibration for name, _ in copies),
@@ -329,6 +345,7 @@ def read_project(
         work=base / file.work,
         heights=heights,
         datum=datum,
+        distances=_distances(file, [p.name for p in listed]),
         warnings=document.warnings,
         **{name: _given(section) for name, section in settings.items()},
     )
@@ -474,6 +491,14 @@ def _angles(attitude: Attitude) -> tuple[float, float, float]:
     return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
 
 
+def _distances(file: ProjectFile, photographs: Sequence[str]) -> tuple[Distance, ...]:
+    """Return the measured distances; their ends are ground points, or photographs."""
+    return tuple(
+        Distance(_given(d.between), set(_given(d.between)) <= set(photographs), _given(d.length_m), _given(d.sigma_m))
+        for d in file.distances
+    )
+
+
 def _control_points(
     file: ProjectFile,
     listed_map_m: FloatArray,
@@ -493,7 +518,7 @@ def _control_points(
                 _given(entry.name),
                 entry.role,
                 position_map_m,
-                np.array(entry.sigma_m or _given(block.sigma_m)),
+                np.full(3, np.inf) if entry.position_m is None else np.array(entry.sigma_m or _given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 np.full(marks, sigma_px),

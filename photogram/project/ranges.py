@@ -60,6 +60,9 @@ FLYING_HEIGHT_M = Within(0.1, 50_000, "m")
 DISTORTION = Within(-1e9, 1e9)
 """Of any lens at all; project_checks has the range that a camera's own picture leaves."""
 
+LENGTH_M = Within(1e-4, 1e5, "m")
+"""Of a measured distance."""
+
 FREEDOM = Within(1e-12, 1e6)
 """Prior standard deviations of camera parameters, in px or without unit."""
 

@@ -23,6 +23,7 @@ from photogram.project.ranges import (
     FLYING_HEIGHT_M,
     FOCAL_PX,
     FREEDOM,
+    LENGTH_M,
     LEVER_ARM_M,
     OFFSET_SIGMA_M,
     PIXELS,
@@ -92,6 +93,13 @@ def _text(value: object) -> str:
     return value
 
 
+def _ends(value: object) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"needs the names of two ground points or two photographs, found {found(value)}")
+    first, second = (_text(name) for name in value)
+    return first, second
+
+
 def _freedom(value: object) -> float:
     if value == "free":
         return math.inf
@@ -140,6 +148,7 @@ Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
+_ENDS = PlainValidator(_ends)
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
 Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
@@ -272,7 +281,7 @@ class ControlPointEntry(Entry):
 
     name: Annotated[Text | None, Needed("the point's name")] = None
     role: RolesOf = ("control", "control")
-    position_m: Annotated[Position | None, Needed("[easting, northing, height] in the map grid, in metres")] = None
+    position_m: Position | None = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: MarkSigma | None = None
     marks: dict[str, Pixel] = Field(default_factory=dict)
@@ -301,6 +310,14 @@ class ControlPointsEntry(Entry):
     list: Sequence[ControlPointEntry] = ()
 
 
+class DistanceEntry(Entry):
+    """A measured distance between two ground points or two photographs."""
+
+    between: Annotated[tuple[str, str] | None, _ENDS, Needed("the names of its two ends")] = None
+    length_m: Annotated[float | None, LENGTH_M, Needed("the measured length in metres")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
+
+
 class ComparisonEntry(Entry):
     """What the results are compared with."""
 
@@ -312,7 +329,7 @@ class ProjectFile(Entry):
     """The whole file; the settings are read by read_settings."""
 
     photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
-    crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example")] = None
+    crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example, or none")] = None
     heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
     datum_accuracy_m: Annotated[float, SIGMA_M] | None = None
     datum_grid: Text | None = None
@@ -324,6 +341,7 @@ class ProjectFile(Entry):
     photographs: PhotographsEntry = PhotographsEntry()
     gnss: GnssEntry = GnssEntry()
     control_points: ControlPointsEntry = ControlPointsEntry()
+    distances: Sequence[DistanceEntry] = ()
     features: Any = None
     pairs: Any = None
     matching: Any = None

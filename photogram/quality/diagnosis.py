@@ -380,6 +380,17 @@ def diagnose(result: Adjustment) -> Diagnosis:
     """
     known, block = result.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
+    if block.is_free:  # heights, shifts and tilts of a block without a datum mean nothing
+        return Diagnosis(
+            {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},
+            {},
+            patterns,
+            dome,
+            None,
+            (*result.warnings, *unmodelled(patterns, known)),
+            (),
+            (),
+        )
     weak = weaknesses(known, block.cameras, result.flights)
     placed = datum_sentence(known)
     warnings = (

@@ -70,8 +70,10 @@ def _variance(shapes: FloatArray, pattern_m2: FloatArray) -> FloatArray:
 
 def with_model_error(result: Adjustment) -> Adjustment:
     """Return the adjustment whose covariances of tie points and ground points count the model error of its
-    ``deformation`` in height; as it is where there is none."""
+    ``deformation`` in height; as it is where there is none, and of a free network."""
     known = result.deformation
+    if result.block.is_free:  # a tilt and a height mean nothing without a datum
+        return result
     if not np.any(known.model_error_covariance_m2 > 0.0):
         return result
 

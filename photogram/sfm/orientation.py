@@ -20,6 +20,7 @@ from photogram.errors import OrientationError, PhotogramError
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
 from photogram.sfm.incremental import extend, grow, settle
+from photogram.sfm.local_frame import Vertical, local_similarity
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, collinear, resect
@@ -54,6 +55,7 @@ class OrientationSettings(StructureSettings):
     """How starting poses are found; ``auto`` takes the first method of the three that can be had and holds."""
 
     method: Literal["auto", "control", "attitude", "growth"] = "auto"
+    vertical: Vertical = "auto"  # of a block without georeference: how its photographs look
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +187,18 @@ def intersected_control(structure: Structure, points: ControlPoints) -> FloatArr
     return position
 
 
-def georeference(structure: Structure, block: Block) -> Similarity:
+def georeference(structure: Structure, block: Block, vertical: Vertical = "auto") -> Similarity:
     """Return the similarity that brings a structure into the world: by control points where three are intersected, not
-    in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open.
+    in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open; into a local frame
+    with a vertical as its photographs look, where the block is free.
 
     Raises OrientationError when neither is enough.
     """
+    if block.is_free:
+        return local_similarity(
+            block, structure.rotation, structure.position, structure.registered, structure.point,
+            intersected_control(structure, block.control_points), vertical,
+        )  # fmt: skip
     points = block.control_points.fully_controlled()
     source = intersected_control(structure, points)
     known = np.isfinite(source).all(axis=1)
@@ -220,8 +228,9 @@ def georeference(structure: Structure, block: Block) -> Similarity:
         )
     if not (straight(source) or straight(target)):
         return robust_similarity(source, target, sigma)[0]
+    where = "its local system" if block.frame.is_local else block.frame.crs
     raise OrientationError(
-        f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {block.frame.crs}: "
+        f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {where}: "
         f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
         "give at least three of either, not collinear"
     )
@@ -300,7 +309,7 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
     structure = components[0]
     _LOG.debug("oriented by %s: components of %s photographs", method, [int(c.registered.sum()) for c in components])
     try:
-        fit = georeference(structure, block)
+        fit = georeference(structure, block, settings.vertical)
     except OrientationError as fault:
         raise OrientationError("\n".join([str(fault), *faults])) from fault
     _LOG.debug("placed in the world at scale %.6g", fit.scale)
@@ -326,7 +335,7 @@ def placed_again(block: Block, orientation: Orientation, settings: OrientationSe
     camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
     structure = Structure.oriented(block.tie_points, cameras, camera_of, settings, orientation.poses)
-    fit = georeference(structure, block)
+    fit = georeference(structure, block, settings.vertical)
     points = fit.points(block.tie_points.position_world_m)
     return replace(
         block,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
@@ -52,6 +53,8 @@ class SurfaceSettings:
     SPIKE_SPACING of the distance between neighbours for points of which nothing else is known."""
     spike_neighbours: int = 20
     """Number of nearest points in plan that form a neighbourhood."""
+    in_plan: Literal["auto", "always"] = "auto"
+    """Whether photographs that look sideways give a surface in plan: auto, they do not."""
 
     def __post_init__(self) -> None:
         for name in ("cell_m", "maximum_gap_m"):

@@ -190,7 +190,6 @@ def test_every_printable_name_is_read_back(name: str) -> None:
         (None, (), "folder not found"),
         ([], (), "no photographs"),
         ([replace(DRONE, focal_35mm_mm=None)], (), "--focal-px"),
-        ([replace(DRONE, longitude_deg=None, latitude_deg=None)], (), "--crs"),
         ([DRONE], ("--crs", "EPSG:4326"), "not a projected CRS"),
         ([DRONE], ("--crs", "EPSG:1"), "not a CRS known to PROJ"),
         ([DRONE], ("--crs", "EPSG:32615"), "EPSG:32632 for example"),
@@ -689,3 +688,16 @@ def test_heights_may_be_given(folder: Path, photogram: Run, tmp_path: Path, slop
     assert [p.position_map_m[2] for p in project.control_points] == [120.0, 121.0]
     assert photogram("init", folder, *options, "ellipsoidal", "--force").code == 0
     assert load_project(Path("project.yaml")).heights.control_points == "ellipsoidal"
+
+
+def test_photographs_without_positions_and_control_become_a_free_network() -> None:
+    bare = [
+        TaggedPhotograph(f"{n}.JPG", replace(DRONE, longitude_deg=None, latitude_deg=None, height_m=None))
+        for n in range(3)
+    ]
+    for wishes, photographs in ((Wishes(), bare), (Wishes(crs="none"), [TaggedPhotograph("a.JPG", DRONE)])):
+        draft = draft_project(photographs, (), wishes)
+        values = yaml.safe_load(text := project_text(draft, "photographs"))
+        assert values["crs"] == "none"
+        assert not {"gnss", "heights", "control_points"} & set(values)
+        assert "# distances:" in text

@@ -31,6 +31,9 @@ LAS_SUFFIXES = (".las", ".laz")
 NO_DATE = date(2000, 1, 1)
 """The creation date of LAZ files whose caller names none: the same cloud gives the same bytes on every day."""
 
+LOCAL_SCALE = 1e-5
+"""Of a local frame, whose photographs may be taken from a metre, or whose unit none knows."""
+
 SCALE_M = 0.001
 COLOURED_FORMAT = 7
 """Point format of LAS 1.4 with colour; 6 is the same without."""
@@ -92,25 +95,27 @@ def _finite(path: Path, cloud: PointCloud) -> FloatArray:
     return cloud.position_map_m
 
 
-def write_xyz(path: Path, cloud: PointCloud) -> None:
-    """Write ``x,y,z`` lines in m with three decimals and no header, as CloudCompare opens them; whole or not at all.
+def write_xyz(path: Path, cloud: PointCloud, decimals: int = 3) -> None:
+    """Write ``x,y,z`` lines in m with so many decimals and no header, as CloudCompare opens them; whole or not at all.
 
     Raises WorkspaceError where the file cannot be written.
     """
     position = _finite(path, cloud)
     with replacing(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
-        np.savetxt(stream, position, fmt="%.3f", delimiter=",")
+        np.savetxt(stream, position, fmt=f"%.{decimals}f", delimiter=",")
 
 
 def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
-    """Return the header of a LAS 1.4 file in ``crs``, to the millimetre. Raises FrameError where ``crs`` is no map grid
-    in metres."""
+    """Return the header of a LAS 1.4 file in ``crs``, to the millimetre; of one in a local frame without a CRS, to
+    LOCAL_SCALE. Raises FrameError where ``crs`` is no map grid in metres."""
     header = laspy.LasHeader(version="1.4", point_format=COLOURED_FORMAT if colour else 6)
     header.creation_date = created
     header.system_identifier, header.generating_software = "photogram", "photogram"
-    header.scales = np.full(3, SCALE_M)
-    # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
-    header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written_crs(crs))))
+    written = written_crs(crs)
+    header.scales = np.full(3, SCALE_M if written is not None else LOCAL_SCALE)
+    if written is not None:
+        # LAS 1.4 asks for the first edition of WKT, which laspy's own add_crs does not write.
+        header.vlrs.append(WktCoordinateSystemVlr(first_wkt(written)))
     header.global_encoding.wkt = True
     return header
 

@@ -191,11 +191,12 @@ def _write(
     band: _Band,
 ) -> None:
     """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``."""
-    written, vertical_code = geotiff_crs(written_crs(crs))
+    named = written_crs(crs)
+    written, vertical_code = (None, None) if named is None else geotiff_crs(named)
     place = {
         "height": grid.rows,
         "width": grid.columns,
-        "crs": CRS.from_wkt(written.to_wkt()),
+        "crs": None if written is None else CRS.from_wkt(written.to_wkt()),
         "transform": Affine(grid.cell_m, 0.0, grid.west_map_m, 0.0, -grid.cell_m, grid.north_map_m),
         "bigtiff": "if_safer",
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +28,14 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
 
     Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written.
     """
-    plan = plan_of(crs)
+    plan, written = plan_of(crs), written_crs(crs)
+    named = "local frame" if written is None else written.name
     of_line = np.repeat(np.arange(len(contours)), np.diff(contours.first))
     vertices = np.column_stack([contours.vertex_map_m, contours.height_m[of_line]])
     lines = shapely.linestrings(vertices, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    with replacing(path) as partial, scratch_folder(partial) as folder:
+    with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _NO_TIME})
         try:
             pyogrio.raw.write(
@@ -43,11 +46,11 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                 layer=LAYER,
                 driver="GPKG",
                 geometry_type="LineString Z",
-                crs=plan,
+                crs=None if written is None else plan,
                 dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
                 layer_options={
                     "IDENTIFIER": "Contour lines",
-                    "DESCRIPTION": f"interval {contours.interval_m:g} m, {written_crs(crs).name}",
+                    "DESCRIPTION": f"interval {contours.interval_m:g} m, {named}",
                 },
             )
         except (DataSourceError, DataLayerError) as fault:

@@ -15,7 +15,7 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
-from photogram.crs import projected_crs
+from photogram.crs import NO_CRS, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
@@ -61,9 +61,9 @@ def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
     return float(transform.a)
 
 
-def read_raster(path: Path | str) -> tuple[Raster, str]:
+def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     """Return the raster of a GeoTIFF of one band, NaN where it has no data, and its CRS as EPSG:… or, where it has no
-    such number, as WKT.
+    such number, as WKT; NO_CRS where a raster in a ``local`` frame has none.
 
     Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
     or not square, or its CRS is missing or no map grid in metres.
@@ -93,6 +93,8 @@ def read_raster(path: Path | str) -> tuple[Raster, str]:
         values = np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32)
     values[np.isinf(values)] = np.nan  # as many programs write a cell without data
     cell_m = _cell_size(path, transform, *values.shape)
+    if not crs and local:
+        return Raster(values, float(transform.c), float(transform.f), cell_m), NO_CRS
     if not crs:
         raise FrameError(f"raster {path}: no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
     epsg = crs.to_epsg()

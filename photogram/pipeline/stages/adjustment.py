@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from photogram.adjustment.adjustment import without_attitudes
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.files.npz_json import write_json, write_record
@@ -48,8 +49,9 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
     resections = orientation.resections
-    if not as_placed:
+    if not as_placed or block.is_free:  # the scale of a free block hangs on distances that may have changed
         block, resections = placed_again(block, orientation, orientation_thresholds(run.project)), _resections(run)
+    block = without_attitudes(block) if block.is_free else block
     measured = block
     if orientation.method != "control":
         block = replace(block, photographs=believed_attitudes(block, block.poses))

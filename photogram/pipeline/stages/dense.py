@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
+from photogram.pipeline.stages.no_surface import no_surface_reason
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -74,7 +75,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match heights for every cell of the surface, level by level; blocks that an interrupted run has finished are
     kept."""
     settings: DenseSettings = run.project.dense
-    if not settings.enabled:
+    if not settings.enabled or no_surface_reason(run):
         return {}
     block = run.adjusted_block()
     frame, views = block.frame, Views.of(block)

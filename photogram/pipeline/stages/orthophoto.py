@@ -17,14 +17,12 @@ from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
 from photogram.machine import memory_bytes
+from photogram.pipeline.stages.no_surface import LEFT_OUT, no_surface_reason
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.views import Views
-
-LEFT_OUT = "left_out.json"
-
 
 LEAST_DEPRESSION_DEG = 40.0
 """Of the median optical axis, below the horizon: what is flatter shows facades, which a plan does not; oblique flights
@@ -84,6 +82,8 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
         return {}
     block = run.adjusted_block()
     reason = left_out_reason(block.poses)
+    if not run.has_surface():
+        reason = no_surface_reason(run)
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})
         return {"left_out": reason}

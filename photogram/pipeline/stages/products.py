@@ -26,7 +26,7 @@ from photogram.files.clouds.points import NO_DATE
 from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
-from photogram.pipeline.stages.orthophoto import LEFT_OUT
+from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -273,5 +273,5 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
         shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
         drawn += drawn_surface(shown, ground, numbers_shown, run.project.report.target_rmse_v_m, datum_sigma_m)
     names = write_surface_pictures(results / "pictures", drawn)
-    figures = surface_figures(drawn) + thumbnails(picture, run.surface())
+    figures = surface_figures(drawn) + thumbnails(picture, run.surface() if run.has_surface() else None)
     return ReportedSurface(orthophoto, numbers, figures, [f"pictures/{name}" for name in names])

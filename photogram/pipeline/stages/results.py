@@ -14,13 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from photogram import __version__
-from photogram.crs import crs_in_words
+from photogram.adjustment.oriented_subset import of_surveyed_points
+from photogram.crs import NO_CRS, crs_in_words
 from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
-from photogram.files.npz_json import write_record
+from photogram.files.npz_json import read_json, write_record
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.report_files import (
     deliverables,
@@ -43,12 +45,14 @@ from photogram.report.figures.style import (
     residual_picture,
     shaded_surface,
 )
+from photogram.report.local_frame import distance_numbers, local_frame_numbers, marked_points
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
 from photogram.report.numbers.overlap import Overlap, ground_overlap
 from photogram.report.numbers.statistics import dsm_numbers
 from photogram.report.record.report import SurveyNumbers
+from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import file_stem
@@ -64,9 +68,11 @@ MATCH_PICTURES = 3
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
-    """What is published: the run, what it found, the folder of results, and that of the stage itself."""
+    """What is published: the run, what it found, with points that are not surveyed (``whole``) and without, the folder
+    of results, and that of the stage itself."""
 
     run: Run
+    whole: Adjustment
     result: Adjustment
     overlap: Overlap | None
     results: Path
@@ -90,8 +96,11 @@ def publish(run: Run, folder: Path, progress: Progress) -> StageSummary:
 def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
     """Write all products and return their names."""
     results, products = run.project.results, list[str]()
-    result = run.adjustment()
-    outcome = _Outcome(run, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder)
+    whole = run.adjustment()
+    result = of_surveyed_points(whole)
+    outcome = _Outcome(
+        run, whole, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder
+    )
     steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures)
     for number, step in enumerate(steps):
         progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
@@ -107,7 +116,8 @@ def _clouds(outcome: _Outcome) -> list[str]:
     created = flight_date(outcome.run.notes(), outcome.result.block.poses)
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
-        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud)
+        decimals = 5 if outcome.run.project.crs == NO_CRS else 3
+        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud, decimals)
         write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs, created)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
@@ -132,6 +142,8 @@ def _surfaces(outcome: _Outcome) -> list[str]:
 def _photographs(outcome: _Outcome) -> list[str]:
     words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
     write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
+    if outcome.result.block.frame.is_local:
+        return ["photographs.csv", "photographs.csvt"]
     points, footprints = outcome.results / "photographs.geojson", outcome.results / "footprints.geojson"
     write_pose_geojson(points, footprints, outcome.result, outcome.run.project.datum.grid)
     return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
@@ -140,10 +152,13 @@ def _photographs(outcome: _Outcome) -> list[str]:
 def _pictures(outcome: _Outcome) -> list[str]:
     run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
     block = result.block
-    products = ["pictures/surface.png", "pictures/plan.png"]
-    shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
-    contents = plan_contents(result, outcome.overlap)
-    plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
+    products = ["pictures/plan.png"] if outcome.whole.block.has_scale else list[str]()
+    if run.has_surface():
+        products.append("pictures/surface.png")
+        shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
+    if outcome.whole.block.has_scale:
+        contents = plan_contents(result, outcome.overlap)
+        plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
@@ -179,6 +194,14 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
     return products
 
 
+def _dsm(run: Run) -> DsmRecord | NoSurfaceRecord:
+    if not run.has_surface():
+        return {"left_out": str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])}
+    shape, relative = run.shape(), run.surface_relative_sigma()
+    datum = None if shape is None else shape.datum_covariance_m2
+    return dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
+
+
 def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
     """Write the report over everything; ``products`` are the files that were written before it."""
     run = outcome.run
@@ -195,11 +218,9 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         held=run.held(),
         found=found_blunders(run),
         disbelieved=disbelieved(run),
-        measured=run.block().control_points,
+        measured=run.block().surveyed.control_points,
         sources=run.project.camera_source,
     )
-    shape, relative = run.shape(), run.surface_relative_sigma()
-    datum = None if shape is None else shape.datum_covariance_m2
     facts = run_facts(run, stages)
     surface = report_surface(run, adjusted["control_points"], outcome.results)
     numbers: SurveyNumbers = {
@@ -208,20 +229,26 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
             run.project.heights,
             outcome.result.block.frame,
             run.gnss_systems(),
-            [point.heights for point in run.project.control_points],
+            [point.heights for point in run.project.surveyed.control_points],
         ),
         "gnss": gnss_numbers(outcome.result, run.notes()),
-        "dsm": dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum),
+        "dsm": _dsm(run),
         "survey": facts.survey,
         "versions": facts.versions,
         "peak_memory_bytes": facts.peak_memory_bytes,
         "processed": today(),
         "deliverables": deliverables(outcome.results, products + surface.pictures),
     }
+    local = local_frame_numbers(outcome.whole, run.block(), run.project.orientation.vertical)
+    if local is not None:
+        numbers["local_frame"] = local
+    if run.project.distances:
+        numbers["distances"] = distance_numbers(outcome.whole)
+        numbers["marked_points"] = marked_points(outcome.whole)
     if surface.orthophoto is not None:
         numbers["orthophoto"] = surface.orthophoto
     if surface.dense is not None:
         numbers["dense"] = surface.dense
-    sparse = run.surface() if surface.dense is None else None
+    sparse = run.surface() if surface.dense is None and run.has_surface() else None
     figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons())
     return write_report(run.project, numbers, figures + surface.figures, outcome.folder) + surface.pictures

@@ -16,6 +16,7 @@ from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
+from photogram.pipeline.stages.no_surface import LEFT_OUT, no_surface_reason
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -106,7 +107,11 @@ def matched(run: Run) -> bool:
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
-    alone where nothing was matched."""
+    alone where nothing was matched, and none where the survey has none in plan: ``left_out.json`` says why."""
+    reason = no_surface_reason(run)
+    if reason:
+        write_json(folder / LEFT_OUT, {"left_out": reason})
+        return {"left_out": reason}
     if not matched(run):
         return interpolate_surface(run, folder, progress)
     heights = MatchedHeights.of(run)
@@ -190,6 +195,8 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
     terrain, contours = run.project.terrain, run.project.contours
     summary: StageSummary = {}
     surface: Raster | None = None
+    if not run.has_surface():
+        return summary
     if terrain.enabled:
         progress(0, 0, "terrain model")
         found = terrain_from_surface(run.filled_surface(), terrain)

@@ -32,7 +32,7 @@ def height_marks(project: Project) -> list[object]:
 
 def placing_fingerprint(project: Project) -> str:
     """Return the fingerprint of the control coordinates that help to choose the origin of the frame."""
-    return fingerprint([p.control_map_m for p in project.control_points if p.role == "control"])
+    return fingerprint([p.control_map_m for p in project.surveyed.control_points if p.role == "control"])
 
 
 def _photographs(run: Run, placing: str) -> object:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from photogram.crs import NO_CRS
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
@@ -173,9 +174,9 @@ class Run:
 
     def shape(self) -> ShapePrecision | None:
         """Return how well the shape of the survey is known, without its datum, None where there are too few tie points
-        to say. Needs the stage `adjustment`."""
+        to say, or no datum. Needs the stage `adjustment`."""
         found = read_record(self.workspace.file("adjustment", "deformation.npz"), Deformation)
-        if not len(found.place_world_m):
+        if not len(found.place_world_m) or self.block().is_free:
             return None
         frame = self.block().frame
         R = frame.rotation_world_from_map(np.zeros(3))
@@ -191,6 +192,10 @@ class Run:
         """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
         Needs the stage `adjustment`."""
         return read_verdict(self.workspace.file("adjustment", "verdict.json"))
+
+    def has_surface(self) -> bool:
+        """Return whether there is a DSM. Needs the stage `surface`."""
+        return self.workspace.has("surface", "dsm.tif")
 
     def surface(self) -> Raster:
         """Return the DSM. Needs the stage `surface`."""
@@ -217,7 +222,8 @@ class Run:
         return np.asarray(read_arrays(self.workspace.file("surface", "held_out.npz"))["held_out_m"])
 
     def _raster(self, name: str) -> Raster:
-        return read_raster(self.workspace.file("surface", f"{name}.tif"))[0]
+        path = self.workspace.file("surface", f"{name}.tif")
+        return read_raster(path, local=self.project.crs == NO_CRS)[0]
 
     def comparisons(self) -> dict[str, Comparison]:
         """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage

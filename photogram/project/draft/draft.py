@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import height_system_of, projected_crs, vertical_of
+from photogram.crs import NO_CRS, height_system_of, projected_crs, vertical_of
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.files.tables.position_files import PositionRow
@@ -207,6 +207,8 @@ def _check_control(file: ControlFile, crs: str, middle: tuple[float, float]) -> 
 
 def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str, str, str]:
     """Return the CRS, its name, and why it."""
+    if wishes.crs == NO_CRS:
+        return NO_CRS, "local frame", "as asked for"
     if wishes.crs is not None:
         crs, name = _named(wishes.crs)
         _check_place(crs, middle)
@@ -220,10 +222,12 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
             continue  # geographic, or in feet: its points are transformed to the map grid chosen below
         _check_place(crs, middle)
         return crs, name, f"the one of {file.path}"
+    if middle is None and not wishes.control:
+        return NO_CRS, "local frame", "neither the tags nor ground points say where the photographs were taken"
     if middle is None:
         raise ProjectError(
             "the photographs have no positions in their tags, so no map grid can be proposed: give one with "
-            "--crs EPSG:…"
+            "--crs EPSG:…, or --crs none where the ground points are in a Cartesian system of their own"
         )
     crs, name = _named(utm_crs(*middle))
     for file in wishes.control:
@@ -233,6 +237,8 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
 
 def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) -> DraftHeights:
     """Return what tags, files and wishes say of the heights."""
+    if crs == NO_CRS:
+        return DraftHeights()
     said = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
     gnss: HeightSystem | None = "ellipsoidal" if said == {True} else None
     if vertical_of(crs) is not None:
@@ -437,6 +443,8 @@ def draft_project(
     place = _degrees(kept)
     known = _located(place)
     crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
+    if crs == NO_CRS:
+        gnss, positions = [None] * len(kept), ()
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
     angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
     listed = [

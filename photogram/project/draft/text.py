@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
+from photogram.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
@@ -195,6 +196,22 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
 
 
 def _control(draft: ProjectDraft) -> list[str]:
+    if draft.crs == NO_CRS and not draft.control:
+        return [
+            *_comment(
+                "Nothing says where the photographs were taken: they are adjusted as a free network, with relative "
+                "precision. A distance gives it a scale, between two points that are marked in the photographs (u "
+                "right, v down, in pixels), or between two photographs:"
+            ),
+            "#",
+            "# distances:",
+            "#   - {between: [A, B], length_m: 2.000, sigma_m: 0.001}",
+            "# control_points:",
+            "#   mark_sigma_px: 0.5",
+            "#   list:",
+            "#     - {name: A, marks: {first.jpg: [1200.5, 800.5], second.jpg: [1350.0, 790.5]}}",
+            "#     - {name: B, marks: {first.jpg: [2400.0, 810.0], second.jpg: [2540.5, 805.0]}}",
+        ]
     if not draft.control:
         return [
             "# Ground points are given like this:",
@@ -215,7 +232,7 @@ def _heights(draft: ProjectDraft) -> list[str]:
         lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
         lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
         return [*lines, ""] if len(lines) > 2 else []
-    if not draft.control and all(p.gnss is None for p in draft.photographs):
+    if draft.crs == NO_CRS or (not draft.control and all(p.gnss is None for p in draft.photographs)):
         return []
     whose = "of the ground points" if draft.control else "in the tags"
     text = (

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import WGS84, DeclaredDatum, changes_datum, plan_of, projected_crs
+from photogram.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
 from photogram.files.tables.position_tables import read_positions
@@ -212,7 +212,8 @@ def _placed(
     heights were given in: above the ellipsoid in an MRK or .pos file."""
     target = file.crs
     try:
-        projected_crs(target or "")
+        if target != NO_CRS:
+            projected_crs(target or "")
     except FrameError:
         return None  # noted where the project names its CRS
     if target is None:

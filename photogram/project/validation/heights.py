@@ -256,6 +256,7 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Photog
 
     ``tags`` are what the first stage has noted of the photographs, ``block`` what it has measured.
     """
+    project, block = project.surveyed, block.surveyed
     said = [t["height_is_ellipsoidal"] for t in tags]
     evidence = {role: _evidence_of_block(block, role) for role in _ROLES}
     for finding in _of_both_roles(project, evidence, block.frame, said)[1]:

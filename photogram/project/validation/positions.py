@@ -12,6 +12,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.crs import NO_CRS
 from photogram.files.photographs.tags import PhotographTags
 from photogram.gnss import Solution
 from photogram.project.findings import Finding, Severity
@@ -201,6 +202,10 @@ def time_findings(taken: Sequence[tuple[ProjectPhotograph, datetime | None]]) ->
 def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
     """Return everything that project, files of positions and tags show of the measured positions."""
     known = [(p, t) for p, t in zip(project.photographs, tags, strict=True) if t is not None]
+    if project.crs == NO_CRS:
+        unused = [pair for pair in known if source_of(*pair) == FROM_TAGS]
+        text = f"{things(len(unused), 'GNSS position')} in the tags, not used with crs: none"
+        return [Finding("warning", _names(unused), text, "name the CRS of the site to use them")] if unused else []
     return [
         *missing_findings(project, known),
         *solution_findings(known),

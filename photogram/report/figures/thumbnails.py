@@ -20,12 +20,12 @@ NO_DATA_RGB = (0xE4, 0xE8, 0xEA)
 ORTHOPHOTO, SURFACE = "thumbnail orthophoto", "thumbnail surface"
 
 
-def thumbnails(orthophoto: OrthophotoPicture | None, surface: Raster) -> list[PageFigure]:
-    """Return the orthophoto, where there is one, and the surface (heights in m, NaN in holes) as small pictures."""
+def thumbnails(orthophoto: OrthophotoPicture | None, surface: Raster | None) -> list[PageFigure]:
+    """Return orthophoto and surface (heights in m, NaN in holes) as small pictures, where there are such."""
     found = []
     if orthophoto is not None:
         found.append(PageFigure(ORTHOPHOTO, "Orthophoto", "The orthophoto, small", _uri(orthophoto.rgba)))
-    if np.isfinite(surface.values).any():
+    if surface is not None and np.isfinite(surface.values).any():
         relief = (255.0 * shaded_relief(surface)[0] + 0.5).astype(np.uint8)
         found.append(
             PageFigure(SURFACE, "Surface model", "The surface model, shaded and tinted by height", _uri(relief))

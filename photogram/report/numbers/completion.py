@@ -7,7 +7,7 @@ made anew whenever that changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from photogram.report.identity import report_id
 from photogram.report.numbers.overall import overall
 from photogram.report.numbers.ranked_warnings import ranked_warnings
 from photogram.report.numbers.traffic_lights import AXES, traffic_lights
+from photogram.report.numbers.wording import without_metres
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.report import Report, SurveyNumbers
 from photogram.report.record.verdict import (
@@ -39,6 +40,8 @@ from photogram.report.record.verdict import (
 )
 from photogram.report.titles import CLOUD_TITLES
 
+ValueT = TypeVar("ValueT")
+
 
 def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Report:
     """Return the report with its names, and `asprs`, `discarded`, `warnings`, `summary`, `verdict` and `report_id` made
@@ -46,9 +49,17 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     asprs = asprs_numbers(numbers["control_points"], settings)
     asprs["products"] = product_accuracies(numbers, settings)
     warnings = ranked_warnings(numbers, asprs)
+    local = numbers.get("local_frame")
+    unscaled = local is not None and not local["scale_known"]
+    diagnosis = numbers["diagnosis"]
+    if unscaled:
+        warnings, diagnosis = _without_metres(warnings), _without_metres(diagnosis)
     lights = [light.record for light in traffic_lights(numbers, asprs)]
+    if unscaled:
+        lights = _without_metres(lights)
     whole: Report = {
         **numbers,
+        "diagnosis": diagnosis,
         "survey": {
             **numbers["survey"],
             "name": settings.name or None,
@@ -64,6 +75,17 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     }
     whole["report_id"] = report_id(whole)
     return whole
+
+
+def _without_metres(value: ValueT) -> ValueT:
+    """Return sentences, at any depth, of a network without scale: what they call metres is in its units."""
+    if isinstance(value, str):
+        return without_metres(value)  # type: ignore[return-value]
+    if isinstance(value, list):
+        return [_without_metres(item) for item in value]  # type: ignore[return-value]
+    if isinstance(value, dict):
+        return {key: _without_metres(item) for key, item in value.items()}  # type: ignore[return-value]
+    return value
 
 
 # ---- accuracy by the standard --------------------------------------------------------------------------------------

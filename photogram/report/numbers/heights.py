@@ -64,6 +64,7 @@ def height_numbers(
     ``geoid_height_m`` is that at the origin of ``frame``, null without a geoid and where its grid does not reach.
     """
     crs = written_crs(product_crs(frame.crs, heights))
+    name = "local frame" if crs is None else str(crs.name)
     geoid_m = None
     if heights.geoid is not None:
         place = LocalFrame(frame.crs, frame.origin_map_m, "grid", heights.geoid)
@@ -73,7 +74,11 @@ def height_numbers(
         "output": heights.output,
         "geoid": None if heights.geoid is None else heights.geoid.name,
         "geoid_height_m": geoid_m,
-        "crs": {"name": crs.name, "epsg": crs.to_epsg(), "wkt": crs.to_wkt()},
+        "crs": {
+            "name": name,
+            "epsg": None if crs is None else crs.to_epsg(),
+            "wkt": "" if crs is None else crs.to_wkt(),
+        },
         "inputs": inputs,
-        "sentence": _sentence(heights, crs.name, geoid_m, inputs),
+        "sentence": _sentence(heights, name, geoid_m, inputs),
     }

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.report.numbers.traffic_lights import Direction, directions, number
+from photogram.report.numbers.wording import UNIT
+from photogram.report.record.local_frame import LocalFrameRecord
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.verdict import (
     AsprsRecord,
@@ -37,6 +39,9 @@ def overall(
     report: SurveyNumbers, asprs: AsprsRecord, lights: Sequence[LightRecord], warnings: Sequence[WarningRecord]
 ) -> VerdictRecord:
     """Return the verdict on a survey, from its numbers, its accuracy by the standard, its lights and its warnings."""
+    local = report.get("local_frame")
+    if local is not None:
+        return _of_free_network(report, local, lights, warnings)
     grade, sentence = _verdict(report, directions(asprs), lights)
     also = _also(lights)
     if also and grade in ("good", "few"):
@@ -47,6 +52,32 @@ def overall(
         "also": also,
         "figures": [_figure(report, direction) for direction in directions(asprs)],
         "to_do": _to_do(asprs, warnings),
+    }
+
+
+def _of_free_network(
+    report: SurveyNumbers,
+    local: LocalFrameRecord,
+    lights: Sequence[LightRecord],
+    warnings: Sequence[WarningRecord],
+) -> VerdictRecord:
+    """Return the verdict on a network that nothing places: its relative precision is all that there is."""
+    relative = local["relative"]
+    size = length(relative["tie_points"]) if local["scale_known"] else f"{relative['tie_points']:.2g} {UNIT}"
+    scale = "scaled by distances" if local["scale_known"] else "no scale"
+    sentence = (
+        f"Free network, relative precision predicted: ±\u202f{size} of the tie points (1 sigma), 1 in "
+        f"{relative['tie_points_one_in']:,.0f} of the object; {scale}, no georeference."
+    )
+    remedies = [w["remedy"] for w in warnings if w["severity"] != "note" and w["remedy"]]
+    if not report["adjustment"]["converged"]:
+        sentence = "The adjustment did not converge: do not use this result."
+    return {
+        "grade": "unknown" if report["adjustment"]["converged"] else "bad",
+        "sentence": sentence,
+        "also": _also(lights),
+        "figures": [],
+        "to_do": list(dict.fromkeys(remedies))[:MOST_TO_DO] or ["nothing"],
     }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from photogram.adjustment.reliability import CRITICAL
 from photogram.adjustment.solvability import ROTATION_WEAK
 from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.quality.placing import WHOLE_BLOCK
@@ -37,6 +38,7 @@ GROUP_TITLES = {
     "attitude": "measured attitudes",
     "gnss_offset": "GNSS offsets",
     "calibration": "given calibrations",
+    "distances": "distances",
 }
 
 
@@ -58,6 +60,15 @@ def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRe
         *_stated_sigmas(report["variance_components"]),
         *_too_few(asprs),
     ]
+    local = report.get("local_frame")
+    if local is not None:
+        # of a network without a datum nothing can be said of heights, and nothing is surveyed that could test it
+        pointless = [*_heights(report), *_too_few(asprs)]
+        severity: Severity = "note" if local["scale_known"] and local["vertical_sure"] else "attention"
+        remedy = "" if local["scale_known"] else "give a distance between two marked points or two photographs"
+        frame = _warning("local frame", severity, local["sentence"], remedy)
+        found = [frame, *(w for w in found if w not in pointless)]
+    found += _distances(report)
     return sorted(found, key=lambda w: SEVERITIES.index(w["severity"]))
 
 
@@ -70,6 +81,16 @@ def _several(part: str, said: Sequence[str], severity: Severity = "attention", r
     found = [_warning(part, severity, sentence, remedy) for sentence in said[:MOST_NAMED]]
     more = len(said) - MOST_NAMED
     return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
+
+
+def _distances(report: SurveyNumbers) -> list[WarningRecord]:
+    said = [
+        f"the distance between {' and '.join(d['ends'])} differs by {number(d['residual_m']):+.4f} m from the rest, "
+        f"{abs(number(d['w'])):.1f} times its standard deviation"
+        for d in report.get("distances", [])
+        if abs(number(d["w"])) > CRITICAL
+    ]
+    return _several("distances", said, "bad", "measure it again, or check the marks of its ends")
 
 
 def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 from markupsafe import Markup, escape
@@ -11,6 +12,12 @@ from photogram.report.numbers.traffic_lights import number
 
 NO_FIGURE = "–"
 THIN_SPACE = "\u202f"
+UNIT = "units"
+"""What lengths of a network without scale are in, after their figures."""
+
+_LENGTH = re.compile(r"(?<=\d)([\s\u202f]|&#8239;)?(mm|cm|km|m)(²|³|2)?(?![A-Za-z0-9_])")
+_POWERS = {"m": "", "mm": "10⁻³ ", "cm": "10⁻² ", "km": "10³ "}
+
 SETTING_TITLES = {
     "photographs": ("photographs for a cell, at most", ""),
     "agreeing_share": ("share of them that must agree", ""),
@@ -113,3 +120,8 @@ def matching_settings(settings: Mapping[str, object]) -> str:
         title, unit = SETTING_TITLES.get(name, (str(name).replace("_", " "), ""))
         found.append(f"{title} {plain(value)}{unit}")
     return "; ".join(found)
+
+
+def without_metres(text: str) -> str:
+    """Return a sentence of a network without scale with the units of its lengths called UNIT: 3 mm are 3 10⁻³ units."""
+    return _LENGTH.sub(lambda found: f" {_POWERS[found[2]]}{UNIT}{found[3] or ''}", text)

@@ -23,6 +23,7 @@ from photogram.report.record.ground import (
     SuspectRecord,
     VarianceComponentRecord,
 )
+from photogram.report.record.local_frame import DistanceRecord, LocalFrameRecord, MarkedPointRecord
 from photogram.report.record.photographs import OrientedPhotograph, PhotographRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
 from photogram.report.record.surfaces import (
@@ -30,6 +31,7 @@ from photogram.report.record.surfaces import (
     DenseRecord,
     DsmRecord,
     NoOrthophotoRecord,
+    NoSurfaceRecord,
     OrthophotoRecord,
 )
 from photogram.report.record.units import Count, Seconds
@@ -68,6 +70,9 @@ class AdjustedNumbers(TypedDict):
     seconds: dict[str, Seconds]
     orthophoto: NotRequired[OrthophotoRecord | NoOrthophotoRecord]
     dense: NotRequired[DenseRecord]
+    local_frame: NotRequired[LocalFrameRecord]
+    distances: NotRequired[list[DistanceRecord]]
+    marked_points: NotRequired[list[MarkedPointRecord]]
 
 
 class SurveyNumbers(AdjustedNumbers):
@@ -75,7 +80,7 @@ class SurveyNumbers(AdjustedNumbers):
 
     heights: HeightsRecord
     gnss: GnssRecord
-    dsm: DsmRecord
+    dsm: DsmRecord | NoSurfaceRecord
     survey: SurveyRecord
     versions: dict[str, str | None]
     peak_memory_bytes: dict[str, Count | None]

@@ -69,6 +69,12 @@ class DsmRecord(TypedDict):
     held_out: HeldOutRecord
 
 
+class NoSurfaceRecord(TypedDict):
+    """Why there is no surface model."""
+
+    left_out: str
+
+
 class CellsRecord(TypedDict):
     """Cells of the dense surface: of its footprint those measured, filled and empty add up."""
 
