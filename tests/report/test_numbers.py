@@ -122,7 +122,7 @@ def test_keys_of_reliability(report: Json) -> None:
         control = point["role"] == "control"
         for key in ("redundancy", "w", "mdb_m", "effect_m", "left_out_m", "left_out_sigma_m"):
             assert numbers(point[key], 3) if control else point[key] is None, key
-        assert point["suspect"] is (False if control else None)
+        assert point["suspect"] is False
         for mark in point["marks"]:
             for key in ("redundancy", "w", "mdb_px"):
                 assert numbers(mark[key], 2) if control else mark[key] is None, key
@@ -451,6 +451,8 @@ def test_check_points_never_enter_the_adjustment(
     own = {f"/control_points/{index}/{key}/{axis}" for key in ("surveyed_map_m", "residual_m") for axis in range(3)}
     own |= {f"/control_points/{index}/z/{axis}" for axis in range(3)} | {f"/control_points/{index}/mahalanobis"}
     assert own <= changed
+    assert moved["control_points"][index]["suspect"] is True
+    assert "check point C02 fits neither" in moved["control_points"][index]["verdict"]
     # conclusions from the check points
     drawn: tuple[str, ...]
     drawn = (
@@ -463,6 +465,7 @@ def test_check_points_never_enter_the_adjustment(
         "/warnings/",
     )
     drawn += ("/dense/check_points/", "/dense/warnings/", "/verdict/", "/report_id", "/deliverables/")
+    drawn += ("/orthophoto/check_points/", *(f"/control_points/{index}/{key}" for key in ("suspect", "verdict")))
     others = sorted(key for key in changed if key not in own and not key.startswith(drawn))
     assert not others, [(key, before.get(key), after.get(key)) for key in others[:20]]
     assert report["predicted_against_achieved"]["consistent"]

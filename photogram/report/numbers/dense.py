@@ -284,7 +284,7 @@ def _plan_sentence(record: OrthophotoCheckRecord) -> str:
     n, missing = record["n"], len(record["not_tested"])
     beside = f"; {missing} more {'was' if missing == 1 else 'were'} not found in it" if missing else ""
     if not n:
-        return f"no target of a check point was found in the orthophoto{beside}: it is not tested in plan"
+        return f"none of {missing} targets of check points was found in the orthophoto: it is not tested in plan"
     if record["fit_rmse_h_m"] is None or record["mean_m"] is None:
         names = " and ".join(row["name"] for row in record["points"])
         return f"the orthophoto shows {names} only: too few check points for an RMSE{beside}"
