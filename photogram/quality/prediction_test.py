@@ -215,11 +215,12 @@ def contradicting_points(
         for g in np.unique(point[left]).tolist():
             k, rest = int(np.count_nonzero(point[left] == g)), left & (point != g)
             statistic = _square(d, joint, left) - _square(d, joint, rest)
-            tests.append((_log_chance(statistic, k, _rest(d, joint, point, rest, others)), g, statistic))
-        log_chance, worst, statistic = min(tests)
+            # the largest first where the probability of several is too small to be told from 0
+            tests.append((_log_chance(statistic, k, _rest(d, joint, point, rest, others)), -statistic, g))
+        log_chance, negative, worst = min(tests)
         if log_chance >= limit:
             break
-        found.append((worst, statistic))
+        found.append((worst, -negative))
         left &= point != worst
     return found
 

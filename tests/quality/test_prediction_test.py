@@ -140,6 +140,14 @@ def test_test_of_a_point_is_what_all_lose_without_it() -> None:
     assert contradicting_points(d[:6], np.eye(6), point[:6]) == []  # one other point cannot say which of the two
 
 
+def test_blunder_of_hundreds_of_metres_accuses_its_point_alone() -> None:
+    """Errors that are correlated with it make its neighbours as improbable: both probabilities are 0 to the machine."""
+    result = adjusted(7, ADRIFT)
+    found = predicted_against_achieved(moved(result, 3, (400.0, -300.0, 50.0)))
+    assert found is not None
+    assert [suspect.name for suspect in found.suspects] == [result.block.control_points.name[3]]
+
+
 def test_suspect_check_point_is_marked_in_the_report() -> None:
     result = moved(adjusted(7, PLAN), 6, (0.0, 0.5, 0.0))
     points = [
