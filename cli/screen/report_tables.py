@@ -92,8 +92,9 @@ def show_gnss(gnss: GnssRecord) -> None:
     if gnss["flights"]:
         kinds = ", ".join(f"{n} {kind}" for kind, n in gnss["solutions"].items() if n)
         console.print(f"[bold]GNSS:[/bold] {escape(gnss['sentence'])} Solutions: {kinds}.")
-        if gnss["datum"] is not None:
-            console.print(f"[bold]GNSS:[/bold] {escape(gnss['datum']['sentence'])}")
+        datum = gnss.get("datum")
+        if datum is not None:
+            console.print(f"[bold]GNSS:[/bold] {escape(datum['sentence'])}")
     said = [
         f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
     ]
@@ -123,7 +124,7 @@ def _result(report: Report) -> Table:
     table.add_row("discarded observations", str(a["discarded_observations"]))
     table.add_row("reprojection RMS", f"{_fixed(a['reprojection_rms_px'])} px")
     table.add_row("sigma0 (a priori 1)", _fixed(a["sigma0"]))
-    for group in report["estimated_sigmas"][:MAXIMUM_SENTENCES]:
+    for group in report.get("estimated_sigmas", [])[:MAXIMUM_SENTENCES]:
         unit, title = group["unit"], SIGMA_TITLES[group["kind"]]
         stated, used = _fixed(group["stated_sigma"]), _fixed(group["used_sigma"])
         table.add_row(f"sigma: {title}, {group['of']}", f"{used} {unit} (stated {stated})")

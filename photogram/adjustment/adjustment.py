@@ -265,7 +265,8 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
 @dataclass(frozen=True, eq=False)
 class _Judged:
     """A solved block with only what took part, (P,) of whose tie points are ``kept``: its covariances with focal
-    lengths as ``held`` and with those ``counted`` that are considered, reliability, and what scatters by how much."""
+    lengths as ``held`` and with those ``counted`` that are considered, reliability with both and with the held alone,
+    and what scatters by how much."""
 
     block: Block
     kept: NDArray[np.bool_]
@@ -275,6 +276,7 @@ class _Judged:
     counted: Problem
     covariances: Covariances
     tested: Reliability
+    tested_held: Reliability
     sigma0: float
     redundancy: int
     components: VarianceComponents
@@ -299,18 +301,34 @@ def _judged(solved: Solved, stated: Block, settings: AdjustmentSettings) -> _Jud
     counted = with_considered(problem, state)
     found = held if counted is problem else covariances(counted, state)
     tested = reliability(problem, state, held, counted, found)
+    tested_held = tested if counted is problem else reliability(problem, state, held)
     sigma0, redundancy = sigma0_and_redundancy(problem, state)
     groups = solved.groups.select(mine)
     names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
     components = variance_components(problem, state, held, tested, redundancy, names)
     ties, gnss = None, list[GnssScatter]()
     if settings.estimate_sigmas:
-        of_ties = float(components.redundancy[components.group == "tie_points"].sum())
+        # what is considered changes no estimate, so it changes no sigma either
+        plain = components if counted is problem else variance_components(problem, state, held, tested_held, redundancy)
+        of_ties = float(plain.redundancy[plain.group == "tie_points"].sum())
         taken = float(points_redundancy(problem, state).sum()) - of_ties
         ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
-        gnss = gnss_scatters(problem, tested)
+        gnss = gnss_scatters(problem, tested_held)
     return _Judged(
-        adjusted, kept, problem, state, held, counted, found, tested, sigma0, redundancy, components, ties, gnss
+        adjusted,
+        kept,
+        problem,
+        state,
+        held,
+        counted,
+        found,
+        tested,
+        tested_held,
+        sigma0,
+        redundancy,
+        components,
+        ties,
+        gnss,
     )
 
 
@@ -359,7 +377,7 @@ def _with_common_error(
     where the unknowns are right."""
     if settings.common_errors == "none" or so_far.changes == MOST_CHANGES:
         return None
-    change = next_change(judged.problem, judged.state, judged.held, judged.tested, so_far.barred)
+    change = next_change(judged.problem, judged.state, judged.held, judged.tested_held, so_far.barred)
     if change is None:
         return None
     names = ", ".join(error.kind.replace("_", " ") for error in change.errors)

@@ -29,7 +29,7 @@ from photogram.wording import things
 STRONG = 0.95  # correlation beyond which two quantities are not separable in practice
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
-SIGNIFICANCE = 0.01
+SIGNIFICANCE = 0.001
 TOLD = 0.7  # posterior over prior sigma, above which the photographs hardly determine a parameter
 HELPS = 0.95  # of a sigma, to which a remedy must bring it to be of use
 HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which the effect of a fixed calibration is reported

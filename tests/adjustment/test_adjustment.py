@@ -16,6 +16,7 @@ from photogram.adjustment.outliers import noise_scale
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras
 from photogram.errors import AdjustmentError
+from photogram.factors.common_errors import values_of
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
@@ -74,8 +75,9 @@ class Joint:
 
 def joint(seed: int) -> Joint:
     block, result = simulated(seed), adjusted(seed)
-    state = state_of(result)
-    problem = make_problem(replace(block.block, poses=result.block.poses, tie_points=result.block.tie_points), SETTINGS)
+    adjusted_parts = {name: getattr(result.block, name) for name in ("poses", "tie_points", "common_errors")}
+    problem = make_problem(replace(block.block, **adjusted_parts), SETTINGS)
+    state = replace(state_of(result), common=values_of(problem.block.common_errors))
     found = covariances(problem, state)
     layout, camera = found.layout, block.block.cameras[0]
     error = np.zeros(layout.columns + layout.border)
@@ -84,7 +86,9 @@ def joint(seed: int) -> Joint:
         error[6 * i : 6 * i + 3] = Rotation.from_matrix(R.T @ truth.rotation_world_from_camera).as_rotvec()
         error[6 * i + 3 : 6 * i + 6] = R.T @ (truth.position_world_m - state.position[i])
     border = error[layout.columns :]
-    border[layout.offset_column :] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
+    border[layout.common_column : layout.ground_column] = -state.common  # the simulated attitudes have none
+    offset = slice(layout.offset_column, layout.offset_column + 3)
+    border[offset] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
     border[: layout.offset_column] = (block.truth.camera.parameters - state.parameters[0])[camera.sigmas > 0]
     return Joint(error, found.joint(np.arange(len(state.rotation))))
 

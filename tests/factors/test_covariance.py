@@ -21,6 +21,7 @@ from photogram.factors.graph import (
 )
 from photogram.factors.variables import (
     CALIBRATION,
+    COMMON_ERROR,
     CONTROL_POINT,
     DATUM,
     GNSS_OFFSET,
@@ -42,6 +43,7 @@ def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
     covariance = {key(POSE, i): found.pose(i) for i in range(len(problem.block.photographs))}
     covariance |= {key(CONTROL_POINT, g): found.control(g) for g in range(len(problem.control_world_m))}
     covariance |= {key(GNSS_OFFSET, f): found.offset(f) for f in range(len(problem.flights))}
+    covariance |= {key(COMMON_ERROR, e): found.common(e) for e in range(len(problem.block.common_errors))}
     covariance |= {key(TIE_POINT, p): V for p, V in enumerate(found.tie_point)}
     for c, free in enumerate(problem.free):
         if len(free):
@@ -57,7 +59,8 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(loss: str) -> No
     inverse, place = whole_covariance(problem, state)
     found = blocks(problem, covariances(problem, state))
     assert set(found) == set(place)
-    assert {kind_and_index(v)[0] for v in found} == {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, CALIBRATION}
+    kinds = {POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, CALIBRATION}
+    assert {kind_and_index(v)[0] for v in found} == kinds
     for variable, where in place.items():
         assert_equal_blocks(found[variable], inverse[where, where])
 
@@ -102,7 +105,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
     assert graph.error(values) == pytest.approx(cost(problem, ground_graph(problem), state), rel=1e-9)
     marginals = gtsam.Marginals(graph, values)
     found = blocks(problem, covariances(problem, state))
-    assert len(found) == 6 + 6 + 2 + 40
+    assert len(found) == 6 + 6 + 2 + len(problem.block.common_errors) + 40
     for variable, covariance in found.items():
         assert_equal_blocks(covariance, marginals.marginalCovariance(variable))
 

@@ -111,16 +111,16 @@ def test_a_dome_is_fitted_exactly_whatever_the_height_and_the_tilt(
     assert sigma < 1e-9
 
 
-def test_false_domes_are_one_in_a_hundred() -> None:
+def test_false_domes_are_one_in_a_thousand() -> None:
     rng = np.random.default_rng(5)
     place = rng.uniform(-100, 100, (12, 2))
     # a tilt and a shift that all have in common do not count, and the scatter is not as stated
     common = 0.2 + 0.003 * place[:, 0]
     alarms = [
         fitted_dome(place, common + 0.05 * rng.standard_normal(12), np.full(12, 0.02), np.zeros(2), 100.0)[2]
-        for _ in range(2000)
+        for _ in range(10_000)
     ]
-    assert 0.005 < np.mean(alarms) < 0.017
+    assert 0.0001 < np.mean(alarms) < 0.002
 
 
 def test_too_few_points_or_all_at_one_distance_show_no_dome() -> None:

@@ -125,7 +125,7 @@ PLAN = SurveyPlan(
     focal_px=1000.0, strips=4, photographs_per_strip=5, control_points=0, check_points=0, forward_overlap=0.8,
     side_overlap=0.7, relief_m=4.0, gnss_sigma_m=(0.5, 0.5, 0.5), gnss_offset_sigma_m=(1.0, 1.0, 2.0),
 )  # fmt: skip
-SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=1e6)
+SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=1e6, estimate_sigmas=False)
 
 
 def moved_block(shift_px: FloatArray | None = None) -> Block:

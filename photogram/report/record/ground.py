@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
@@ -184,7 +184,7 @@ class VarianceComponentRecord(TypedDict):
     observations: Count
     redundancy: float
     stated_sigma: float | None
-    used_sigma: float | None
+    used_sigma: NotRequired[float | None]
     unit: str | None
     sigma_factor: float | None
     sigma_factor_sd: float | None

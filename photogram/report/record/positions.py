@@ -92,7 +92,7 @@ class GnssRecord(TypedDict):
     sources: dict[str, Count]
     lever_arm_m: dict[str, LeverArmRecord] | None
     lever_arm_left: LeverArmLeftRecord | None
-    datum: DatumRecord | None
+    datum: NotRequired[DatumRecord | None]
     common_errors: NotRequired[list[CommonErrorRecord]]
     not_used: list[UnusedPositionRecord]
     warnings: list[str]

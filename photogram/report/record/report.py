@@ -63,7 +63,7 @@ class AdjustedNumbers(TypedDict):
     predicted_against_achieved: PredictionTestRecord | None
     leave_one_out: LeaveOneOutRecord | None
     variance_components: dict[str, VarianceComponentRecord]
-    estimated_sigmas: list[EstimatedSigmaRecord]
+    estimated_sigmas: NotRequired[list[EstimatedSigmaRecord]]
     suspects: list[SuspectRecord]
     diagnosis: DiagnosisRecord
     clouds: dict[str, CloudRecord]
