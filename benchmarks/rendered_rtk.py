@@ -34,7 +34,7 @@ from photogram.simulation.survey_plan import rtk_plan
 
 WAYS: dict[str, dict[str, Any]] = {
     "default": {},
-    "as stated": {},
+    "as stated": {"estimate_sigmas": False, "common_errors": "none"},
 }
 GRID, OFF_TERRAIN_M, BEYOND = 6, 0.3, 5.0
 
