@@ -297,7 +297,7 @@ def test_a_drift_is_found() -> None:
 
 @pytest.mark.parametrize("oblique_deg", [0.0, 25.0])
 def test_a_compass_does_not_turn_the_block(oblique_deg: float) -> None:
-    oblique = {"oblique_strip": True, "oblique_angle_deg": oblique_deg} if oblique_deg else {}
+    oblique: dict[str, Any] = {"oblique_strip": True, "oblique_angle_deg": oblique_deg} if oblique_deg else {}
     made = block_of(heading_error_deg=6.0, gnss_sigma_m=(0.5, 0.5, 1.0), crossing=False, **oblique)
     found, before = adjust(made.block, AUTO), adjust(made.block, SETTINGS)
     assert kinds(found)[0] == "attitude"

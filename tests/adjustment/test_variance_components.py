@@ -14,7 +14,7 @@ from photogram.adjustment.reliability import reliability
 from photogram.adjustment.variance_components import NO_OBSERVATION, scatters, variance_components
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
-from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
+from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.report.numbers.statistics import component_numbers
 from photogram.results import VarianceComponents
 from photogram.simulation.simulated_survey import SurveyPlan
@@ -58,10 +58,12 @@ def test_redundancy_numbers_of_all_groups_are_those_of_the_dense_system(loss: st
 
     measured = {
         POSE: "attitude", CONTROL_POINT: "control", GNSS_OFFSET: "gnss_offset", CALIBRATION: "calibration",
+        COMMON_ERROR: "common_errors",
     }  # fmt: skip
     for i in range(graph.size()):
         kinds = {kind_and_index(v)[0] for v in graph.at(i).keys()}  # noqa: SIM118
-        count("gnss" if len(kinds) == 2 else measured[kinds.pop()], graph.at(i).dim())
+        name = "attitude" if kinds == {POSE, COMMON_ERROR} else "gnss" if len(kinds) > 1 else measured[kinds.pop()]
+        count(name, graph.at(i).dim())
     count("marks", 2 * len(problem.marks))
     count("tie_points", 2 * len(problem.tie))
     assert row == len(J)
