@@ -246,7 +246,9 @@ class DatumChange:
 
 def changes_datum(source: str, target: str) -> bool:
     """Return whether positions of the CRS ``source`` change their datum on the way to ``target``. Raises FrameError
-    where PROJ does not know one of them."""
+    where PROJ does not know one of them; a system of its own has no datum."""
+    if NO_CRS in (source, target):
+        return False
     given, wanted = _any_crs(source).geodetic_crs, _any_crs(target).geodetic_crs
     if given is None or wanted is None:
         return False

@@ -131,7 +131,9 @@ def dbat_block(data: Path) -> Block:
 
 def adjusted(data: Path) -> Adjustment:
     """Return the adjustment of the block by plain least squares, as DBAT adjusts it: nothing is rejected."""
-    settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0, first_outlier_threshold_px=200.0)
+    settings = AdjustmentSettings(
+        robust_loss="none", outlier_threshold=100.0, first_outlier_threshold_px=200.0, estimate_sigmas=False
+    )
     return adjust(dbat_block(data), settings)
 
 

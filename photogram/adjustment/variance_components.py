@@ -227,13 +227,13 @@ def scatters(components: VarianceComponents) -> dict[str, Scatter]:
     found = {}
     c = components
     for k, name in enumerate(c.group.tolist()):
-        if name in (NO_OBSERVATION, COMMON_ERRORS):
+        if name == NO_OBSERVATION:
             continue
         n, r, squares = int(c.observations[k]), float(c.redundancy[k]), float(c.squares[k])
         factor = float(np.sqrt(squares / r)) if r >= LEAST_REDUNDANCY else float("nan")
         tail = min(chi2.sf(squares, r), chi2.cdf(squares, r)) if r >= LEAST_REDUNDANCY else 1.0
         sd = factor / float(np.sqrt(2.0 * r)) if r >= LEAST_REDUNDANCY else float("nan")
         stated, used = float(c.stated_sigma[k]), float(c.used_sigma[k])
-        refuted = bool(tail < SIGNIFICANCE / 2) and used == stated
+        refuted = bool(tail < SIGNIFICANCE / 2) and used == stated and name != COMMON_ERRORS
         found[name] = Scatter(n, r, stated, used, factor, sd, refuted)
     return found

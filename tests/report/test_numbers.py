@@ -201,7 +201,7 @@ def test_keys_of_consistency(report: Json) -> None:
     components, adjustment = report["variance_components"], report["adjustment"]
     assert list(components) == [
         "tie_points", "marks", "control_plan", "control_height", "gnss_plan", "gnss_height", "attitude", "gnss_offset",
-        "calibration",
+        "common_errors", "calibration",
     ]  # fmt: skip
     assert sum(c["redundancy"] for c in components.values()) == pytest.approx(adjustment["redundancy"])
     assert components["tie_points"]["observations"] == 2 * adjustment["observations"]

@@ -133,6 +133,7 @@ def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, 
             project=settings,
             executor=run.executor,
             adjusted_block=run.adjusted_block,
+            has_surface=run.has_surface,
             filled_surface=run.filled_surface,
             pixels=run.pixels,
         )

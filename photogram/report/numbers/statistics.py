@@ -37,6 +37,7 @@ _GROUPS = {
     "gnss_height": ("GNSS positions in height", "m", 1.0),
     "attitude": ("measured attitudes", "deg", 180.0 / np.pi),
     "gnss_offset": ("offsets of GNSS", "m", 1.0),
+    "common_errors": ("common errors", "", 1.0),
     "distances": ("measured distances", "m", 1.0),
     "calibration": ("given calibrations", "", 1.0),
 }
