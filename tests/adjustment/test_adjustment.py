@@ -16,6 +16,7 @@ from photogram.adjustment.outliers import noise_scale
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras
 from photogram.errors import AdjustmentError
+from photogram.factors.common_errors import values_of
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
@@ -57,12 +58,14 @@ def state_of(result: Adjustment) -> State:
         result.block.tie_points.position_world_m,
         result.ground_world_m[control],
         result.offset_world_m,
+        values_of(result.block.common_errors),
     )
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Errors of poses, calibration and offset, in the tangent of the solution, and their joint covariance."""
+    """Errors of poses, calibration and offset, in the tangent of the solution, and their joint covariance; without
+    common errors of the attitudes, which are zero and no draw of their wide prior."""
 
     error: FloatArray
     covariance: FloatArray
@@ -84,9 +87,10 @@ def joint(seed: int) -> Joint:
         error[6 * i : 6 * i + 3] = Rotation.from_matrix(R.T @ truth.rotation_world_from_camera).as_rotvec()
         error[6 * i + 3 : 6 * i + 6] = R.T @ (truth.position_world_m - state.position[i])
     border = error[layout.columns :]
-    border[layout.offset_column :] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
+    border[layout.offset_column : layout.common_column] = block.truth.gnss_offset_world_m["1"] - state.offset[0]
     border[: layout.offset_column] = (block.truth.camera.parameters - state.parameters[0])[camera.sigmas > 0]
-    return Joint(error, found.joint(np.arange(len(state.rotation))))
+    kept = np.arange(layout.columns + layout.common_column)
+    return Joint(error[kept], found.joint(np.arange(len(state.rotation)))[np.ix_(kept, kept)])
 
 
 def within_99(total: float, degrees: int) -> bool:
