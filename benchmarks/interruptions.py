@@ -1,11 +1,13 @@
-"""Kills and full disks: a run that goes on after them writes the same bytes as one that nothing happened to.
+"""Kills, full disks and damaged files: a run that goes on after them writes the same bytes as one that nothing
+happened to.
 
-    python benchmarks/interruptions.py FOLDER [--kills 60] [--full-disks 20] [--seed 1]
+    python benchmarks/interruptions.py FOLDER [--kills 60] [--full-disks 20] [--damages 200] [--seed 1]
 
 A survey of four photographs is run once undisturbed. Then it is killed at random, at the moment when a file is about to
 take its name or at any other, gone on with and killed again, until it comes to its end; and its work or its results are
 put on a disk (tmpfs, which the superuser alone may mount) that is too small, which has to end in one line and exit code
-1, and then grows. Every product and every intermediate file is compared.
+1, and then grows. Last, one bit or one digit is changed in one file of one stage at a time, any of them: the file has
+to be named, and its stage alone made again. Every product and every intermediate file is compared.
 """
 
 from __future__ import annotations
@@ -169,16 +171,62 @@ def on_full_disks(pristine: Path, folder: Path, count: int, expected: dict[str, 
     return wrong
 
 
+def spoilt(content: bytes, rng: random.Random) -> tuple[str, bytes]:
+    """Return what is changed in a file, one bit or one of its digits, and the file with the change."""
+    digits = [i for i, byte in enumerate(content) if 48 <= byte < 58]
+    if digits and rng.random() < 0.5:
+        place = rng.choice(digits)
+        other = 48 + (content[place] - 48 + rng.randrange(1, 10)) % 10
+        return "digit", content[:place] + bytes([other]) + content[place + 1 :]
+    place = rng.randrange(len(content))
+    return "bit", content[:place] + bytes([content[place] ^ 1 << rng.randrange(8)]) + content[place + 1 :]
+
+
+def notes(work: Path) -> dict[str, tuple[int, int]]:
+    """Return of every stage which file its note is: another one where it was made again."""
+    found = {path.parent.name: path.stat() for path in work.glob("*.stage/stage.json")}
+    return {name: (status.st_ino, status.st_mtime_ns) for name, status in found.items()}
+
+
+def damaged(project: Path, count: int, expected: dict[str, str], rng: random.Random) -> int:
+    """Change one bit or digit in files of stages, run, and return how often that was not found, not named, or not
+    mended by its stage alone."""
+    work, wrong, kinds = project.parent / "work", 0, {"bit": 0, "digit": 0}
+    stages: dict[str, int] = {}
+    for _ in range(count):
+        path = rng.choice(sorted(p for p in work.glob("*.stage/**/*") if p.is_file() and p.stat().st_size))
+        stage = path.relative_to(work).parts[0]
+        kind, content = spoilt(path.read_bytes(), rng)
+        before = notes(work)
+        path.write_bytes(content)
+        status = child(project) >> 8
+        said = (project.parent / "said.txt").read_text(encoding="utf-8")
+        after = notes(work)
+        again = [name for name in after if after[name] != before.get(name)]
+        named = path.name in "".join(said.split()) and "was modified since it was written" in " ".join(said.split())
+        same = contents(work, project.parent / "results") == expected
+        kinds[kind] += 1
+        stages[stage] = stages.get(stage, 0) + 1
+        if status or not named or again != [stage] or not same:
+            wrong += 1
+            print(f"{kind} of {path.relative_to(work)}: exit {status}, named: {named}, again: {again}, same: {same}")
+            sys.stdout.flush()
+    where = ", ".join(f"{name} {number}" for name, number in stages.items())
+    print(f"damaged: {kinds['bit']} bits, {kinds['digit']} digits, in {where}")
+    return wrong
+
+
 def quiet(done: int, total: int, text: str) -> None:
     """Take progress, and say nothing."""
 
 
 def main() -> None:
-    """Print a line for each chain of kills and each disk, and the sums."""
+    """Print a line for each chain of kills, each disk and each damage that is not mended, and the sums."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--kills", type=int, default=60)
     parser.add_argument("--full-disks", type=int, default=20)
+    parser.add_argument("--damages", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     folder = given.folder.absolute()
@@ -204,6 +252,8 @@ def main() -> None:
         print(f"{given.full_disks} full disks: {wrong} went wrong")
     elif given.full_disks:
         print("full disks: not tried, the superuser alone may mount them")
+    wrong = damaged(whole, given.damages, expected, random.Random(given.seed))
+    print(f"{given.damages} damaged files: {wrong} not found, named and mended by their stage alone")
 
 
 if __name__ == "__main__":

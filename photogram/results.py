@@ -139,8 +139,8 @@ class Deformation:
     freed_height_sigma_m: FloatArray
     """Sigmas (3,) of the heights with them released, as in ``remedy_sigma_m``."""
     pattern_sigma_m: FloatArray
-    """Effect (3,) on b, c and d of a camera model error as large as the common pattern of the residuals, NaN if
-    unknown."""
+    """Effect (3,) on b, c and d of a camera model error judged by the common pattern of the residuals: NaN if unknown,
+    zero without a significant pattern. All height sigmas include it."""
     absolute_sigma_m: FloatArray
     """Root mean square (3,) east, north, up of the cameras' share over the block."""
     relative_sigma_m: FloatArray
@@ -153,6 +153,9 @@ class Deformation:
     """Places (S, 3) spread over the ground."""
     shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     """The cameras' share (S, 3, 3) at these places, relative to the mean error of all of them."""
+    model_error_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    """Covariance (4, 4) of what an error of the camera models does to the mean height, b, c and d, zero without a
+    significant pattern in the residuals; it is in all covariances of heights above."""
 
     @staticmethod
     def unknown(given_parameters: FloatArray | None = None) -> Deformation:

@@ -8,6 +8,7 @@ import typer
 
 from photogram.cli.app import app
 from photogram.cli.arguments import Pdf, Photographs, ProjectFile
+from photogram.cli.beforehand import check_project_file
 from photogram.pipeline.stage_names import StageName
 
 
@@ -35,6 +36,7 @@ def adjust(
     pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
     dense, surface, relief, orthophoto, comparison and results.
     """
+    check_project_file(project)
     from photogram.cli.work.adjust import run
 
     run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.beforehand import check_clouds
 
 
 @app.command()
@@ -24,6 +25,7 @@ def compare(
     ] = True,
 ) -> None:
     """Compare point clouds with a reference: height over its surface, and distance to its nearest point."""
+    check_clouds([*clouds, reference])
     from photogram.cli.work.compare import run
 
     run(clouds, reference, output, sor)

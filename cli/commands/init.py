@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.beforehand import check_tables
 
 HeightSystemName = Literal["ellipsoidal", "orthometric"]
 RoleName = Literal["control", "check"]
@@ -72,6 +73,7 @@ def init(
     size = _picture_size(picture_size)
     if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
         raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
+    check_tables([*(control or ()), *(check or ()), *([] if marks is None else [marks])])
     from photogram.cli.work.init import run
     from photogram.pipeline.new_project import Request
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from photogram.cli.app import app
 from photogram.cli.arguments import Pdf, Photographs, ProjectFile
+from photogram.cli.beforehand import check_project_file
 
 
 @app.command()
 def report(project: ProjectFile, photographs: Photographs = None, pdf: Pdf = False) -> None:
     """Regenerate report.html from report.json with the current names and targets of the project file."""
+    check_project_file(project)
     from photogram.cli.work.report import run
 
     run(project, photographs, pdf)

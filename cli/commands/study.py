@@ -8,6 +8,7 @@ import typer
 
 from photogram.cli.app import app
 from photogram.cli.arguments import Photographs, ProjectFile
+from photogram.cli.beforehand import check_project_file
 
 experiments = typer.Typer(help="Teaching experiments on single processing steps.", no_args_is_help=True)
 app.add_typer(experiments, name="study")
@@ -60,6 +61,7 @@ def ransac(
     """Run the textbook RANSAC with the 8-point algorithm on candidate matches, and plot its inliers."""
     sizes, counts = _counts(sample_sizes, "--sample-sizes"), _counts(iterations, "--iterations")
     limits_px = _numbers(thresholds, "--thresholds")
+    check_project_file(project)
     from photogram.cli.work.study import run
 
     run(project, photographs, pair, counts, sizes, limits_px, residual, ratio, seed)

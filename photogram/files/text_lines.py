@@ -69,6 +69,19 @@ class Faults:
         return None
 
 
+def text_of(path: Path, error: type[PhotogramError]) -> str:
+    """Return the text of a file. Raises ``error`` where it cannot be read, is far too large or is not UTF-8."""
+    try:
+        return read_whole(path, MOST_BYTES).decode("utf-8-sig")
+    except OSError as fault:
+        raise error(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
+    except UnicodeDecodeError as fault:
+        line = fault.object[: fault.start].count(b"\n") + 1
+        raise error(
+            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
+        ) from fault
+
+
 def lines_of(
     path: Path, error: type[PhotogramError], holding: str, comment: str | None = None
 ) -> list[tuple[int, str]]:
@@ -77,15 +90,7 @@ def lines_of(
     Those that begin with ``comment`` are passed over. Raises ``error`` where the file cannot be read or is empty, and
     then says what it should be ``holding``.
     """
-    try:
-        text = read_whole(path, MOST_BYTES).decode("utf-8-sig")
-    except OSError as fault:
-        raise error(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
-    except UnicodeDecodeError as fault:
-        line = fault.object[: fault.start].count(b"\n") + 1
-        raise error(
-            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
+    text = text_of(path, error)
     kept = [
         (n, line)
         for n, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)

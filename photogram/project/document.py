@@ -223,8 +223,18 @@ class Document:
         raise ProjectError("\n".join(heading + lines))
 
 
+def check_syntax(path: Path) -> None:
+    """Check that a project file can be read and is YAML. Raises ProjectError as Document does, and costs little: a
+    Document of the same text is made of what was parsed here."""
+    _compose(path)
+
+
 def _compose(path: Path) -> yaml.Node | None:
-    text = _read_text(path)
+    return _composed(path, _read_text(path))
+
+
+@lru_cache(maxsize=1)
+def _composed(path: Path, text: str) -> yaml.Node | None:
     try:
         node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as fault:

@@ -101,13 +101,18 @@ def places_of(problem: Problem, state: State) -> Places | None:
     )  # fmt: skip
 
 
+def height_shapes(xy: FloatArray, centre: FloatArray, radius_m: float, standing: FloatArray) -> FloatArray:
+    """Return at places (P, 2) the shapes (P, 4) of a block's errors in height: mean, slopes east and north and the
+    dome, each 1 m at the radius; slopes and dome have no mean over the places ``standing`` (S, 2)."""
+    offset, middle = (xy - centre) / radius_m, (standing - centre) / radius_m
+    square, mean = np.sum(offset**2, axis=1), np.mean(np.sum(middle**2, axis=1))
+    return np.asarray(np.column_stack([np.ones(len(xy)), offset - middle.mean(axis=0), square - mean]))
+
+
 def height_modes(xy: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
     """Return the weights (4, P) that fit mean, slopes east and north and the dome, each in m at the radius, to height
     errors at places (P, 2) by least squares."""
-    offset = (xy - centre) / radius_m
-    square = np.sum(offset**2, axis=1)
-    design = np.column_stack([np.ones(len(xy)), offset - offset.mean(axis=0), square - square.mean()])
-    return np.linalg.pinv(design)
+    return np.asarray(np.linalg.pinv(height_shapes(xy, centre, radius_m, xy)))
 
 
 def _ground_weights(state: State, places: Places) -> FloatArray:

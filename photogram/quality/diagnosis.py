@@ -260,8 +260,8 @@ def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> l
     """Return a sentence for each camera whose residuals show that its model leaves something out."""
     slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
     effect = (
-        f"an error of that size, if the block follows it, tilts it by {slopes.max():.3f} m and domes it by "
-        f"{dome:.3f} m (1 sigma, over {known.radius_m:.0f} m from its centre), and no predicted sigma includes it"
+        f"what the block may follow of it tilts it by {slopes.max():.3f} m and domes it by {dome:.3f} m (1 sigma, over "
+        f"{known.radius_m:.0f} m from its centre), which the predicted sigmas of heights include"
         if np.isfinite(dome)
         else "no predicted sigma includes its effect on heights"
     )

@@ -39,7 +39,8 @@ from photogram.quality.deformation import (
 from photogram.quality.fixed_parameters import with_held_freed
 from photogram.quality.flight_lines import Course, flown
 from photogram.quality.ground_errors import ground_errors
-from photogram.quality.residual_patterns import pattern_sigmas_m
+from photogram.quality.model_error import with_pattern
+from photogram.quality.residual_patterns import pattern_covariance_m2
 from photogram.results import Adjustment, Deformation
 from photogram.survey import Block, Photograph
 
@@ -226,9 +227,11 @@ def block_deformation(
     with limited_threads(0):  # everything here is too small for BLAS to share out
         stiff = factored(problem, state)
         found = deformation_and_remedies(problem, state, stiff)
-        pattern_m = pattern_sigmas_m(problem, state, stiff)
+        pattern_m2 = pattern_covariance_m2(problem, state, stiff)
+        places = places_of(problem, state)
     given = np.array(given_parameters).reshape(-1, PARAMETERS)
-    return replace(found, given_parameters=given, pattern_sigma_m=pattern_m)
+    found = replace(found, given_parameters=given)
+    return found if places is None else with_pattern(found, pattern_m2, state.tie_point[places.points], places)
 
 
 def deformation_and_remedies(problem: Problem, state: State, found: Solvable) -> Deformation:

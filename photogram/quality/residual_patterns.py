@@ -32,6 +32,14 @@ FEWEST_RESIDUALS, FEWEST_SQUARES = 20, 12
 
 SIGNIFICANCE = 0.001
 
+FOLLOWED = 3.0
+"""What the block follows of an error of the camera model, over what it leaves in the residuals: poses and calibration
+take up the smooth part. Simulated lens patterns of two to eight half waves along a side leave 0.3 to 0.6 of their RMS;
+with this, heights are as uncertain as predicted (benchmarks/model_errors.py)."""
+
+ALIKE = 2.0
+"""Squares over which such an error stays alike: a fifth of the width of a picture."""
+
 WORTH_TELLING = 0.1
 """A pattern counts from this part of the residuals' RMS on. With many observations smaller ones are significant too:
 residuals of one point depend on each other, and rendered pictures are interpolated."""
@@ -105,27 +113,39 @@ def _by_camera(
             yield camera, own, pattern
 
 
-def pattern_sigmas_m(problem: Problem, state: State, found: Solvable) -> FloatArray:
-    """Return how far errors of the camera models, as large as the patterns of their residuals but such that the block
-    follows them, tilt and bend it: standard deviations (3,), m, of the slopes east and north and of the dome as
-    Deformation has them. NaN where nothing is known of patterns or of the block.
+def pattern_covariance_m2(problem: Problem, state: State, found: Solvable) -> FloatArray:
+    """Return what errors of the camera models do to the heights of a block, judged by the patterns of their residuals:
+    the covariance (4, 4), m², of mean, slopes east and north and dome, as Deformation has them.
 
-    An error is taken as one shift for each square of the picture plane, independent of the others, with the RMS of the
-    pattern: Σ over squares and coordinates of (pattern × sum of the responses in the square)².
+    NaN where nothing is known of patterns or of the block, zero where no pattern is significant. An error is a shift of
+    each square of the picture plane, of FOLLOWED times the RMS of the pattern, whose correlation falls with the
+    distance d of two squares as exp(−(d / ALIKE)²): R C Rᵀ with the responses R of the four functions to all squares.
     """
     places = places_of(problem, state)
     if places is None:
-        return np.full(3, np.nan)
-    a = np.zeros((len(places.points), 3, 3))
-    a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:].T
+        return np.full((4, 4), np.nan)
+    a = np.zeros((len(places.points), 3, 4))
+    a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m).T
     response = responses_to_pixels(problem, state, found, places.points, a)
     tie = problem.tie
     whitened = residuals(tie, state.cameras, state.tie_point)
-    variances = []
+    covariance, known = np.zeros((4, 4)), False
     for camera, own, pattern in _by_camera(
         problem.block.cameras, state.cameras.camera[tie.photograph], tie.pixel, whitened * tie.sigma_px[:, None]
     ):
+        known = True
+        if not pattern.significant:
+            continue
         square, squares = squares_of(camera, tie.pixel[own])
-        together = np.stack([_sums(square, response[own, :, k], squares) for k in range(3)])
-        variances.append(pattern.pattern_px**2 * np.sum(together**2, axis=(1, 2)))
-    return np.sqrt(np.sum(variances, axis=0)) if variances else np.full(3, np.nan)
+        together = np.stack([_sums(square, response[own, :, k], squares) for k in range(4)])
+        variance_px2 = (FOLLOWED * pattern.pattern_px) ** 2
+        covariance += variance_px2 * np.einsum("kic,ij,ljc->kl", together, _likeness(squares), together)
+    return covariance if known else np.full((4, 4), np.nan)
+
+
+def _likeness(squares: int) -> FloatArray:
+    """Return the correlation (squares, squares) of the shifts of squares by their distance."""
+    number = np.arange(squares)
+    place = np.column_stack([number % SQUARES, number // SQUARES])
+    distance = np.linalg.norm(place[:, None] - place[None], axis=2)
+    return np.asarray(np.exp(-((distance / ALIKE) ** 2)))

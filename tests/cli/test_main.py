@@ -21,6 +21,7 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 from photogram.cli.commands import adjust, init, plan
+from photogram.cli.commands import check as commands_check
 from photogram.cli.interruption import interruptible, raise_if_interrupted
 from photogram.cli.screen.stage_lines import SENTENCES
 from photogram.cli.work import check as run_check
@@ -96,6 +97,7 @@ def check_raises(monkeypatch: pytest.MonkeyPatch, photogram: Run, tmp_path: Path
     monkeypatch.setattr(tempfile, "mkstemp", partial(tempfile.mkstemp, dir=tmp_path))
 
     def run(work: Callable[[], object], *options: str) -> Any:
+        monkeypatch.setattr(commands_check, "check_project_file", lambda _: None)
         monkeypatch.setattr(run_check, "run", lambda *_: work())
         return photogram(*options, "check", "project.yaml")
 

@@ -15,7 +15,14 @@ from photogram.factors.functionals import factored, responses_to_pixels
 from photogram.quality.deformation import height_modes, places_of
 from photogram.quality.diagnosis import diagnose
 from photogram.quality.improvements import block_deformation
-from photogram.quality.residual_patterns import pattern_sigmas_m, residual_pattern, residual_patterns, squares_of
+from photogram.quality.residual_patterns import (
+    ALIKE,
+    FOLLOWED,
+    pattern_covariance_m2,
+    residual_pattern,
+    residual_patterns,
+    squares_of,
+)
 from photogram.report.figures.page_figures import residual_caption
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -165,19 +172,31 @@ def test_a_block_moves_with_its_pixels_as_its_responses_say() -> None:
 
 
 def test_predicted_tilt_and_bend_are_what_patterns_do() -> None:
-    """Root mean squares over twelve patterns, whose responses are exact, against the standard deviations."""
+    """Root mean squares over patterns as they are assumed, whose responses are exact, against the standard
+    deviations."""
     rms_px = 0.3
     first = adjust(moved_block(np.random.default_rng(99).normal(scale=rms_px, size=(100, 2))), SETTINGS)
     problem = make_problem(first.block, SETTINGS)
     state = replace(start_state(problem.block, problem.flights), offset=first.offset_world_m)
-    sigma_m = pattern_sigmas_m(problem, state, factored(problem, state))
+    covariance_m2 = pattern_covariance_m2(problem, state, factored(problem, state))
+    sigma_m = np.sqrt(np.diag(covariance_m2)[1:])
     found = residual_patterns(first)["simulated"]
     response, _, _ = responses(first)
     square, squares = squares_of(first.block.cameras[0], first.block.tie_points.pixel)
-    shifts_px = np.random.default_rng(1).normal(scale=found.pattern_px, size=(200, squares, 2))
+    at = np.column_stack([np.arange(squares) % 10, np.arange(squares) // 10])
+    alike = np.exp(-np.sum((at[:, None] - at[None]) ** 2, axis=2) / ALIKE**2)
+    shifts_px = np.random.default_rng(1).multivariate_normal(np.zeros(squares), alike, size=(400, 2), method="eigh")
+    shifts_px = FOLLOWED * found.pattern_px * shifts_px.transpose(0, 2, 1)
     made = np.einsum("nrk,mnr->mk", response, shifts_px[:, square])
-    np.testing.assert_allclose(np.sqrt(np.mean(made**2, axis=0)), sigma_m, rtol=0.2)
+    np.testing.assert_allclose(np.sqrt(np.mean(made**2, axis=0)), sigma_m, rtol=0.15)
     known = block_deformation(first, SETTINGS, [camera.parameters for camera in first.block.cameras])
     np.testing.assert_allclose(known.pattern_sigma_m, sigma_m, rtol=1e-6)
     (sentence,) = [w for w in diagnose(replace(first, deformation=known)).warnings if "share a pattern" in w]
     assert f"domes it by {sigma_m[2]:.3f} m" in sentence
+
+
+def test_without_a_significant_pattern_there_is_no_effect() -> None:
+    right = adjusted(0.0)
+    known = block_deformation(right, AdjustmentSettings(), [camera.parameters for camera in right.block.cameras])
+    np.testing.assert_array_equal(known.pattern_sigma_m, 0.0)
+    np.testing.assert_array_equal(known.model_error_covariance_m2, 0.0)

@@ -20,6 +20,7 @@ from photogram.pipeline.store.stored_results import resection_to, verdict_to, wr
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.quality.improvements import block_deformation
+from photogram.quality.model_error import with_model_error
 from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
 from photogram.sfm.resection import Resection
 from photogram.survey import PointCloud
@@ -60,7 +61,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
-    result = replace(verdict.result, deformation=deformation)
+    result = with_model_error(replace(verdict.result, deformation=deformation))
     frame, tie_points = block.frame, result.block.tie_points
     sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
     cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)

@@ -1,0 +1,157 @@
+"""Nadir blocks with an error that the camera model leaves out: are heights as uncertain as predicted?
+
+    python benchmarks/model_errors.py [BLOCKS]                  default: 50, some ten minutes
+
+Simulated observations of 24 photographs straight down, no rendered pictures; the focal length is known from EXIF to 3 %
+and every other term of the calibration is estimated. To the pixels of every photograph alike is added:
+
+none       nothing
+lens       a smooth pattern that no polynomial of the radius has, 0.15 px RMS, up to 4 half waves along each side
+strong     the same of 0.5 px
+fine       the same of 0.5 px, with up to 8 half waves
+coarse     the same, with up to 2
+tag        as strong, where the focal length is said to be known to 0.2 %: it is moved by more than that
+readout    what a rolling shutter of 33 ms does at 5 m/s to photographs that fly along their columns
+
+Heights of tie points, adjusted minus true, over their predicted standard deviation: root mean square over blocks of the
+mean square in each, `without` and `with` the share of the residuals' pattern. Errors within one block are common to its
+points, so the number beside it is that of blocks beyond 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.arrays import FloatArray
+from photogram.errors import AdjustmentError
+from photogram.projection import CAMERA_PARAMETERS, FOCAL
+from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.improvements import block_deformation
+from photogram.quality.model_error import with_model_error
+from photogram.results import Adjustment
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.survey_plan import whole_survey_plan
+
+PATTERN_PX = {"none": 0.0, "lens": 0.15, "strong": 0.5, "fine": 0.5, "coarse": 0.5, "tag": 0.5, "readout": 0.0}
+KINDS = tuple(PATTERN_PX)
+WAVES = {"fine": 8, "coarse": 2}
+"""Half waves of the pattern along each side of a picture, at most, where they are not 4."""
+BEYOND = 2.0
+READOUT_S, SPEED_M_S = 0.033, 5.0
+GROUND = {
+    "control": {"control_points": 5, "check_points": 5, "gnss_sigma_m": (2.0, 2.0, 3.0)},
+    "RTK": {"control_points": 3, "check_points": 5, "gnss_sigma_m": (0.015, 0.015, 0.025)},
+}
+
+
+def pattern_px(plan: SurveyPlan, kind: str, seed: int, pixel: FloatArray) -> FloatArray:
+    """Return what is added to pixels (N, 2)."""
+    size = np.array([plan.width_px, plan.height_px])
+    at = (pixel + 0.5) / size
+    if kind == "readout":
+        shift_px = READOUT_S * SPEED_M_S / plan.gsd_m
+        return np.column_stack([np.zeros(len(pixel)), shift_px * (at[:, 1] - 0.5)])
+    rng = np.random.default_rng([seed, 21])
+    grid = np.stack(np.meshgrid(*[(np.arange(40) + 0.5) / 40] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = np.concatenate([grid, at])
+    field = np.zeros((len(places), 2))
+    waves = WAVES.get(kind, 4)
+    for a in range(waves + 1):
+        for b in range(waves + 1):
+            wave = np.cos(np.pi * a * places[:, 0]) * np.cos(np.pi * b * places[:, 1])
+            field += wave[:, None] * rng.standard_normal(2) / (1.0 + a + b)
+    field -= field[: len(grid)].mean(axis=0)
+    rms = np.sqrt(np.mean(field[: len(grid)] ** 2))
+    return np.asarray(PATTERN_PX[kind] * field[len(grid) :] / rms)
+
+
+def survey(kind: str, ground: str, seed: int) -> SimulatedBlock:
+    """Simulate a block with a model error."""
+    whole = whole_survey_plan()
+    sigmas = [p.in_its_unit(p.unknown, whole.focal_px, whole.width_px) for p in CAMERA_PARAMETERS]
+    if kind == "tag":
+        sigmas[FOCAL] = 0.002 * whole.focal_px
+    plan = replace(whole, attitude_sigma_deg=2.0, calibration_sigmas=tuple(sigmas), **GROUND[ground])  # type: ignore[arg-type]
+    made = simulate_block(
+        plan, seed, tie_points=800, sigma_px=0.3, detection=0.8,
+        start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
+    )  # fmt: skip
+    ties, points = made.block.tie_points, made.block.control_points
+    block = replace(
+        made.block,
+        tie_points=replace(ties, pixel=ties.pixel + pattern_px(plan, kind, seed, ties.pixel)),
+        control_points=replace(points, mark_pixel=points.mark_pixel + pattern_px(plan, kind, seed, points.mark_pixel)),
+    )
+    return replace(made, block=block)
+
+
+def normalised(made: SimulatedBlock, result: Adjustment) -> tuple[float, float]:
+    """Return the mean square of heights over their sigmas, and their RMS in GSD."""
+    tie, kept = made.block.tie_points, result.block.tie_points
+    number = {(i, f): n for n, (i, f) in enumerate(zip(tie.photograph.tolist(), tie.feature.tolist(), strict=True))}
+    first = kept.first_observation[:-1]
+    keys = zip(kept.photograph[first].tolist(), kept.feature[first].tolist(), strict=True)
+    point = tie.point[[number[key] for key in keys]]
+    error = (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
+    sigma = np.sqrt(result.tie_point_covariance_m2[:, 2, 2])
+    return float(np.mean((error / sigma) ** 2)), float(np.sqrt(np.mean(error**2)) / made.plan.gsd_m)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Mean squares of normalised heights without and with the pattern's share, the RMS error in GSD, and whether the
+    focal length contradicted its source."""
+
+    without: float
+    counted: float
+    gsd: float
+    settled: bool
+
+
+def trial(kind: str, ground: str, seed: int) -> Outcome:
+    """Adjust a block as the stage does, and compare its heights with the truth."""
+    made, settings = survey(kind, ground, seed), AdjustmentSettings()
+    verdict = adjust_and_judge(made.block, settings)
+    known = [camera.parameters for camera in made.block.cameras]
+    plain = replace(verdict.result, deformation=block_deformation(verdict.result, settings, known))
+    without, gsd = normalised(made, plain)
+    counted, _ = normalised(made, with_model_error(plain))
+    return Outcome(without, counted, gsd, bool(verdict.focal_lengths))
+
+
+def row(ground: str, kind: str, found: list[Outcome]) -> str:
+    """Return the line of the table."""
+    without, counted = (np.array([getattr(o, name) for o in found]) for name in ("without", "counted"))
+    figures = "".join(
+        f"{np.sqrt(np.mean(square)):9.2f} {np.mean(square > BEYOND**2):6.0%}" for square in (without, counted)
+    )
+    gsd, settled = np.sqrt(np.mean([o.gsd**2 for o in found])), sum(o.settled for o in found)
+    return f"{ground:<9}{kind:<9}{len(found):6d}{gsd:10.2f}{settled:9d}{figures}"
+
+
+def main() -> None:
+    """Print a line for each error and kind of ground control."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("blocks", type=int, nargs="?", default=50)
+    blocks = parser.parse_args().blocks
+    began = time.monotonic()
+    print("ground   error    blocks  RMS GSD  settled  without    >2     with    >2")
+    for ground in GROUND:
+        for kind in KINDS:
+            found = []
+            for seed in range(1, blocks + 1):
+                try:
+                    found.append(trial(kind, ground, seed))
+                except AdjustmentError as fault:
+                    print(f"{ground}, {kind}, seed {seed}: {fault}")
+            print(row(ground, kind, found), flush=True)
+    print(f"{time.monotonic() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
