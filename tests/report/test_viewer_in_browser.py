@@ -389,7 +389,7 @@ def test_keys_act_without_a_click_and_home_comes_back(browser: Chrome, page: Pat
     wait_until(browser, f"location.hash.includes('tilt={first['tilt']}&')")
     again = address(browser)
     assert {k: again[k] for k in ("azimuth", "tilt")} == {k: first[k] for k in ("azimuth", "tilt")}
-    assert float(again["distance"]) == pytest.approx(float(first["distance"]), rel=0.01)
+    assert float(again["distance"]) == pytest.approx(float(first["distance"]), rel=0.05)
     fresh_key(browser, "?")
     wait_until(browser, "document.getElementById('help').open")
 
