@@ -12,7 +12,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.survey import Block, CommonError
 from photogram.wording import html_table, things
 
-SIGNIFICANCE = 0.001
+SIGNIFICANCE = 0.01
 """Probability by chance below which a common error is one."""
 
 
