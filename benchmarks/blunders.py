@@ -25,7 +25,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import chi2, ncx2
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import NONCENTRALITY, minimal_detectable_blunder
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS, suspects

@@ -42,7 +42,7 @@ from unittest import mock
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle

@@ -28,7 +28,8 @@ import numpy as np
 from lib.common_errors import COMMON_ERRORS
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.projection import PARAMETER_NAMES

@@ -22,7 +22,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.quality.prediction_test import predicted_against_achieved

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.simulation.flight_plan import FlightPlan, survey_of
 from photogram.simulation.prediction import predict
 

@@ -29,7 +29,8 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Pose
 from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.sfm.similarity import fit_similarity

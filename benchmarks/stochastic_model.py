@@ -23,7 +23,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import BoolArray, FloatArray
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment

@@ -23,7 +23,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.survey import Block, CommonError, Photograph
@@ -181,21 +181,6 @@ def attitude_errors(block: Block) -> tuple[int, ...]:
     return tuple(number.tolist())
 
 
-def cross_matrix(vector: FloatArray) -> FloatArray:
-    """Return the matrix (3, 3) of the cross product with a vector (3,)."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def right_jacobian(w: FloatArray) -> FloatArray:
-    """Return J (3, 3) of Exp(w + δ) = Exp(w) Exp(J δ) (Förstner & Wrobel 2016, sec. 8.1.6)."""
-    angle, across = float(np.linalg.norm(w)), cross_matrix(w)
-    if angle < 1e-4:
-        return np.asarray(np.eye(3) - 0.5 * across + across @ across / 6.0)
-    bend = (1.0 - np.cos(angle)) / angle**2
-    return np.asarray(np.eye(3) - bend * across + (angle - np.sin(angle)) / angle**3 * across @ across)
-
-
 def attitude_residual(
     measured: FloatArray, rotation_world_from_camera: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -205,12 +190,12 @@ def attitude_residual(
     The bias is the boresight b, with h behind it where the compass counts, or nothing at all.
     """
     boresight, heading = bias[:3] if len(bias) else np.zeros(3), bias[3:]
-    B = Rotation.from_rotvec(boresight).as_matrix()
+    B = gtsam.Rot3.Expmap(boresight).matrix()
     turned = rotation_world_from_camera @ B
-    predicted = Rotation.from_rotvec(heading[0] * UP).as_matrix() @ turned if len(heading) else turned
-    e = Rotation.from_matrix(measured.T @ predicted).as_rotvec()
-    inverse = np.linalg.inv(right_jacobian(e))
-    columns = [right_jacobian(boresight)] if len(bias) else []
+    predicted = gtsam.Rot3.Expmap(heading[0] * UP).matrix() @ turned if len(heading) else turned
+    e = gtsam.Rot3.Logmap(gtsam.Rot3(measured.T @ predicted))
+    inverse = gtsam.Rot3.LogmapDerivative(e)
+    columns = [gtsam.Rot3.ExpmapDerivative(boresight)] if len(bias) else []
     columns += [turned[2][:, None]] if len(heading) else []
     of_bias = np.hstack(columns) if columns else np.zeros((3, 0))
     return e, inverse @ B.T, inverse @ of_bias

@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.factors.common_errors import Effect, attitude_residual, cross_matrix
+from photogram.factors.common_errors import Effect, attitude_residual
 from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
 
 OWN_OFFSET_SIGMA_M = 1e-6
@@ -63,7 +63,7 @@ def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m
     R = rotation_world_from_camera
     if lever_arm_camera_m is None:
         return np.hstack([np.zeros((3, 3)), R])
-    return np.hstack([R @ cross_matrix(lever_arm_camera_m), R])
+    return np.hstack([R @ gtsam.Rot3.Hat(lever_arm_camera_m), R])
 
 
 def gnss_position(

@@ -118,7 +118,7 @@ _PLACES = {
     "intersect": "photogram.triangulation:intersect",
     # the joint adjustment, and what it is worth
     "Adjustment": "photogram.results:Adjustment",
-    "AdjustmentSettings": "photogram.adjustment.adjustment:AdjustmentSettings",
+    "AdjustmentSettings": "photogram.adjustment.problem:AdjustmentSettings",
     "adjust": "photogram.adjustment.adjustment:adjust",
     "snoop": "photogram.quality.gross_errors.snooped_adjustment:adjust_and_judge",
     "diagnose": "photogram.quality.diagnosis:diagnose",
@@ -158,7 +158,8 @@ _PLACES = {
 """Where every public name is defined: its module, and the name that it has there."""
 
 if TYPE_CHECKING:  # the same table for type checkers and editors
-    from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+    from photogram.adjustment.adjustment import adjust
+    from photogram.adjustment.problem import AdjustmentSettings
     from photogram.camera import Camera, Pose, unproject
     from photogram.camera import project as project_points
     from photogram.errors import (

@@ -11,7 +11,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.factors.elimination.loss import RobustLoss

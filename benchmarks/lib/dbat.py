@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, omega_phi_kappa_deg
 from photogram.frames import LocalFrame

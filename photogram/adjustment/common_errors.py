@@ -16,6 +16,7 @@ neither sigmas that are too small nor a few gross errors pass for something comm
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -307,7 +308,8 @@ def next_change(
     """Return which common error of positions to add or to drop at a solution, None where the unknowns are right.
 
     An unknown is dropped when it is no longer significant beside one that came later, and ``barred`` from then on; one
-    is added at a time, the least likely by chance.
+    is added at a time, the least likely by chance; of several flights or cameras that may have one of a kind, each is
+    held to its share of the level (Bonferroni), so that a survey of many flights invents no more than one of few.
     """
     errors = problem.block.common_errors
     of_positions = [k for k, error in enumerate(errors) if error.kind != "attitude"]
@@ -316,8 +318,9 @@ def next_change(
         worst = of_positions[int(np.argmax(np.nan_to_num(p, nan=1.0)))]
         if not max(np.nan_to_num(p, nan=1.0)) < SIGNIFICANCE:
             return Change(tuple(e for k, e in enumerate(errors) if k != worst), {}, _what(errors[worst]))
-    limit = float(np.log(SIGNIFICANCE))
-    significant = [c for c in _candidates(problem, state, found, tested, barred) if c.log_chance < limit]
+    candidates = list(_candidates(problem, state, found, tested, barred))
+    of_kind = Counter(c.error.kind for c in candidates)
+    significant = [c for c in candidates if c.log_chance < np.log(SIGNIFICANCE / of_kind[c.error.kind])]
     if not significant:
         return None
     new, rival = _chosen(significant)

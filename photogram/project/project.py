@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.oriented_subset import registered_block
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Pose, project
 from photogram.factors.consider import with_considered

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.reliability import minimal_detectable_blunder, w_tests
 from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError

@@ -11,8 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.outliers import noise_scale
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras
 from photogram.errors import AdjustmentError

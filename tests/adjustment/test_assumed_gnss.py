@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.adjustment.assumed_gnss import LEAST_M, robust_factor
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.stochastic_model.assumed_gnss import LEAST_M, robust_factor
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
 

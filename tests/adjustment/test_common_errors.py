@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.common_errors import Score, _Candidate, _chosen, with_attitude_errors
 from photogram.adjustment.gnss_offsets import implied_offset_test
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
 from photogram.factors.priors import gnss_position, position_jacobian

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from makers import LEAST_SQUARES, problem_of, simulated, whole_covariance
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
-from photogram.adjustment.estimated_sigmas import (
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.stochastic_model.estimated_sigmas import (
     CORRELATED,
     FLOOR_PX,
     KEY_POINTS,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.gnss_offsets import estimated_offset_test, implied_offset_test
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.results import Adjustment

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.oriented_subset import registered_block, with_all_photographs
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import IntArray
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.partial_control import control_positions
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import BoolArray
 from photogram.errors import AdjustmentError
 from photogram.results import Adjustment

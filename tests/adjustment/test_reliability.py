@@ -10,7 +10,8 @@ import pytest
 from makers import LEAST_SQUARES, simulated
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.reliability import NONCENTRALITY, left_out, minimal_detectable_blunder, reliability, w_tests
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import covariances

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from makers import LEAST_SQUARES, simulated
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.reliability import reliability
-from photogram.adjustment.variance_components import NO_OBSERVATION, scatters, variance_components
+from photogram.adjustment.stochastic_model.variance_components import NO_OBSERVATION, scatters, variance_components
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index

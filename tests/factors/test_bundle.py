@@ -12,7 +12,7 @@ from makers import problem_of, simulated
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, minimise
+from photogram.adjustment.problem import AdjustmentSettings, minimise
 from photogram.arrays import FloatArray
 from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances

@@ -18,7 +18,6 @@ from photogram.factors.common_errors import (
     attitude_residual,
     flight_time,
     parts,
-    right_jacobian,
     values_of,
     velocities,
 )
@@ -101,17 +100,21 @@ def test_an_attitude_is_measured_with_its_bias() -> None:
     np.testing.assert_allclose(of_turn, np.eye(3), atol=1e-14)
 
 
-def test_small_and_large_turns_have_one_jacobian() -> None:
-    w = np.array([0.5, -0.2, 0.8])
+def test_the_jacobians_of_an_attitude_hold_for_small_and_for_large_turns() -> None:
+    w, R = np.array([0.5, -0.2, 0.8]), Rotation.from_euler("xyz", [3.0, 0.2, 1.0]).as_matrix()
     for scale in (1.0, 1.001e-4, 0.999e-4, 0.0):
-        J = right_jacobian(scale * w)
-        turned = Rotation.from_rotvec(scale * w)
+        measured = R @ Rotation.from_rotvec(-scale * w).as_matrix()
+        bias = np.array([*(scale * w[::-1]), 0.3 * scale])
 
-        def after(d: FloatArray, turned: Rotation = turned, scale: float = scale) -> FloatArray:
-            return (turned.inv() * Rotation.from_rotvec(scale * w + d)).as_rotvec()
+        def turned(d: FloatArray, measured: FloatArray = measured, bias: FloatArray = bias) -> FloatArray:
+            return attitude_residual(measured, R @ Rotation.from_rotvec(d).as_matrix(), bias)[0]
 
-        differences = numerical(after, 3)
-        np.testing.assert_allclose(J, differences, atol=1e-9)
+        def biased(d: FloatArray, measured: FloatArray = measured, bias: FloatArray = bias) -> FloatArray:
+            return attitude_residual(measured, R, bias + d)[0]
+
+        _, of_turn, of_bias = attitude_residual(measured, R, bias)
+        np.testing.assert_allclose(of_turn, numerical(turned, 3), atol=1e-9)
+        np.testing.assert_allclose(of_bias, numerical(biased, 4), atol=1e-9)
 
 
 def test_a_compass_is_a_direction_of_the_boresight_where_tilts_are_alike_and_no_other_where_they_differ() -> None:

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.quality.improvements import block_deformation
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from makers import LEAST_SQUARES, simulated, whole_normal_equations
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
 from photogram.factors import free_network
 from photogram.factors.covariance import covariances

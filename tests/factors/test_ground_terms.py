@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from makers import problem_of, simulated, whole_covariance
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.reliability import reliability
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import covariances, joint_control_points, mark_covariances

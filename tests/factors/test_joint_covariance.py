@@ -8,8 +8,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.ground_points import ground_points
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.factors import joint_covariance

@@ -11,14 +11,9 @@ import numpy as np
 import pytest
 from makers import SharedData
 
-from photogram.adjustment.adjustment import (
-    AdjustmentSettings,
-    adjust,
-    make_problem,
-    minimise,
-    sigma0_and_redundancy,
-    start_state,
-)
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.assessment import sigma0_and_redundancy
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.camera import Camera, oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
@@ -120,8 +115,8 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         found = adjust(replace(made.block, tie_points=unknown), AdjustmentSettings(), start=[camera])
         expected = adjust(replace(made.block, poses=truth.poses, tie_points=unknown), AdjustmentSettings())
         assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
-        kept = found.block.tie_points
-        problem = make_problem(replace(made.block, tie_points=kept), AdjustmentSettings())
+        kept, common = found.block.tie_points, found.block.common_errors
+        problem = make_problem(replace(made.block, tie_points=kept, common_errors=common), AdjustmentSettings())
         right = replace(problem.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
         start = start_state(right, problem.flights)
         minimum = minimise(problem, start, AdjustmentSettings())

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.factors.elimination import points as elimination
 from photogram.factors.elimination.kernels import BEHIND_PX

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
 from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError

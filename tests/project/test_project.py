@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from makers import SharedData, no_matlab
 
-from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera
 from photogram.errors import ImageError, ProjectError
 from photogram.files.tables.control_files import read_marks, read_points

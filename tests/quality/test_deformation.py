@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from makers import whole_covariance
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.ground_points import ground_points
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations

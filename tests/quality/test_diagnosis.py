@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.quality.diagnosis import diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
 from photogram.quality.improvements import block_deformation
 from photogram.report.numbers.diagnosis import diagnosis_numbers

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.quality.gross_errors import snooped_adjustment
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge

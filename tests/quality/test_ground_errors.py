@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.state import State

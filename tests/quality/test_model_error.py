@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.quality import improvements
 from photogram.quality.deformation import DOME, height_modes, height_shapes

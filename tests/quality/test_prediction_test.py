@@ -10,7 +10,8 @@ import pytest
 from makers import LEAST_SQUARES, ground_point, simulated
 from scipy.stats import kstest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.quality.prediction_test import (
     contradicting_points,
     leave_one_out,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.factors import functionals

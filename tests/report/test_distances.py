@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.factors.covariance import covariances
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.quality.deformation import places_of

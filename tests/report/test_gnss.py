@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.gnss_offsets import SIGNIFICANCE
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.cli.screen.report_tables import show_gnss
 from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError

@@ -18,8 +18,9 @@ from pyproj import CRS
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.oriented_subset import registered_block, with_all_photographs
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, map_from_geodetic

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.errors import AdjustmentError, ProjectError
 from photogram.project.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
 from photogram.simulation.flight_plan import (

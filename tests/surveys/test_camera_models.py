@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, minimise, start_state
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.self_calibration import with_priors
 from photogram.camera import Camera, Pose, oriented_by, project
 from photogram.factors.covariance import covariances

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust, make_problem, start_state
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.oriented_subset import with_all_marks, without_marks
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.solvability import WEAK_CAMERA, UnheldError, check_in_front, control_marks
 from photogram.arrays import IntArray
 from photogram.camera import Pose, project

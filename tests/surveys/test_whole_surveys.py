@@ -16,7 +16,8 @@ import pytest
 import yaml
 from scipy.stats import chi2
 
-from photogram.adjustment.adjustment import AdjustmentSettings, adjust
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.report.record.report import Report, oriented
 from photogram.sfm.similarity import fit_similarity

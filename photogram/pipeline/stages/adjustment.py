@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from photogram.adjustment.adjustment import without_attitudes
 from photogram.adjustment.oriented_subset import part_of_block
+from photogram.adjustment.problem import without_attitudes
 from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.files.npz_json import write_json, write_record
 from photogram.frames import LocalFrame

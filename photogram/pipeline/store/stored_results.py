@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
-from photogram.adjustment.estimated_sigmas import with_gnss_sigmas
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sigmas
 from photogram.camera import Pose
 from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.adjustment.estimated_sigmas import stated_again
+from photogram.adjustment.stochastic_model.estimated_sigmas import stated_again
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
 from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without

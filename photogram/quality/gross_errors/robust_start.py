@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.adjustment.adjustment import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import attitude_errors, attitude_residual, common_shifts, parts

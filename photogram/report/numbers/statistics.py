@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.adjustment.variance_components import Scatter, scatters
+from photogram.adjustment.stochastic_model.variance_components import Scatter, scatters
 from photogram.arrays import NMAD_FACTOR, FloatArray
 from photogram.quality.prediction_test import (
     LeaveOneOut,

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from photogram.adjustment.estimated_sigmas import sigmas_of
 from photogram.adjustment.reliability import LEAST_REDUNDANCY
+from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
 from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.graph import Problem
 from photogram.results import EstimatedSigmas, Reliability, SigmaKind

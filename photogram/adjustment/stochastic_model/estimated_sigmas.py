@@ -51,6 +51,7 @@ STAYS = 0.9
 MOST_NAMED = 5
 _DATUM = 7  # parameters of a similarity: what tie points alone do not determine
 _STEPS = 400  # of the integrals of kept_share
+_FIXED_POINT_STEPS, _FIXED_POINT_TOLERANCE, _MOST_CHANGE = 50, 1e-6, 20.0  # of the sigmas that a scatter asks for
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +171,9 @@ def tie_scatter(
     ``groups`` and ``limit_px`` (N,), up to which residuals were kept, are those of the observations of ``problem``;
     ``taken`` is the redundancy that poses and calibrations take from them. Every photograph is taken to take as much,
     from its observations by their share.
+
+    Robust loss and outlier limit take the more from the squares the smaller they are against the errors. What they take
+    is hence that at the sigmas which the squares then ask for, found group by group as a fixed point.
     """
     tie, count = problem.tie, len(problem.block.photographs)
     own = points_redundancy(problem, state)
@@ -180,10 +184,21 @@ def tie_scatter(
         return None
     redundancy = own * (left / np.maximum(of_photograph, 1e-300))[tie.photograph] * whole / float(left.sum())
     whitened = residuals(tie, state.cameras, state.tie_point)
-    _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)
-    square = weight * np.einsum("ij,ij->i", whitened, whitened)
-    expected = redundancy * kept_share(problem, own, limit_px / tie.sigma_px)
-    return TieScatter(groups.group, tie.photograph, square, redundancy, expected)
+    of_group = np.bincount(groups.group, weights=redundancy, minlength=len(groups.kind))
+    factor = np.ones(len(groups.kind))
+    for _ in range(_FIXED_POINT_STEPS):
+        at = factor[groups.group]
+        _, weight, _ = robust_terms(whitened / at[:, None], problem.robust_loss, problem.robust_threshold)
+        square = weight * np.einsum("ij,ij->i", whitened, whitened)
+        expected = redundancy * kept_share(problem, own, limit_px / (tie.sigma_px * at))
+        found = TieScatter(groups.group, tie.photograph, square, redundancy, expected)
+        asked, _ = found.factor(groups.group, len(groups.kind))
+        asked = np.where(of_group >= LEAST_REDUNDANCY, np.clip(asked, 1.0 / _MOST_CHANGE, _MOST_CHANGE), 1.0)
+        near = np.abs(asked / factor - 1.0).max() < _FIXED_POINT_TOLERANCE
+        factor = asked
+        if near:
+            break
+    return found
 
 
 def _blurred(found: TieScatter, now: Factors, groups: TieGroups) -> BoolArray:

@@ -1,0 +1,122 @@
+"""What a solved block is worth: covariances, reliability, sigma0, variance components, and the scatter of groups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.reliability import reliability
+from photogram.adjustment.rounds import Solved
+from photogram.adjustment.stochastic_model.assumed_gnss import GnssScatter, gnss_scatters
+from photogram.adjustment.stochastic_model.estimated_sigmas import TieGroups, TieScatter, tie_scatter
+from photogram.adjustment.stochastic_model.variance_components import variance_components
+from photogram.camera import Pose
+from photogram.factors.common_errors import with_values
+from photogram.factors.consider import with_considered
+from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem, cost, ground_graph
+from photogram.factors.joint_covariance import points_redundancy
+from photogram.results import Reliability, VarianceComponents
+from photogram.survey import Block
+
+
+def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
+    """Return sigma0 = sqrt(vᵀPv / r) of the minimised squares, and the redundancy r."""
+    block = problem.block
+    graph = ground_graph(problem)
+    image = 2 * (len(problem.tie) + len(problem.marks))
+    ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
+    points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
+    unknowns = 6 * len(block.photographs) + points + len(state.common) + sum(len(f) for f in problem.free)
+    redundancy = image + ground - unknowns
+    tie = residuals(problem.tie, state.cameras, state.tie_point)
+    robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
+    squares = 2.0 * (cost(problem, graph, state) - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
+    return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
+
+
+@dataclass(frozen=True, eq=False)
+class Assessed:
+    """A solved block with only what took part, (P,) of whose tie points are ``kept``: its covariances with focal
+    lengths as ``held`` and with those ``counted`` that are considered, reliability with both and with the held alone,
+    and what scatters by how much."""
+
+    block: Block
+    kept: NDArray[np.bool_]
+    problem: Problem
+    state: State
+    held: Covariances
+    counted: Problem
+    covariances: Covariances
+    tested: Reliability
+    tested_held: Reliability
+    sigma0: float
+    redundancy: int
+    components: VarianceComponents
+    ties: TieScatter | None
+    gnss: list[GnssScatter]
+
+
+def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Assessed:
+    """Return a solved block with its covariances, and what its observations scatter by; ``stated`` is the block with
+    all its observations and the sigmas as stated."""
+    whole, state = solved.whole.block, solved.minimum.state
+    kept = np.bincount(whole.tie_points.point[solved.used], minlength=len(whole.tie_points)) >= 2
+    mine = kept[whole.tie_points.point] & solved.used
+    tie = replace(whole.tie_points, position_world_m=state.tie_point).select(kept, solved.used)
+    cameras = tuple(c.with_parameters(q) for c, q in zip(whole.cameras, state.parameters, strict=True))
+    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
+    common = with_values(whole, state.common)
+    adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common)
+    state = replace(state, tie_point=tie.position_world_m)
+    problem = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
+    held = covariances(problem, state)
+    counted = with_considered(problem, state)
+    found = held if counted is problem else covariances(counted, state)
+    tested = reliability(problem, state, held, counted, found)
+    tested_held = tested if counted is problem else reliability(problem, state, held)
+    sigma0, redundancy = sigma0_and_redundancy(problem, state)
+    groups = solved.groups.select(mine)
+    names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
+    components = variance_components(problem, state, held, tested, redundancy, names)
+    ties, gnss = None, list[GnssScatter]()
+    if settings.estimate_sigmas:
+        # what is considered changes no estimate, so it changes no sigma either
+        plain = components if counted is problem else variance_components(problem, state, held, tested_held, redundancy)
+        of_ties = float(plain.redundancy[plain.group == "tie_points"].sum())
+        taken = float(points_redundancy(problem, state).sum()) - of_ties
+        ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
+        gnss = gnss_scatters(problem, tested_held)
+    return Assessed(
+        adjusted,
+        kept,
+        problem,
+        state,
+        held,
+        counted,
+        found,
+        tested,
+        tested_held,
+        sigma0,
+        redundancy,
+        components,
+        ties,
+        gnss,
+    )
+
+
+def _median_sigmas(stated: Block, groups: TieGroups) -> dict[str, float]:
+    """Return the medians of the stated sigmas of the groups of variance components for which others are estimated."""
+    medians = {"tie_points": float(np.median(groups.stated_px))} if len(groups.stated_px) else {}
+    gnss = [p.gnss_sigma_m for p in stated.photographs if p.gnss_sigma_m is not None]
+    if gnss:
+        plan_and_height = np.array(gnss)
+        medians["gnss_plan"] = float(np.median(plan_and_height[:, :2]))
+        medians["gnss_height"] = float(np.median(plan_and_height[:, 2]))
+    return medians

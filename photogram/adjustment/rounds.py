@@ -1,0 +1,107 @@
+"""Outlier rounds: choose the observations that agree, adjust with them, estimate their sigmas, until both settle."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.adjustment.outliers import (
+    agreeing_observations,
+    first_agreement,
+    noise_scale,
+    outlier_limit_px,
+    settled,
+    without_narrow,
+)
+from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
+from photogram.adjustment.solvability import check_determined, check_in_front
+from photogram.adjustment.stochastic_model.estimated_sigmas import (
+    Factors,
+    TieGroups,
+    as_stated,
+    factors_of,
+    improved,
+    taken_by_cameras,
+    tie_groups,
+    tie_scatter,
+    weighted,
+)
+from photogram.arrays import FloatArray
+from photogram.factors.elimination.levenberg_marquardt import Minimum
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.results import EstimatedSigmas
+from photogram.survey import Block
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The end of the outlier rounds: the ``whole`` problem with the sigmas that were used, the ``problem`` of the
+    observations that took part, and its minimum. ``limit_px`` (N,) bounded the residuals, ``factors`` multiply stated
+    sigmas by ``groups``."""
+
+    whole: Problem
+    problem: Problem
+    minimum: Minimum
+    used: NDArray[np.bool_]
+    limit_px: FloatArray
+    groups: TieGroups
+    factors: Factors
+    rounds: int
+    iterations: int
+
+
+def _with_cameras_held(block: Block) -> Block:
+    return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
+
+
+def solve_rounds(
+    stated: Problem, state: State, settings: AdjustmentSettings, progress: Progress, sigmas: EstimatedSigmas | None
+) -> Solved:
+    """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
+    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated."""
+    groups, estimating = tie_groups(stated.block), sigmas is None
+    factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
+    whole, steady = weighted(stated, groups, factors), not estimating
+    angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
+    first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
+    used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
+    limit_px = np.full(len(whole.tie), first)
+    draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
+    for number in range(1, settings.maximum_rounds + 1):
+        last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
+        used = chosen
+        problem = whole.with_tie_observations(whole.tie.select(used))
+        check_determined(problem)
+        if number == 1 and not last and first > settings.first_outlier_threshold_px:
+            # Poses so far off would bend the calibration to fit them.
+            problem = replace(problem, block=_with_cameras_held(whole.block))
+        progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
+        minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
+        iterations += minimum.iterations
+        if last:
+            break
+        state = minimum.state
+        if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
+            found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
+            better = factors if found is None else improved(found, factors, groups)
+            steady, factors = better.are_near(factors), better
+            whole = weighted(stated, groups, factors)
+        part = whole.tie.select(used)
+        scale = noise_scale(residuals(part, state.cameras, state.tie_point), part.point, len(state.tie_point))
+        limit_px = outlier_limit_px(whole.block.tie_points, scale, settings.outlier_threshold)
+        _LOG.debug(
+            "round %d: %d of %d observations took part, cost %.6g after %d iterations; they scatter by %.3g sigma, "
+            "that stated times %s",
+            number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale, factors.group,
+        )  # fmt: skip
+        chosen, points = agreeing_observations(whole, state, limit_px, angle)
+    check_in_front(problem, minimum.state)
+    used = without_narrow(whole.block.tie_points, minimum.state, used, angle)
+    return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations)
