@@ -85,6 +85,8 @@ def _surface(summary: StageSummary) -> str:
 
 
 def _relief(summary: StageSummary) -> str:
+    if "left_out" in summary:
+        return f"left out: {summary['left_out']}"
     parts = []
     if "interpolated" in summary:
         parts.append(f"terrain with {things(summary['interpolated'], 'interpolated cell')}")

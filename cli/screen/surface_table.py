@@ -16,6 +16,9 @@ def surface_table(report: Report) -> Table | None:
     made = orthophoto is not None and "left_out" not in orthophoto
     title = "Orthophoto" if not dense else "Surface and orthophoto" if made else "Surface"
     table = Table("figure", "value", title=title, show_header=False)
+    if "plane" in report and report["plane"]["used"]:
+        plane = report["plane"]
+        table.add_row("on a plane", f"{plane['tilt_deg']:.1f}° from level, of {plane['points']} tie points: plane.json")
     if dense is not None:
         _add_surface(table, dense)
     if orthophoto is not None and "left_out" in orthophoto:

@@ -141,6 +141,7 @@ STAGES = (
             run.project.dense,
             run.project.surface.cell_m,
             run.project.surface.in_plan,
+            run.project.surface.plane,
         ],
         match_surface,
     ),

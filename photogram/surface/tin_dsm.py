@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray
-from photogram.errors import PhotogramError, check_positive, check_range
+from photogram.errors import PhotogramError, SettingError, check_positive, check_range
 from photogram.survey import PointCloud, Raster
 
 Rule = Callable[[IntArray, FloatArray], FloatArray]
@@ -55,8 +55,12 @@ class SurfaceSettings:
     """Number of nearest points in plan that form a neighbourhood."""
     in_plan: Literal["auto", "always"] = "auto"
     """Whether photographs that look sideways give a surface in plan: auto, they do not."""
+    plane: Literal["none", "auto"] = "none"
+    """What heights are counted from: none, the map's zero; auto, a plane fitted to the tie points, where it leans."""
 
     def __post_init__(self) -> None:
+        if self.plane == "auto" and self.in_plan == "always":
+            raise SettingError("plane", "auto makes the surface on a plane, in_plan: always on the map: remove one")
         for name in ("cell_m", "maximum_gap_m"):
             value = getattr(self, name)
             if value is not None:

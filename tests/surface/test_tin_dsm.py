@@ -341,3 +341,8 @@ def test_three_points_hold_none_out() -> None:
     nothing = precision_of(np.zeros((3, 3)), np.zeros((3, 3)))
     cloud = cloud_of(np.array([0.0, 8.0, 0.0]), np.array([0.0, 0.0, 8.0]), np.zeros(3))
     assert len(surface_with_sigma(cloud, nothing, SurfaceSettings(cell_m=1.0)).held_out_m) == 0
+
+
+def test_a_surface_is_made_on_the_map_or_on_a_plane() -> None:
+    with pytest.raises(SettingError, match=r"plane: .*in_plan: always.*remove one"):
+        SurfaceSettings(plane="auto", in_plan="always")

@@ -29,8 +29,11 @@ CHUNK_CELLS = 512
 SIGMA, CONFIDENCE, RAYS = "sigma z", "confidence", "rays"
 """Names of the extra bytes; the first as in clouds of tie points."""
 
+ACROSS = "sigma across plane"
+"""Name of the first where the surface lies on a plane: its standard deviation is not one of heights."""
+
+_SIGMAS = {SIGMA: SIGMA_DESCRIPTIONS[SIGMA], ACROSS: "st. deviation across plane [m]"}
 _EXTRA_BYTES: dict[str, tuple[type[np.generic], str]] = {
-    SIGMA: (np.float32, SIGMA_DESCRIPTIONS[SIGMA]),
     CONFIDENCE: (np.uint8, "0 (none) to 100 (certain)"),
     RAYS: (np.uint8, "photographs that agree"),
 }
@@ -45,8 +48,8 @@ class DensePoints:
     """Points of a dense surface in the project's CRS.
 
     ``position_map_m`` (N, 3), ``colour`` (N, 3) red, green, blue; ``sigma_height_m`` (N,) standard deviation of the
-    height; ``confidence`` (N,) from 0 to 1; ``rays`` (N,) number of photographs that agree on the point;
-    ``classification`` (N,) NEVER_CLASSIFIED, NOT_GROUND or GROUND.
+    height, or across the plane of the surface; ``confidence`` (N,) from 0 to 1; ``rays`` (N,) number of photographs
+    that agree on the point; ``classification`` (N,) NEVER_CLASSIFIED, NOT_GROUND or GROUND.
     """
 
     position_map_m: FloatArray
@@ -94,6 +97,7 @@ def write_dense_laz(
     created: date = NO_DATE,
     *,
     coloured: bool = True,
+    plane_origin_map_m: FloatArray | None = None,
 ) -> int:
     """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre, and return the
     number of points; whole or not at all.
@@ -101,15 +105,17 @@ def write_dense_laz(
     Points stand in the order of the chunks; memory grows with a chunk. Colour is 16-bit, and left out (point format 6)
     where nothing is ``coloured``. Extra bytes: "sigma z"
     (float32, m), "confidence" (uint8, 0 to 100), "rays" (uint8). The coordinates' offsets are those of the middle of
-    the grid, so the bytes do not depend on how the points are divided into chunks.
+    the grid, so the bytes do not depend on how the points are divided into chunks; of a grid on a plane, whose origin
+    in the map is ``plane_origin_map_m`` (3,), those of the origin, and the sigma is ACROSS.
 
     Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
     ValueError where a position or confidence is not finite or out of its range.
     """
     header = las_header(crs, created, colour=coloured)
     middle = grid.west_map_m + grid.columns * grid.cell_m / 2, grid.north_map_m - grid.rows * grid.cell_m / 2
-    header.offsets = np.floor([*middle, 0.0])
-    add_extra_bytes(header, _EXTRA_BYTES)
+    header.offsets = np.floor([*middle, 0.0] if plane_origin_map_m is None else plane_origin_map_m)
+    sigma = SIGMA if plane_origin_map_m is None else ACROSS
+    add_extra_bytes(header, {sigma: (np.float32, _SIGMAS[sigma]), **_EXTRA_BYTES})
     count = 0
     with (
         replacing(path) as partial,
@@ -135,7 +141,8 @@ def _record(path: Path, chunk: DensePoints, header: laspy.LasHeader) -> laspy.Sc
     points["classification"][:] = chunk.classification
     if header.point_format.id == COLOURED_FORMAT:
         points.red, points.green, points.blue = chunk.colour.astype(np.uint16).T * np.uint16(257)
-    points[SIGMA] = chunk.sigma_height_m.astype(np.float32)
+    names = set(points.point_format.extra_dimension_names)
+    points[SIGMA if SIGMA in names else ACROSS] = chunk.sigma_height_m.astype(np.float32)
     points[CONFIDENCE] = np.rint(100 * chunk.confidence).astype(np.uint8)
     points[RAYS] = chunk.rays
     return points

@@ -55,11 +55,12 @@ class Category:
 
 @dataclass(frozen=True)
 class _Band:
-    """What a file says of its bands: their descriptions and unit, and the colours of codes."""
+    """What a file says of its bands: their descriptions and unit, the colours of codes, and a note on the whole."""
 
     descriptions: tuple[str, ...] = ()
     unit: str = ""
     colours: Mapping[int, tuple[int, int, int, int]] | None = None
+    note: str = ""
 
 
 def write_cog(
@@ -69,12 +70,14 @@ def write_cog(
     tiles: Iterable[tuple[Window, NDArray[np.float32]]],
     overviews: bool = True,
     description: str = "",
+    note: str = "",
 ) -> None:
     """Write lengths in m in ``crs`` as a Cloud Optimized GeoTIFF of float32, NaN as NODATA; all or nothing.
 
     ``tiles`` are windows of the grid with their values (rows, columns), in any order and of any size; cells in none of
     them have no data. An overview holds the mean of the cells that have data. Compressed without loss. The file names
-    the height system where ``crs`` does, and what the band holds in its ``description``.
+    the height system where ``crs`` does, what the band holds in its ``description``, and a ``note`` on the whole as its
+    image description.
 
     The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
     the file cannot be written, ValueError where a tile does not fit its window or the grid, or a cell holds NODATA as
@@ -89,7 +92,7 @@ def write_cog(
 
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
     look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
-    band = _Band((description,), "m")
+    band = _Band((description,), "m", note=note)
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
 
 
@@ -100,6 +103,7 @@ def write_cog_codes(
     tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
     overviews: bool = True,
     categories: Sequence[Category] = (),
+    note: str = "",
 ) -> None:
     """Write codes or counts, NO_CODE standing for no data, as a Cloud Optimized GeoTIFF of uint8; all or nothing.
 
@@ -113,10 +117,10 @@ def write_cog_codes(
 
     kind = {"count": 1, "dtype": "uint8", "nodata": NO_CODE}
     look = {"compress": "deflate", "overview_resampling": "mode"}
-    band = _Band()
+    band = _Band(note=note)
     if categories:
         colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}
-        band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours)
+        band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours, note=note)
         _write_category_names(path.with_name(path.name + CATEGORY_SUFFIX), categories)
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
 
@@ -139,6 +143,7 @@ def write_cog_rgba(
     crs: str,
     tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
     quality: int | None = None,
+    note: str = "",
 ) -> None:
     """Write a picture in ``crs`` as a Cloud Optimized GeoTIFF; all or nothing.
 
@@ -163,7 +168,7 @@ def write_cog_rgba(
     look |= {"overview_resampling": "average"}
     if quality is not None:
         look |= {"quality": str(quality), "overview_quality": str(quality)}
-    band = _Band(("red", "green", "blue", "alpha"))
+    band = _Band(("red", "green", "blue", "alpha"), note=note)
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
 
 
@@ -215,6 +220,8 @@ def _write(
                 dataset.set_band_description(number, text)
             if band.unit:
                 dataset.units = [band.unit] * dataset.count
+            if band.note:
+                dataset.update_tags(TIFFTAG_IMAGEDESCRIPTION=band.note)
             if band.colours is not None:
                 dataset.write_colormap(1, band.colours)
             for window, bands in tiles:

@@ -34,7 +34,9 @@ DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupE
 """What rasterio raises where a file is damaged."""
 
 
-def write_geotiff(path: Path | str, raster: Raster, crs: str, overviews: bool = True, description: str = "") -> None:
+def write_geotiff(
+    path: Path | str, raster: Raster, crs: str, overviews: bool = True, description: str = "", note: str = ""
+) -> None:
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
@@ -42,7 +44,7 @@ def write_geotiff(path: Path | str, raster: Raster, crs: str, overviews: bool = 
     ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
-    write_cog(Path(path), grid, crs, [(grid.whole, raster.values)], overviews, description)
+    write_cog(Path(path), grid, crs, [(grid.whole, raster.values)], overviews, description, note)
 
 
 def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:

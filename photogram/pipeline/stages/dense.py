@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.no_surface import no_surface_reason
+from photogram.pipeline.stages.surface_frame import fitted_frame
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -75,11 +75,12 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match heights for every cell of the surface, level by level; blocks that an interrupted run has finished are
     kept."""
     settings: DenseSettings = run.project.dense
-    if not settings.enabled or no_surface_reason(run):
+    site = fitted_frame(run) if settings.enabled else ""
+    if isinstance(site, str):
         return {}
-    block = run.adjusted_block()
+    block = site.block()
     frame, views = block.frame, Views.of(block)
-    points = run.cloud("adjusted").position_map_m
+    points = site.cloud().position_map_m
     known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
     cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
     grid = survey_grid(frame, known, views, cell_m, MINIMUM_RAYS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogram.pipeline.store.run import Run
 from photogram.survey import Block
 
 LEFT_OUT = "left_out.json"
@@ -12,11 +11,6 @@ LEFT_OUT = "left_out.json"
 LEAST_DEPRESSION_DEG = 20.0
 """Of the median optical axis, below the horizon: what looks flatter shows upright surfaces, which have many heights in
 one place."""
-
-
-def no_surface_reason(run: Run) -> str:
-    """Return why no surface is made in plan, empty where one is."""
-    return reason_of(run.adjusted_block(), always=run.project.surface.in_plan == "always")
 
 
 def reason_of(block: Block, *, always: bool = False) -> str:
@@ -31,5 +25,6 @@ def reason_of(block: Block, *, always: bool = False) -> str:
     side = f"{depression_deg:.0f}° below" if depression_deg >= 0 else f"{-depression_deg:.0f}° above"
     return (
         f"the photographs look sideways (median optical axis {side} the horizon): what is upright has many heights in "
-        "one place of the plan; surface: {in_plan: always} makes a surface all the same"
+        "one place of the plan; surface: {plane: auto} makes surface and orthophoto on a plane fitted to the tie "
+        "points, {in_plan: always} a surface in plan all the same"
     )

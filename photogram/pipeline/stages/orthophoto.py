@@ -12,12 +12,12 @@ import numpy as np
 
 from photogram.arrays import ByteArray
 from photogram.camera import Pose
-from photogram.crs import plan_of
 from photogram.files.maps.cogs import write_cog_rgba
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import read_json, write_json
 from photogram.grid import Window
 from photogram.machine import memory_bytes
-from photogram.pipeline.stages.no_surface import LEFT_OUT, no_surface_reason
+from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -80,13 +80,14 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
         return {}
-    block = run.adjusted_block()
-    reason = left_out_reason(block.poses)
+    site = made_frame(run)
+    reason = "" if run.project.surface.plane == "auto" else left_out_reason(run.adjusted_block().poses)
     if not run.has_surface():
-        reason = no_surface_reason(run)
+        reason = str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})
         return {"left_out": reason}
+    block = site.block()
     views = Views.of(block)
     sizes = [(int(width), int(height)) for width, height in views.size_px]
     pixels_of = HeldPhotographs(
@@ -107,7 +108,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
             yield window, rgba
             progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
-    write_cog_rgba(folder / "orthophoto.tif", grid, plan_of(run.project.crs), counted())
+    write_cog_rgba(folder / "orthophoto.tif", grid, site.plan, counted(), note=site.note)
     write_json(folder / "grid.json", grid)
     size: StageSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
     return {**size, "cells": shown, **summary(orthophoto)}

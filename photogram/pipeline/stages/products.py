@@ -28,7 +28,8 @@ from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
-from photogram.pipeline.store.run import Run
+from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
+from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.project.measured_block import PhotographNote
 from photogram.report.figures.page_figures import PageFigure
@@ -36,6 +37,7 @@ from photogram.report.figures.surface_figures import (
     DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
+    on_plane,
     surface_figures,
     write_surface_pictures,
 )
@@ -49,7 +51,7 @@ from photogram.report.numbers.dense import (
 )
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.record.ground import GroundPointRecord
-from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord
+from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
 from photogram.surface.dsm import FILLED, MEASURED
 from photogram.surface.ortho.marked_targets import (
     FoundTarget,
@@ -68,6 +70,7 @@ PRODUCTS = {
         "dsm_filled.tif",
         "dsm_source.tif",
         "dsm_source.tif.aux.xml",
+        PLANE,
     ),
     "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
     "orthophoto": ("orthophoto.tif",),
@@ -112,14 +115,24 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     if not matched(run):
         return []
     layers, created = surface_layers(run), flight_date(run.notes(), run.adjusted_block().poses)
+    site = made_frame(run)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
-    chunks = _chunks(run, layers, picture)
-    write_dense_laz(results / CLOUD, layers.grid, run.project.product_crs, chunks, created, coloured=coloured)
+    chunks = _chunks(run, site, layers, picture)
+    origin_map_m = None if site.plane is None else site.map_m(np.zeros((1, 3)))[0]
+    write_dense_laz(
+        results / CLOUD,
+        layers.grid,
+        run.project.product_crs,
+        chunks,
+        created,
+        coloured=coloured,
+        plane_origin_map_m=origin_map_m,
+    )
     return [CLOUD]
 
 
-def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
+def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
     classified = run.workspace.has("relief", "dtm_source.tif")
     terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
     for window in layers.grid.tiles(CHUNK_CELLS):
@@ -132,7 +145,8 @@ def _chunks(run: Run, layers: BlockFiles, picture: Path | None) -> Iterator[Dens
         classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
         if terrain is not None:
             classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
-        yield points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
+        points = points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
+        yield replace(points, position_map_m=site.map_m(points.position_map_m))
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
@@ -169,11 +183,14 @@ MARKS_LOOKED_UP = 3
 """Photographs in which the neighbourhood of a target is looked up, at most: those nearest above it."""
 
 
-def targets_in_orthophoto(run: Run, points: Sequence[GroundPointRecord]) -> dict[str, FoundTarget | str]:
-    """Return where the orthophoto shows the targets of ground points, by name, or why one was not found."""
+def targets_in_orthophoto(
+    run: Run, site: SurfaceFrame, points: Sequence[GroundPointRecord]
+) -> dict[str, FoundTarget | str]:
+    """Return where the orthophoto shows the targets of ground points, whose places are those of the frame ``site``, by
+    name, or why one was not found."""
     path = run.workspace.file("orthophoto", "orthophoto.tif")
     whole = MapGrid(**read_json(run.workspace.file("orthophoto", "grid.json")))
-    block = run.adjusted_block()
+    block = site.block()
     ground, half = block.control_points, target_window_cells() // 2
     centres, of_photograph = dict[str, FloatArray](), dict[int, list[tuple[str, FloatArray]]]()
     for point in points:
@@ -232,7 +249,7 @@ def matching_sigma_m(run: Run) -> float | None:
 def _shown(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
     """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
     them: where it would hide everything else."""
-    shape, relative = run.shape(), run.surface_relative_sigma()
+    shape, relative = made_frame(run).shape(), run.surface_relative_sigma()
     if shape is None or relative is None or numbers["sigma_m"] is None:
         return dense, numbers, None
     without = replace(dense, sigma=relative)
@@ -244,11 +261,12 @@ def _shown(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSu
 
 @dataclass(frozen=True)
 class ReportedSurface:
-    """What report.json says of the orthophoto and of the dense surface, None of what was not made, their figures for
-    the page, and the names of their pictures."""
+    """What report.json says of the orthophoto, of the dense surface and of the plane that they are made on, None of
+    what was not made, their figures for the page, and the names of their pictures."""
 
     orthophoto: OrthophotoRecord | NoOrthophotoRecord | None
     dense: DenseRecord | None
+    plane: PlaneRecord | None
     figures: list[PageFigure]
     pictures: list[str]
 
@@ -256,22 +274,29 @@ class ReportedSurface:
 def report_surface(run: Run, control_points: Sequence[GroundPointRecord], results: Path) -> ReportedSurface:
     """Report on the orthophoto and on the dense surface, and write their pictures; nothing of what the project asks for
     none of."""
-    drawn, ground = list[DrawnFigure](), ground_marks(control_points)
+    site = made_frame(run)
+    upright = site.plane is not None
+    points = site.ground_points(control_points)
+    drawn, ground = list[DrawnFigure](), ground_marks(points)
     picture, dense = orthophoto_picture(run), dense_surface(run)
     orthophoto: OrthophotoRecord | NoOrthophotoRecord | None = None
     if picture is not None:
         orthophoto = orthophoto_numbers(picture)
-        checks = [point for point in control_points if checks_plan(point)]
+        checks = [point for point in points if checks_plan(point)]
         if checks:
-            orthophoto["check_points"] = orthophoto_check_numbers(checks, targets_in_orthophoto(run, checks))
+            found = targets_in_orthophoto(run, site, checks)
+            orthophoto["check_points"] = orthophoto_check_numbers(checks, found, upright=upright)
         drawn.append(drawn_orthophoto(picture, ground))
     if run.workspace.has("orthophoto", LEFT_OUT):
         orthophoto = {"left_out": str(read_json(run.workspace.file("orthophoto", LEFT_OUT))["left_out"])}
     numbers: DenseRecord | None = None
     if dense is not None:
-        numbers = dense_numbers(dense, ground, matching_sigma_m(run))
+        numbers = dense_numbers(dense, ground, matching_sigma_m(run), upright=upright)
+        target_m = None if upright else run.project.report.target_rmse_v_m
         shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
-        drawn += drawn_surface(shown, ground, numbers_shown, run.project.report.target_rmse_v_m, datum_sigma_m)
+        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
+    if upright:
+        drawn = [on_plane(figure) for figure in drawn]
     names = write_surface_pictures(results / "pictures", drawn)
     figures = surface_figures(drawn) + thumbnails(picture, run.surface() if run.has_surface() else None)
-    return ReportedSurface(orthophoto, numbers, figures, [f"pictures/{name}" for name in names])
+    return ReportedSurface(orthophoto, numbers, plane_record(run), figures, [f"pictures/{name}" for name in names])

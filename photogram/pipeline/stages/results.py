@@ -33,6 +33,7 @@ from photogram.pipeline.stages.report_files import (
     today,
     write_report,
 )
+from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
@@ -155,7 +156,8 @@ def _pictures(outcome: _Outcome) -> list[str]:
     products = ["pictures/plan.png"] if outcome.whole.block.has_scale else list[str]()
     if run.has_surface():
         products.append("pictures/surface.png")
-        shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model")
+        upright = made_frame(run).plane is not None
+        shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model", upright=upright)
     if outcome.whole.block.has_scale:
         contents = plan_contents(result, outcome.overlap)
         plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
@@ -249,6 +251,11 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         numbers["orthophoto"] = surface.orthophoto
     if surface.dense is not None:
         numbers["dense"] = surface.dense
+    if surface.plane is not None:
+        numbers["plane"] = surface.plane
     sparse = run.surface() if surface.dense is None and run.has_surface() else None
-    figures = page_figures(outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons())
+    upright = surface.plane is not None and surface.plane["used"]
+    figures = page_figures(
+        outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons(), upright=upright
+    )
     return write_report(run.project, numbers, figures + surface.figures, outcome.folder) + surface.pictures

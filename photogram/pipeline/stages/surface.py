@@ -16,7 +16,8 @@ from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.stages.no_surface import LEFT_OUT, no_surface_reason
+from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -57,6 +58,9 @@ TERRAIN_SOURCES = (
     Category(FILLED, "interpolated", (230, 120, 20)),
 )
 """What the codes of `dsm_source.tif` and `dtm_source.tif` mean, and their colours."""
+
+ON_PLANE = "terrain and contour lines belong on a map, and the surface lies on a plane"
+"""Why neither is made on a plane."""
 
 _SHARED_SPACING_SHARE = 0.05
 
@@ -107,20 +111,20 @@ def matched(run: Run) -> bool:
 
 def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
-    alone where nothing was matched, and none where the survey has none in plan: ``left_out.json`` says why."""
-    reason = no_surface_reason(run)
-    if reason:
-        write_json(folder / LEFT_OUT, {"left_out": reason})
-        return {"left_out": reason}
+    alone where nothing was matched, and none where the survey has none: ``left_out.json`` says why."""
+    site = fitted_frame(run)
+    if isinstance(site, str):
+        write_json(folder / LEFT_OUT, {"left_out": site})
+        return {"left_out": site}
     if not matched(run):
-        return interpolate_surface(run, folder, progress)
+        return interpolate_surface(run, site, folder, progress)
     heights = MatchedHeights.of(run)
     grid = heights.grid
     histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
     least = least_correlation_of(np.asarray(histogram))
-    cloud = run.cloud("adjusted").position_map_m
-    spacing_m, shape = _SHARED_SPACING_SHARE * heights.flying_height_m, run.shape()
-    shared = [shared_error(cloud, run.precision().cameras_m2, grid, spacing_m)]
+    cloud = site.cloud().position_map_m
+    spacing_m, shape = _SHARED_SPACING_SHARE * heights.flying_height_m, site.shape()
+    shared = [shared_error(cloud, site.precision().cameras_m2, grid, spacing_m)]
     if shape is not None:
         shared.append(shared_error(shape.place_map_m, shape.covariance_m2, grid, spacing_m, NEAREST_PLACES))
     gap_m = run.project.surface.maximum_gap_m
@@ -137,15 +141,16 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
         store.write(window, vars(made))
         counts += np.bincount(made.source.ravel(), minlength=3)
         progress(done, len(windows), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
-    crs, plan = run.project.product_crs, plan_of(run.project.crs)
+    crs, plan, note = site.crs, site.plan, site.note
     for name, layer, of, description in (
         ("dsm.tif", "height", crs, HEIGHT),
         ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
         ("dsm_sigma.tif", "sigma", plan, SIGMA),
         *([] if shape is None else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
     ):
-        write_cog(folder / name, grid, of, _layer(store, layer), description=description)
-    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES)
+        write_cog(folder / name, grid, of, _layer(store, layer), description=description, note=note)
+    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES, note=note)
+    site.write(folder, grid)
     write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
     write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
     return {
@@ -197,6 +202,8 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
     surface: Raster | None = None
     if not run.has_surface():
         return summary
+    if made_frame(run).plane is not None:
+        return {"left_out": ON_PLANE} if terrain.enabled or contours.enabled else summary
     if terrain.enabled:
         progress(0, 0, "terrain model")
         found = terrain_from_surface(run.filled_surface(), terrain)
@@ -217,19 +224,20 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
     return summary
 
 
-def interpolate_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Progress) -> StageSummary:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     settings = run.project.surface
     if settings.spike_minimum_m is None:
         gsd_m = ground_sampling_distance_m(run.adjustment())
         settings = replace(settings, spike_minimum_m=SPIKE_GSD * float(np.nanmedian(gsd_m)))
-    surface = surface_with_sigma(run.cloud("adjusted"), run.precision(), settings, run.shape())
-    raster = surface.heights
-    write_geotiff(folder / "dsm.tif", raster, run.project.product_crs, description=HEIGHT)
-    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, plan_of(run.project.crs), description=SIGMA)
+    surface = surface_with_sigma(site.cloud(), site.precision(), settings, site.shape())
+    raster, note = surface.heights, site.note
+    write_geotiff(folder / "dsm.tif", raster, site.crs, description=HEIGHT, note=note)
+    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, site.plan, description=SIGMA, note=note)
     if surface.relative is not None:
-        path, plan = folder / RELATIVE_SIGMA_FILE, plan_of(run.project.crs)
-        write_geotiff(path, surface.relative, plan, description=RELATIVE_SIGMA)
+        path = folder / RELATIVE_SIGMA_FILE
+        write_geotiff(path, surface.relative, site.plan, description=RELATIVE_SIGMA, note=note)
+    site.write(folder, MapGrid.of(raster))
     write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")

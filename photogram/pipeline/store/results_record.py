@@ -39,6 +39,7 @@ PRODUCTS = (
     "dense.laz",
     "contours.gpkg",
     "orthophoto.tif",
+    "plane.json",
     "pictures/surface.png",
     "pictures/plan.png",
     "pictures/comparison.png",

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from photogram.arrays import FloatArray
 from photogram.crs import NO_CRS
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
@@ -43,10 +44,14 @@ from photogram.quality.deformation import GROUND
 from photogram.results import Adjustment, Deformation, EstimatedSigmas
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
+from photogram.surface.reference_plane import ReferencePlane
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
 
 FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
+
+PLANE = "plane.json"
+"""File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
 
 
 @cache
@@ -165,22 +170,28 @@ class Run:
         `adjustment`."""
         return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
 
-    def precision(self) -> PointPrecision:
-        """Return the covariances of the adjusted cloud along the axes of the map. Needs the stage `adjustment`."""
+    def _axes(self, plane: ReferencePlane | None) -> FloatArray:
+        """Return the axes of the map in the world, or those of a plane (3, 3)."""
+        if plane is not None:
+            return plane.rotation_world_from_plane
+        return self.block().frame.rotation_world_from_map(np.zeros(3))
+
+    def precision(self, plane: ReferencePlane | None = None) -> PointPrecision:
+        """Return the covariances of the adjusted cloud along the axes of the map, or of a plane. Needs the stage
+        `adjustment`."""
         arrays = read_arrays(self.workspace.file("adjustment", COVARIANCES))
-        R = self.block().frame.rotation_world_from_map(np.zeros(3))
+        R = self._axes(plane)
         whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
         return PointPrecision(rays, whole - rays)
 
-    def shape(self) -> ShapePrecision | None:
-        """Return how well the shape of the survey is known, without its datum, None where there are too few tie points
-        to say, or no datum. Needs the stage `adjustment`."""
+    def shape(self, plane: ReferencePlane | None = None) -> ShapePrecision | None:
+        """Return how well the shape of the survey is known, without its datum, in the map or on a plane; None where
+        there are too few tie points to say, or no datum. Needs the stage `adjustment`."""
         found = read_record(self.workspace.file("adjustment", "deformation.npz"), Deformation)
         if not len(found.place_world_m) or self.block().is_free:
             return None
-        frame = self.block().frame
-        R = frame.rotation_world_from_map(np.zeros(3))
-        places = frame.map_from_world(found.place_world_m)
+        R, to_map = self._axes(plane), self.block().frame.map_from_world
+        places = (to_map if plane is None else plane.plane_from_world)(found.place_world_m)
         datum = R.T @ found.covariance[GROUND, GROUND] @ R
         return ShapePrecision(places, R.T @ found.shape_covariance_m2 @ R, datum)
 
@@ -223,7 +234,8 @@ class Run:
 
     def _raster(self, name: str) -> Raster:
         path = self.workspace.file("surface", f"{name}.tif")
-        return read_raster(path, local=self.project.crs == NO_CRS)[0]
+        local = self.project.crs == NO_CRS or self.workspace.has("surface", PLANE)
+        return read_raster(path, local=local)[0]
 
     def comparisons(self) -> dict[str, Comparison]:
         """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage

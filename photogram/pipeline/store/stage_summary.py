@@ -99,7 +99,7 @@ class StageSummary(TypedDict, total=False):
     greatest_factor: float
     """orthophoto: greatest factor of the brightness of a photograph, mean of the channels."""
     left_out: str
-    """orthophoto: why there is none."""
+    """surface, relief, orthophoto: why there is none."""
     clouds: int
     """comparison: number of clouds compared."""
     products: list[str]

@@ -34,6 +34,7 @@ from photogram.report.figures.style import (
     length_label,
     map_axes,
     new_figure,
+    relabel_plane,
     residual_figure,
     round_length,
     surface_figure,
@@ -76,11 +77,13 @@ def page_figures(
     cloud: PointCloud,
     surface: Raster | None,
     comparisons: Mapping[str, Comparison],
+    *,
+    upright: bool = False,
 ) -> list[PageFigure]:
-    """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, None where a dense
-    one takes its place."""
+    """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, in plan or on an
+    ``upright`` plane, None where a dense one takes its place."""
     figures = [_plan(result, overlap), _ellipses(result), *_residuals(result), _histograms(result)]
-    figures += [_height_sigma(cloud), None if surface is None else _surface(surface), _comparison(comparisons)]
+    figures += [_height_sigma(cloud), None if surface is None else _surface(surface, upright), _comparison(comparisons)]
     return [figure for figure in figures if figure is not None]
 
 
@@ -334,13 +337,16 @@ def _height_sigma(cloud: PointCloud) -> PageFigure | None:
     return PageFigure("height sigma", caption, "Map of the predicted standard deviation of heights", embedded(figure))
 
 
-def _surface(surface: Raster) -> PageFigure:
+def _surface(surface: Raster, upright: bool) -> PageFigure:
     rows, columns = surface.values.shape
+    light = "upper left, on the plane as the photographs see it," if upright else "north-west"
     caption = (
-        f"Digital surface model of {columns} × {rows} cells of {surface.cell_m:g} m, lit from the north-west "
+        f"Digital surface model of {columns} × {rows} cells of {surface.cell_m:g} m, lit from the {light} "
         f"({np.isfinite(surface.values).mean():.0%} of the cells hold a height)."
     )
     figure = surface_figure(surface, widest_in=WIDTH_IN)
+    if upright:
+        relabel_plane(figure)
     return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", embedded(figure))
 
 

@@ -16,7 +16,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import bands, decimated
 from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
-from photogram.report.figures.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure
+from photogram.report.figures.style import BLUE, GREEN, GREY, NORTH_UP, SKY, VERMILION, new_figure
 from photogram.report.numbers.dense_surface import DenseSurface
 
 PLAN_CELLS = 500
@@ -143,7 +143,7 @@ def _plan(axes: Axes, dense: DenseSurface, profiles: Sequence[Profile]) -> None:
     axes.imshow(shaded, cmap="gray", vmin=-0.6, vmax=1.15, extent=(small.west_map_m, east, south, small.north_map_m))
     axes.set(xticks=[], yticks=[], aspect="equal")
     axes.spines[:].set_visible(False)
-    axes.annotate("N ↑", (0.99, 0.99), xycoords="axes fraction", ha="right", va="top", fontsize=9, fontweight="bold")
+    axes.annotate(NORTH_UP, (0.99, 0.99), xycoords="axes fraction", ha="right", va="top", fontsize=9, fontweight="bold")
     for profile in profiles:
         line = profile.line
         ends = np.stack([line.start_map_m, line.end_map_m])

@@ -80,6 +80,10 @@ def length_label(length_m: float) -> str:
     return f"{length_m * 1000:.3g} mm"
 
 
+EASTING, NORTH, NORTH_UP, HEIGHTS = "easting, m", "N", "N ↑", "height, m (grey: no data)"
+"""Texts of maps that mean nothing on a plane that is not level."""
+
+
 def map_axes(axes: Axes) -> None:
     """Make axes a map: metres without an offset, equal scales, few ticks, a north arrow and a scale bar."""
     axes.set_aspect("equal", adjustable="box")
@@ -92,7 +96,7 @@ def map_axes(axes: Axes) -> None:
     axes.tick_params(axis="y", labelrotation=90)
     for tick in axes.get_yticklabels():
         tick.set_verticalalignment("center")
-    axes.set_xlabel("easting, m", fontsize=9)
+    axes.set_xlabel(EASTING, fontsize=9)
     axes.set_ylabel("northing, m", fontsize=9)
     bar_m = round_length(width / 4)
     bar = AuxTransformBox(axes.transData)
@@ -101,8 +105,21 @@ def map_axes(axes: Axes) -> None:
     axes.add_artist(AnchoredOffsetbox("lower left", child=packed, pad=0.4, borderpad=0.6))
     arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
-        "N", (0.95, 0.98), (0, -24), "axes fraction", "offset points", arrow, ha="center", va="top", fontweight="bold"
+        NORTH, (0.95, 0.98), (0, -24), "axes fraction", "offset points", arrow, ha="center", va="top", fontweight="bold"
     )
+
+
+def relabel_plane(figure: Figure) -> None:
+    """Turn the maps of a figure into views of a plane that is not level: x and y in place of easting and northing, no
+    north arrow, distances in place of heights."""
+    for axes in figure.axes:
+        if axes.get_xlabel() == EASTING:
+            axes.set_xlabel("x, to the right along the plane, m", fontsize=9)
+            axes.set_ylabel("y, up the plane, m", fontsize=9)
+        if axes.get_ylabel() == HEIGHTS:
+            axes.set_ylabel("in front of the plane, m (grey: no data)", fontsize=9)
+        for text in [text for text in axes.texts if text.get_text() in (NORTH, NORTH_UP)]:
+            text.remove()
 
 
 def _evenly(count: int, maximum: int) -> NDArray[np.int64]:
@@ -167,9 +184,13 @@ def _reduced(rgb: ByteArray, scale: float) -> ByteArray:
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def shaded_surface(path: Path, raster: Raster, title: str) -> None:
-    """Write ``surface_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(surface_figure(raster, title), path)
+def shaded_surface(path: Path, raster: Raster, title: str, *, upright: bool = False) -> None:
+    """Write ``surface_figure`` as PNG, of a surface in plan or on an ``upright`` plane. Raises WorkspaceError when the
+    file cannot be written."""
+    figure = surface_figure(raster, title)
+    if upright:
+        relabel_plane(figure)
+    save_picture(figure, path)
 
 
 def shaded_relief(raster: Raster) -> tuple[FloatArray, ScalarMappable, float]:
@@ -203,7 +224,7 @@ def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> F
     map_axes(axes)
     axes.set_title(title, fontsize=12)
     bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02)
-    bar.set_label("height, m (grey: no data)", fontsize=9)
+    bar.set_label(HEIGHTS, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 

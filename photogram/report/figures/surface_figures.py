@@ -6,7 +6,7 @@ import base64
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from PIL import Image
 from photogram.report.figures.page_figures import PLAN_IN, WIDTH_IN, PageFigure, embedded
 from photogram.report.figures.profile_figure import profile_figure, sigma_histogram_figure
 from photogram.report.figures.profiles import Profile, surface_profiles
-from photogram.report.figures.style import save_picture
+from photogram.report.figures.style import relabel_plane, save_picture
 from photogram.report.figures.surface_maps import (
     orthophoto_figure,
     rays_figure,
@@ -75,6 +75,14 @@ def drawn_surface(
     if profiles:
         drawn.append(_profiles(dense, profiles, datum_sigma_m))
     return drawn
+
+
+def on_plane(drawn: DrawnFigure) -> DrawnFigure:
+    """Return a figure of a surface whose heights count from a plane that is not level, with the words for that."""
+    relabel_plane(drawn.figure)
+    caption = drawn.caption.replace("lit from the north-west", "lit from the upper left")
+    said = "On the plane, as the photographs see it; heights are distances in front of it."
+    return replace(drawn, caption=f"{caption} {said}")
 
 
 def surface_figures(drawn: Sequence[DrawnFigure]) -> list[PageFigure]:

@@ -129,8 +129,11 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
 
 def product_accuracies(numbers: SurveyNumbers | Report, settings: ReportSettings) -> list[ProductAccuracyRecord]:
     """Return the accuracy of the products themselves at the check points: of the surface model in height, where one was
-    matched, and of the orthophoto in plan, where one was made and its targets were looked for."""
+    matched, and of the orthophoto in plan, where one was made and its targets were looked for. The standard knows
+    heights and plan: there is none of products on a plane of their own."""
     found = list[ProductAccuracyRecord]()
+    if "plane" in numbers and numbers["plane"]["used"]:
+        return found
     dense, orthophoto = numbers.get("dense"), numbers.get("orthophoto")
     if dense is not None:
         test = dense["check_points"]

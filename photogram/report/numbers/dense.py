@@ -34,11 +34,14 @@ REFUTED_RMS_Z = 2.0
 """Differences that are so many times their predicted standard deviations refute these."""
 
 
-def dense_numbers(dense: DenseSurface, ground: GroundMarks, matching_sigma_m: float | None = None) -> DenseRecord:
+def dense_numbers(
+    dense: DenseSurface, ground: GroundMarks, matching_sigma_m: float | None = None, *, upright: bool = False
+) -> DenseRecord:
     """Return the key `dense` of report.json: size and completeness, standard deviations, and check points;
-    ``matching_sigma_m`` is what the matched heights scatter by themselves, None where that is not known."""
+    ``matching_sigma_m`` is what the matched heights scatter by themselves, None where that is not known. Of a surface
+    on an ``upright`` plane all is along its axes."""
     rows, columns = dense.heights.values.shape
-    check_points = surface_check_numbers(dense, ground)
+    check_points = surface_check_numbers(dense, ground, upright=upright)
     cells, by_rays = _counted(dense)
     several, rays = int(by_rays[3:].sum()), int(by_rays.sum())
     return {
@@ -129,7 +132,7 @@ def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:
 # ---- the surface at the check points -------------------------------------------------------------------------------
 
 
-def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> SurfaceCheckRecord:
+def surface_check_numbers(dense: DenseSurface, ground: GroundMarks, *, upright: bool = False) -> SurfaceCheckRecord:
     """Return the heights of the surface, interpolated bilinearly, minus those of the points that are checks in height.
 
     Control points never enter: the adjustment was fitted to them. The standard deviation of a difference is
@@ -162,7 +165,7 @@ def surface_check_numbers(dense: DenseSurface, ground: GroundMarks) -> SurfaceCh
     not_tested: list[UntestedPointRecord] = [
         {"name": checks.name[i], "reason": str(reason[i])} for i in np.flatnonzero(~known).tolist()
     ]
-    sentence = _sentence(summary, points, not_tested)
+    sentence = _sentence(summary, points, not_tested, "across the plane" if upright else "in height")
     return {**summary, "points": points, "not_tested": not_tested, "sentence": sentence}
 
 
@@ -194,7 +197,10 @@ def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> S
 
 
 def _sentence(
-    summary: SurfaceSummaryRecord, points: list[SurfacePointRecord], not_tested: list[UntestedPointRecord]
+    summary: SurfaceSummaryRecord,
+    points: list[SurfacePointRecord],
+    not_tested: list[UntestedPointRecord],
+    where: str,
 ) -> str:
     n = summary["n"]
     if not n:
@@ -208,7 +214,7 @@ def _sentence(
     few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
     mean = f"{summary['mean_m']:+.3f}".replace("-", "−")
     times = "" if summary["rms_z"] is None else f", {summary['rms_z']:.2g} times the predicted sigmas"
-    return f"the dense surface at {n} check points: RMSE {summary['rmse_m']:.3f} m, mean {mean} m in height{times}{few}"
+    return f"the dense surface at {n} check points: RMSE {summary['rmse_m']:.3f} m, mean {mean} m {where}{times}{few}"
 
 
 def _warnings(check_points: SurfaceCheckRecord) -> list[str]:
@@ -230,12 +236,12 @@ def checks_plan(point: GroundPointRecord) -> bool:
 
 
 def orthophoto_check_numbers(
-    points: list[GroundPointRecord], found: Mapping[str, FoundTarget | str]
+    points: list[GroundPointRecord], found: Mapping[str, FoundTarget | str], *, upright: bool = False
 ) -> OrthophotoCheckRecord:
     """Return by how much the orthophoto shows the targets of check points off their surveyed places.
 
-    ``found`` are the targets by the name of their point, or why one was not found. Control points never enter: the
-    adjustment was fitted to them.
+    ``found`` are the targets by the name of their point, or why one was not found; places of both are those on the
+    plane of an ``upright`` surface. Control points never enter: the adjustment was fitted to them.
     """
     rows, not_tested = list[OrthophotoPointRecord](), list[UntestedPointRecord]()
     for point in points:
@@ -276,11 +282,11 @@ def orthophoto_check_numbers(
         record["rmse_m"] = [tested.axes[0].rmse_m, tested.axes[1].rmse_m]
         record["fit_rmse_h_m"], record["survey_rmse_h_m"] = tested.fit_h_m, tested.survey_h_m
         record["rmse_h_m"] = tested.rmse_h_m
-    record["sentence"] = _plan_sentence(record)
+    record["sentence"] = _plan_sentence(record, upright)
     return record
 
 
-def _plan_sentence(record: OrthophotoCheckRecord) -> str:
+def _plan_sentence(record: OrthophotoCheckRecord, upright: bool) -> str:
     n, missing = record["n"], len(record["not_tested"])
     beside = f"; {missing} more {'was' if missing == 1 else 'were'} not found in it" if missing else ""
     if not n:
@@ -290,7 +296,8 @@ def _plan_sentence(record: OrthophotoCheckRecord) -> str:
         return f"the orthophoto shows {names} only: too few check points for an RMSE{beside}"
     few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
     east, north = (f"{m:+.3f}".replace("-", "−") for m in record["mean_m"])
+    where, right, up = ("along the plane", "to the right", "up") if upright else ("in plan", "east", "north")
     return (
-        f"the orthophoto at {n} check points whose targets it shows: RMSE {record['fit_rmse_h_m']:.3f} m in plan, mean "
-        f"{east} m east, {north} m north{beside}{few}"
+        f"the orthophoto at {n} check points whose targets it shows: RMSE {record['fit_rmse_h_m']:.3f} m {where}, mean "
+        f"{east} m {right}, {north} m {up}{beside}{few}"
     )

@@ -33,6 +33,7 @@ from photogram.report.record.surfaces import (
     NoOrthophotoRecord,
     NoSurfaceRecord,
     OrthophotoRecord,
+    PlaneRecord,
 )
 from photogram.report.record.units import Count, Seconds
 from photogram.report.record.verdict import (
@@ -70,6 +71,7 @@ class AdjustedNumbers(TypedDict):
     seconds: dict[str, Seconds]
     orthophoto: NotRequired[OrthophotoRecord | NoOrthophotoRecord]
     dense: NotRequired[DenseRecord]
+    plane: NotRequired[PlaneRecord]
     local_frame: NotRequired[LocalFrameRecord]
     distances: NotRequired[list[DistanceRecord]]
     marked_points: NotRequired[list[MarkedPointRecord]]

@@ -7,7 +7,8 @@ from typing import Annotated, NotRequired, final
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.record.units import Count, EarthMetres, Metres, Share
+from photogram.report.record.block import WorldRecord
+from photogram.report.record.units import Count, Degrees, EarthMetres, Metres, Position, Share
 
 PlanMetres = Annotated[list[EarthMetres], Field(min_length=2, max_length=2)]
 """Easting and northing in the map, or differences of such."""
@@ -73,6 +74,51 @@ class NoSurfaceRecord(TypedDict):
     """Why there is no surface model."""
 
     left_out: str
+
+
+class AxesRecord(TypedDict):
+    """Three axes by name, each along three others."""
+
+    x: Position
+    y: Position
+    z: Position
+
+
+class PlaneFrameRecord(TypedDict):
+    """How coordinates on the plane of a surface become those of the world, exactly, and of the map, within
+    ``map_error_m`` everywhere on the surface: origin + x · axes.x + y · axes.y + z · axes.z."""
+
+    origin_world_m: Position
+    axes_world: AxesRecord
+    origin_map_m: Position
+    axes_map: AxesRecord
+    map_error_m: Metres | None
+
+
+class PlaneFileRecord(PlaneFrameRecord):
+    """What plane.json holds."""
+
+    about: str
+    crs: str
+    world: WorldRecord
+
+
+class PlaneRecord(TypedDict):
+    """The plane fitted to the tie points: whether the surface lies on it, how it leans, what it was fitted to, and,
+    where it is used, its frame."""
+
+    used: bool
+    tilt_deg: Degrees
+    facing_deg: Degrees | None
+    points: Count
+    share_on_plane: Share
+    within_m: Metres
+    nmad_m: Metres
+    relief_m: Metres
+    points_beyond: Count
+    frame: PlaneFrameRecord | None
+    left_out: list[str]
+    sentence: str
 
 
 class CellsRecord(TypedDict):

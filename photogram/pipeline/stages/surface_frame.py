@@ -1,0 +1,149 @@
+"""In which frame a survey's surface is made, and with what: the map, or a plane fitted to the tie points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from photogram.arrays import BoolArray, FloatArray
+from photogram.crs import NO_CRS, plan_of
+from photogram.files.npz_json import read_json_as, write_json
+from photogram.grid import MapGrid
+from photogram.pipeline.stages.no_surface import reason_of
+from photogram.pipeline.store.run import PLANE, Run
+from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
+from photogram.report.record.ground import GroundPointRecord
+from photogram.report.record.surfaces import PlaneRecord
+from photogram.surface.reference_plane import PlaneFit, ReferencePlane, block_on_plane, fit_plane
+from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
+from photogram.survey import Block, PointCloud
+
+PLANE_FIT = "plane_fit.json"
+"""File of the stage `surface`: what report.json says of the plane, used or not."""
+
+
+@cache
+def _plane_types() -> TypeAdapter[PlaneRecord]:
+    return TypeAdapter(PlaneRecord)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFrame:
+    """The frame of a surface: that of the map, or of a ``plane``, to which ``relief_m`` says what belongs."""
+
+    run: Run
+    plane: ReferencePlane | None = None
+    relief_m: float = np.inf
+    fit: PlaneFit | None = None
+    """The fit of the plane, where one was asked for and is fitted now."""
+
+    @property
+    def crs(self) -> str:
+        """Return the CRS of rasters of heights: none on a plane."""
+        return self.run.project.product_crs if self.plane is None else NO_CRS
+
+    @property
+    def plan(self) -> str:
+        """Return the CRS of other rasters."""
+        return plan_of(self.run.project.crs) if self.plane is None else NO_CRS
+
+    @property
+    def note(self) -> str:
+        """Return what rasters say of their coordinates, nothing on the map."""
+        return "" if self.plane is None else PLANE_NOTE
+
+    def block(self) -> Block:
+        """Return the adjusted block, in the frame of the plane where there is one."""
+        block = self.run.adjusted_block()
+        return block if self.plane is None else block_on_plane(block, self.plane)
+
+    def _near(self, points_plane_m: FloatArray) -> BoolArray:
+        return np.asarray(np.abs(points_plane_m[:, 2]) <= self.relief_m)
+
+    def _points_plane_m(self) -> FloatArray:
+        assert self.plane is not None
+        return self.plane.plane_from_world(self.run.adjusted_block().tie_points.position_world_m)
+
+    @property
+    def beyond(self) -> int:
+        """Return how many tie points lie too far from the plane to be part of its surface."""
+        return 0 if self.plane is None else int(np.count_nonzero(~self._near(self._points_plane_m())))
+
+    def cloud(self) -> PointCloud:
+        """Return the adjusted tie points that are part of the surface."""
+        if self.plane is None:
+            return self.run.cloud("adjusted")
+        points = self._points_plane_m()
+        near = self._near(points)
+        return PointCloud(points[near], self.run.adjusted_block().tie_points.colour[near])
+
+    def precision(self) -> PointPrecision:
+        """Return the covariances of ``cloud`` along the axes of the frame."""
+        if self.plane is None:
+            return self.run.precision()
+        return self.run.precision(self.plane).select(self._near(self._points_plane_m()))
+
+    def shape(self) -> ShapePrecision | None:
+        """Return how well the shape of the survey is known, as ``Run.shape``."""
+        return self.run.shape(self.plane)
+
+    def map_m(self, points_m: FloatArray) -> FloatArray:
+        """Return points (N, 3) of the surface in the map."""
+        if self.plane is None:
+            return points_m
+        return self.run.block().frame.map_from_world(self.plane.world_from_plane(points_m))
+
+    def ground_points(self, points: Sequence[GroundPointRecord]) -> list[GroundPointRecord]:
+        """Return ground points of report.json with their places and sigmas in the frame."""
+        if self.plane is None:
+            return list(points)
+        return points_on_plane(points, self.plane, self.run.block().frame)
+
+    def write(self, folder: Path, grid: MapGrid) -> None:
+        """Write into the folder of the stage `surface` which plane was fitted, and how its coordinates become the
+        world's; nothing where none was asked for."""
+        if self.fit is None:
+            return
+        project, frame = self.run.project, self.run.block().frame
+        asked = (("terrain model", project.terrain.enabled), ("contour lines", project.contours.enabled))
+        left_out = [name for name, enabled in asked if enabled and self.plane is not None]
+        far = grid.west_map_m + grid.columns * grid.cell_m, grid.north_map_m - grid.rows * grid.cell_m
+        corner = np.array([(grid.west_map_m, far[1]), (far[0], grid.north_map_m)])
+        numbers = plane_numbers(self.fit, frame, corner, self.beyond, left_out)
+        write_json(folder / PLANE_FIT, numbers)
+        if numbers["frame"] is not None:
+            write_json(folder / PLANE, plane_file(numbers["frame"], frame))
+
+
+def fitted_frame(run: Run) -> SurfaceFrame | str:
+    """Return the frame in which the surface is to be made, or why none is. Needs the stage `adjustment`."""
+    block, settings = run.adjusted_block(), run.project.surface
+    if settings.plane == "none" or not block.has_scale:
+        return reason_of(block, always=settings.in_plan == "always") or SurfaceFrame(run)
+    fit = fit_plane(block.tie_points.position_world_m, block.poses)
+    if isinstance(fit, str):
+        return f"surface: {{plane: auto}}: {fit}"
+    return SurfaceFrame(run, fit.plane, fit.relief_m, fit)
+
+
+def plane_record(run: Run) -> PlaneRecord | None:
+    """Return what the stage `surface` says of the plane, None where none was asked for or none was found."""
+    if not run.workspace.has("surface", PLANE_FIT):
+        return None
+    return read_json_as(run.workspace.file("surface", PLANE_FIT), _plane_types())
+
+
+def made_frame(run: Run) -> SurfaceFrame:
+    """Return the frame in which the stage `surface` has made the surface."""
+    record = plane_record(run)
+    if record is None or record["frame"] is None:
+        return SurfaceFrame(run)
+    axes = record["frame"]["axes_world"]
+    rotation = np.array([axes["x"], axes["y"], axes["z"]]).T
+    plane = ReferencePlane(np.array(record["frame"]["origin_world_m"]), rotation)
+    return SurfaceFrame(run, plane, record["relief_m"])
