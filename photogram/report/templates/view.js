@@ -26,8 +26,10 @@ class View {
     new ResizeObserver(() => this.resized()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.signs());
     this.home();
-    this.fromAddress();
     this.signs();
+    this.draw(1); // writes the scale, whose card bounds the room that home has
+    this.home();
+    this.fromAddress();
     this.still(0);
     this.hands.focus();
   }
