@@ -18,6 +18,7 @@ from scipy.ndimage import map_coordinates
 
 from photogram.camera import project
 from photogram.frames import LocalFrame
+from photogram.pipeline.input_validation import validate_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.similarity import fit_similarity
@@ -161,6 +162,11 @@ def test_a_facade_in_the_map(facade: Path, site: SimulatedSurvey) -> None:
     assert not products & {"contours.gpkg", "dtm.tif"}
     assert "plane.json" in (facade / "results" / "checksums.sha256").read_text()
     assert "plane.json" in [product["file"] for product in report["deliverables"]]
+
+
+def test_points_above_a_camera_that_looks_level_accuse_nobody(facade: Path) -> None:
+    found = validate_project(load_project(facade / "project.yaml"))
+    assert not [f.text for f in (*found.errors, *found.warnings) if " above " in f.text or "disagree" in f.text]
 
 
 def test_the_cloud_of_a_facade_stays_in_the_map(facade: Path, site: SimulatedSurvey) -> None:

@@ -182,7 +182,8 @@ def tie_scatter(
     whole = float(own.sum()) - taken
     if not (whole > 0.0 and left.sum() > 0.0):
         return None
-    redundancy = own * (left / np.maximum(of_photograph, 1e-300))[tie.photograph] * whole / float(left.sum())
+    share = np.divide(left, of_photograph, out=np.zeros(count), where=of_photograph > 0.0)
+    redundancy = own * share[tie.photograph] * whole / float(left.sum())
     whitened = residuals(tie, state.cameras, state.tie_point)
     of_group = np.bincount(groups.group, weights=redundancy, minlength=len(groups.kind))
     factor = np.ones(len(groups.kind))

@@ -52,6 +52,8 @@ MOST_MARKS = 0.7
 """Of the marks in a photograph, from which its position or attitude is wrong and not they."""
 
 HEIGHT_CONTRADICTION_M, HEIGHT_CONTRADICTION = 20.0, 0.3
+LOOKS_DOWN = 0.5
+"""Sine of the angle below the horizon from which on an optical axis looks down at what it shows: 30°."""
 _SURE_HEIGHT_M = 1.0
 
 
@@ -269,8 +271,9 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     ground_m = np.array([p.position_map_m[2] for p in project.control_points])[point]
     drop_m = survey.gnss_map_m[photograph, 2] - ground_m
     sigma_m = np.hypot(np.nan_to_num(survey.gnss_sigma_m[photograph, 2]), project.gnss_offset_sigma_m[2])
-    looks_down = survey.rotation[photograph, 2, 2] < -0.5  # the optical axis, more than 30° below the horizon
-    above = drop_m < 0
+    axis_up = survey.rotation[photograph, 2, 2]
+    looks_down = axis_up < -LOOKS_DOWN
+    above = (drop_m < 0) & ~(axis_up >= -LOOKS_DOWN)  # who looks sideways sees what is above
     holds = points.controlled[point, 2]  # a check point spoils its own test and nothing else
     sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M) & holds
     if above.any():
@@ -316,8 +319,8 @@ def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArra
         camera, R = project.cameras[project.photographs[i].camera], survey.rotation[i]
         own = np.flatnonzero(points.mark_photograph == i)
         way = points.position_world_m[points.mark_point[own]] - survey.gnss_world_m[i]
-        if np.isfinite(survey.flying_height_m[i]):
-            # The flying height does not suffer from two height systems.
+        if np.isfinite(survey.flying_height_m[i]) and R[2, 2] < -LOOKS_DOWN:
+            # The flying height does not suffer from two height systems; what is seen sideways is not at its end.
             way[:, 2] = -survey.flying_height_m[i]
         distance = np.linalg.norm(way, axis=1)
         way /= np.maximum(distance, 1e-9)[:, None]
