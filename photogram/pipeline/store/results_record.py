@@ -39,6 +39,7 @@ PRODUCTS = (
     "dense.laz",
     "contours.gpkg",
     "orthophoto.tif",
+    "outline.gpkg",
     "pictures/surface.png",
     "pictures/plan.png",
     "pictures/comparison.png",
