@@ -100,6 +100,13 @@ def plan_of(name: str) -> str:
     return crs_name(plan) if CRS.from_user_input(name).is_compound else name
 
 
+def same_plan(first: str, second: str) -> bool:
+    """Return whether two CRS are the same map grid, whatever they say of heights and of the order of the axes. Raises
+    FrameError where one is none."""
+    a, b = (CRS.from_user_input(plan_of(name)) for name in (first, second))
+    return a == b or bool(a.equals(b, ignore_axis_order=True))
+
+
 def neighbouring_zones(name: str) -> tuple[str, ...]:
     """Return the codes of up to three zones on each side of a map grid that is one of several zones, of one datum, the
     nearest first; none of a map without zones, or without a code. Raises FrameError as projected_crs."""

@@ -113,6 +113,20 @@ class Verticals:
     """Step in the world (rows, columns, 3) for a metre of height."""
 
 
+def vertical_nodes(frame: LocalFrame, grid: MapGrid, window: Window) -> FloatArray:
+    """Return base points and steps up (R, C, 6) of the vertical lines at every LATTICE_CELLS-th corner of cells, from
+    the last one before a window of a grid to the first one behind it. Raises FrameError where the map has no such
+    place."""
+    rows, columns = (np.arange(a // LATTICE_CELLS, -(-b // LATTICE_CELLS) + 1) * LATTICE_CELLS
+                     for a, b in ((window.row, window.row_end), (window.column, window.column_end)))  # fmt: skip
+    east, north = grid.west_map_m + columns * grid.cell_m, grid.north_map_m - rows * grid.cell_m
+    base = np.full(rows.size * columns.size, frame.origin_map_m[2])
+    place = np.column_stack([np.tile(east, len(rows)), np.repeat(north, len(columns)), base])
+    foot = frame.world_from_map(place)
+    up = (frame.world_from_map(place + np.array([0.0, 0.0, _LIFT_M])) - foot) / _LIFT_M
+    return np.concatenate([foot, up], axis=1).reshape(len(rows), len(columns), 6)
+
+
 def verticals(frame: LocalFrame, grid: MapGrid, window: Window) -> Verticals:
     """Return the vertical lines over a window of a grid.
 
@@ -120,19 +134,11 @@ def verticals(frame: LocalFrame, grid: MapGrid, window: Window) -> Verticals:
     straight line in the world frame, and over so few cells a map does not curve. Raises
     FrameError where the map has no such place.
     """
-    rows, columns = (np.arange(a // LATTICE_CELLS, -(-b // LATTICE_CELLS) + 1) * LATTICE_CELLS
-                     for a, b in ((window.row, window.row_end), (window.column, window.column_end)))  # fmt: skip
-    east, north = grid.west_map_m + columns * grid.cell_m, grid.north_map_m - rows * grid.cell_m
-    base = frame.origin_map_m[2]
-    place = np.column_stack(
-        [np.tile(east, len(rows)), np.repeat(north, len(columns)), np.full(rows.size * columns.size, base)]
-    )
-    foot = frame.world_from_map(place)
-    up = (frame.world_from_map(place + np.array([0.0, 0.0, _LIFT_M])) - foot) / _LIFT_M
-    nodes = np.concatenate([foot, up], axis=1).reshape(len(rows), len(columns), 6)
+    nodes = vertical_nodes(frame, grid, window)
     dense = _between(_between(nodes, window.row, window.row_end).swapaxes(0, 1), window.column, window.column_end)
     dense = np.ascontiguousarray(dense.swapaxes(0, 1))
-    return Verticals(float(base), np.ascontiguousarray(dense[..., :3]), np.ascontiguousarray(dense[..., 3:]))
+    base = float(frame.origin_map_m[2])
+    return Verticals(base, np.ascontiguousarray(dense[..., :3]), np.ascontiguousarray(dense[..., 3:]))
 
 
 def _between(nodes: FloatArray, first: int, last: int) -> FloatArray:

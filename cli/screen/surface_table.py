@@ -26,6 +26,8 @@ def surface_table(report: Report) -> Table | None:
     elif orthophoto is not None:
         size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
         table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
+        rim = orthophoto["rim"]
+        table.add_row("orthophoto, within its rim", f"{rim['area_m2']:.0f} m², {rim['transparent']:.2%} transparent")
         if "check_points" in orthophoto:
             _add_orthophoto_test(table, orthophoto["check_points"])
     return table

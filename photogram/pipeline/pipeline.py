@@ -64,6 +64,13 @@ from photogram.wording import some
 
 _LOG = logging.getLogger(__name__)
 
+
+def _seams_fingerprint(project: Project) -> str | None:
+    """Return the fingerprint of the edited seams, None without such."""
+    seams = project.orthophoto.seams
+    return None if seams is None else file_fingerprint(Path(seams))
+
+
 STAGES = (
     Stage(
         "photographs",
@@ -157,7 +164,7 @@ STAGES = (
         "orthophoto",
         STAGE_TITLES["orthophoto"],
         ("adjustment", "surface"),
-        lambda run: [run.photograph_fingerprints, run.project.orthophoto],
+        lambda run: [run.photograph_fingerprints, run.project.orthophoto, _seams_fingerprint(run.project)],
         make_orthophoto,
     ),
     Stage(

@@ -20,12 +20,19 @@ _GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 _PROJECT_FILES = (".yaml", ".yml")
 
 
+def seams_named(file: ProjectFile) -> str | None:
+    """Return the file of seams that the section `orthophoto` names, None where it names none."""
+    seams = file.orthophoto.get("seams") if isinstance(file.orthophoto, dict) else None
+    return seams if isinstance(seams, str) and seams.strip() else None
+
+
 def input_files(path: Path, file: ProjectFile, base: Path) -> Iterator[tuple[Key, Path]]:
     """Yield every file but the photographs that a project reads, and the key that names it; the project file ``path``
     itself under the key of the work folder."""
     yield ("work",), path.absolute()
     named: list[tuple[Key, str | None]] = [
         (("comparison", "reference"), file.comparison.reference),
+        (("orthophoto", "seams"), seams_named(file)),
         *((("cameras", name, "matlab"), camera.matlab) for name, camera in file.cameras.items()),
     ]
     for i, positions in enumerate(file.photographs.positions):

@@ -21,6 +21,7 @@ from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
+from photogram.files.maps.seam_files import read_seams
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.control_points import GroundPoint, read_point_files
@@ -321,6 +322,7 @@ def read_project(
     positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
     check_project(document, file, photographs, folder, base, places, located)
     check_folders(document, path, file, photographs, folder, base)
+    settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_faults()
@@ -349,6 +351,28 @@ def read_project(
         warnings=document.warnings,
         **{name: _given(section) for name, section in settings.items()},
     )
+
+
+def _with_seams(
+    document: Document,
+    settings: OrthophotoSettings | None,
+    file: ProjectFile,
+    photographs: Sequence[PhotographEntry] | None,
+    base: Path,
+) -> OrthophotoSettings | None:
+    """Return the settings of the orthophoto with its file of seams as an absolute path; what is wrong with the file is
+    noted in the document."""
+    if settings is None or settings.seams is None:
+        return settings
+    path = base / settings.seams
+    if not isfile(path):
+        document.fault(("orthophoto", "seams"), f"file {path} not found")
+    elif photographs is not None and file.crs is not None:
+        try:
+            read_seams(path, [p.name for p in photographs if p.name is not None], file.crs)
+        except PhotogramError as fault:
+            document.fault(("orthophoto", "seams"), str(fault))
+    return replace(settings, seams=str(path))
 
 
 def _folder(path: Path, file: ProjectFile, photographs_folder: Path | None) -> Path | None:

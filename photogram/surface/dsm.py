@@ -73,6 +73,14 @@ def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, out: ND
             out[r, c] = near >= SUPPORT
 
 
+def supported_cells(height_m: Float32Array, sigma_m: Float32Array, cell_m: float) -> NDArray[np.bool_]:
+    """Return which cells (rows, columns) have SUPPORT neighbours within reach at the steepest slope, give or take their
+    standard deviations; those without height have none."""
+    out = np.empty(height_m.shape, dtype=bool)
+    _supported(height_m, sigma_m, STEEPEST * cell_m, out)
+    return out
+
+
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: NDArray[np.int32]) -> None:
     """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
@@ -133,9 +141,7 @@ def kept_heights(
     outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
     agreed = (correlation >= least) & (rays >= 2) & ~outvoted
     height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
-    supported = np.empty(height.shape, dtype=bool)
-    _supported(height, sigma_m, STEEPEST * cell_m, supported)
-    height = np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+    height = np.where(supported_cells(height, sigma_m, cell_m), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
         lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared

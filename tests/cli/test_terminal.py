@@ -173,7 +173,8 @@ def test_without_a_dense_surface_there_is_no_table_of_it(shown: Console) -> None
 
 
 def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) -> None:
-    made = {"cell_m": 0.06, "rows": 1500, "columns": 2000, "covered": 0.87}
+    made = {"cell_m": 0.06, "rows": 1500, "columns": 2000, "covered": 0.87,
+            "rim": {"area_m2": 9321.4, "transparent": 0.0012}}  # fmt: skip
     report_tables.show_report(report() | {"orthophoto": made})
     text = shown.export_text()
     assert "0.060 m, 2000 × 1500 cells, 87% covered" in text

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+import shapely
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from makers import SharedData, no_matlab
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera
 from photogram.errors import ImageError, ProjectError
+from photogram.files.maps.seam_files import NamedPolygon, write_seams
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.frames import LocalFrame
 from photogram.project.project import Project, read_project
@@ -813,3 +815,26 @@ def test_nothing_in_any_place_is_a_defect(survey: Path, shift: int) -> None:
             continue
         refused += 1
     assert refused > 60
+
+
+# ---- edited seams --------------------------------------------------------------------------------------------------
+
+
+def test_edited_seams_are_read_and_what_is_wrong_with_them_stands_at_their_line(
+    survey: Path,
+) -> None:
+    square = shapely.box(719950.0, 6191950.0, 719960.0, 6191960.0)
+    crs = read(survey).crs
+    text = f"{GOOD}orthophoto: {{seams: seams.gpkg}}\n"
+    line = len(text.splitlines())
+    assert read(survey).orthophoto.seams is None
+    assert faults(survey, text) == [f"{line}: orthophoto.seams: file {survey / 'seams.gpkg'} not found"]
+    write_seams(survey / "seams.gpkg", square, [NamedPolygon("b.jpg", square)], crs)
+    assert read(survey, text).orthophoto.seams == str(survey / "seams.gpkg")
+    (survey / "seams.gpkg").unlink()
+    write_seams(survey / "seams.gpkg", square, [NamedPolygon("lost.jpg", square)], crs)
+    (fault,) = faults(survey, text)
+    assert fault.startswith(
+        f"{line}: orthophoto.seams: seams {survey / 'seams.gpkg'}, layer seams: polygon 1: photograph"
+    )
+    assert fault.endswith("'lost.jpg' is none of the project's: write the name of a file")

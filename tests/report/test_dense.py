@@ -21,7 +21,14 @@ from photogram.report.numbers.dense import (
     orthophoto_numbers,
     surface_check_numbers,
 )
-from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, ground_marks, sampled
+from photogram.report.numbers.dense_surface import (
+    DenseSurface,
+    GroundMarks,
+    OrthophotoPicture,
+    Rim,
+    ground_marks,
+    sampled,
+)
 from photogram.surface.ortho.marked_targets import FoundTarget
 from photogram.survey import Raster
 
@@ -179,8 +186,9 @@ def test_a_surface_without_any_height_has_no_statistics() -> None:
 def test_orthophoto_is_told_by_its_own_cells() -> None:
     rgba = np.zeros((10, 20, 4), dtype=np.uint8)
     rgba[:5, :, 3] = 255
-    picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400))
-    assert orthophoto_numbers(picture) == {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
+    picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400), Rim(101.0, 0.002))
+    numbers = {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
+    assert orthophoto_numbers(picture) == numbers | {"rim": {"area_m2": 101.0, "transparent": 0.002}}
 
 
 def a_target(east_m: float, north_m: float) -> FoundTarget:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -26,9 +27,10 @@ from photogram.pipeline.stages import orthophoto as orthophoto_stage
 from photogram.pipeline.stages.orthophoto import left_out_reason
 from photogram.simulation.rendering import intersect, render, visible
 from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster
+from photogram.surface.ortho.colour_balance import KNEE_DN, WHITE_DN, Balance, highlight_curve
 from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
 from photogram.surface.ortho.seamlines import find_seams
-from photogram.surface.ortho.visibility import Terrain
+from photogram.surface.ortho.visibility import Surface, Terrain
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -136,11 +138,11 @@ def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled) 
     assert len(np.unique(plan.seams.label)) > 2
     for workers, side in ((3, 64), (2, 77)):
         assert np.array_equal(made(plan, pictures.__getitem__, workers, side), once)
-    terrain = Terrain.under(views, FRAME, surface)
+    terrain = Terrain.under(views, FRAME, Surface.of(surface))
     with ThreadPoolExecutor(3) as pool:
-        again = find_seams(views, FRAME, terrain, grid, pool, 24)
-    for name in ("label", "candidate", "clear", "height_map_m"):
-        assert np.array_equal(getattr(again, name), getattr(plan.seams, name), equal_nan=name == "height_map_m")
+        first, again = (find_seams(views, FRAME, terrain, grid, pool, side) for side in (512, 24))
+    for name in ("label", "candidate", "clear", "inside", "looks", "height_map_m"):
+        assert np.array_equal(getattr(again, name), getattr(first, name), equal_nan=name == "height_map_m")
 
 
 # ---- level ground against its rendering ----------------------------------------------------------------------------
@@ -206,12 +208,34 @@ def test_photographs_of_different_exposure_are_balanced(flat: Flat) -> None:
     assert rms[0] < 3.0 < rms[1]
 
 
+def test_bright_ground_in_a_dark_photograph_is_not_made_white(flat: Flat) -> None:
+    """A photograph whose colours are multiplied by 1.5 shows places of 230: they become white, and none darker."""
+    plan = planned(flat.views, level(22.0), flat.pictures, centred(301, 353), OrthophotoSettings())
+    assert plan.highlights == 0.0
+    candidate = np.tile(np.array([3, 1], np.int32), (10, 10, 1))
+    grey = np.full((10, 10, 2, 16), 100, np.uint8)
+    grey[4:7, 4:7, 0] = 230
+    lattice: Any = SimpleNamespace(candidate=candidate, grey=grey)
+    log_gain = np.array([0.0, 0.0, 0.0, -np.log(1.5)])
+    curve = highlight_curve(lattice, np.full((10, 10), 3, np.int32), log_gain)
+    beyond = 230 * 1.5 - KNEE_DN
+    assert beyond / (1 + curve * beyond) == pytest.approx(WHITE_DN - KNEE_DN)
+    assert highlight_curve(lattice, np.full((10, 10), 1, np.int32), log_gain) == 0.0
+    pictures = [np.full_like(picture, 230) for picture in flat.pictures]
+    bright = replace(plan, highlights=curve, balance=Balance(np.full((9, 3), -np.log(1.4)), np.zeros((9, 3))))
+    shown = made(bright, pictures.__getitem__)[..., :3]
+    assert 245 < shown.min() <= shown.max() < 255
+    assert np.all(made(replace(bright, highlights=0.0), pictures.__getitem__)[..., :3] == 255)
+
+
 def test_noise_of_the_surface_hides_nothing(flat: Flat) -> None:
     grid, smooth = centred(301, 353), level(22.0, 2 * GSD)
     noise = np.random.default_rng(3).normal(0.0, 0.6 * GSD, smooth.values.shape).astype(np.float32)
     surfaces = (smooth, replace(smooth, values=smooth.values + noise))
     with ThreadPoolExecutor(2) as pool:
-        found = [find_seams(flat.views, FRAME, Terrain.under(flat.views, FRAME, s), grid, pool) for s in surfaces]
+        found = [
+            find_seams(flat.views, FRAME, Terrain.under(flat.views, FRAME, Surface.of(s)), grid, pool) for s in surfaces
+        ]
     assert np.mean(found[0].clear == found[1].clear) > 0.998
     assert np.mean(found[0].label == found[1].label) > 0.95
 
@@ -286,7 +310,7 @@ def test_a_seam_goes_around_a_building(walled: Walled) -> None:
     found = []
     with ThreadPoolExecutor(2) as pool:
         for surface in (ground, with_house):
-            terrain = Terrain.under(walled.views, FRAME, surface)
+            terrain = Terrain.under(walled.views, FRAME, Surface.of(surface))
             found += [find_seams(walled.views, FRAME, terrain, grid, pool).label[roof]]
     assert len(np.unique(found[0])) > 1
     assert len(np.unique(found[1])) == 1
@@ -317,14 +341,16 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
 
 
 def test_the_grid_has_the_photographs_ground_sampling_distance(flat: Flat) -> None:
-    grid = orthophoto_grid(flat.views, Terrain.under(flat.views, FRAME, level(22.0)))
+    grid = orthophoto_grid(flat.views, Terrain.under(flat.views, FRAME, Surface.of(level(22.0))))
     assert grid.cell_m == pytest.approx(GSD, rel=0.02)
     assert (grid.rows * grid.cell_m, grid.columns * grid.cell_m) == pytest.approx((44.0, 44.0), abs=2 * grid.cell_m)
 
 
 def test_a_surface_above_the_photographs_is_refused(flat: Flat) -> None:
     with pytest.raises(PhotogramError, match="not above the surface"):
-        orthophoto_grid(flat.views, Terrain.under(flat.views, FRAME, level(22.0, height_map_m=HEIGHT + 50.0)))
+        orthophoto_grid(
+            flat.views, Terrain.under(flat.views, FRAME, Surface.of(level(22.0, height_map_m=HEIGHT + 50.0)))
+        )
 
 
 def test_a_surface_without_heights_is_refused(flat: Flat) -> None:

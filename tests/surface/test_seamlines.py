@@ -1,79 +1,29 @@
-"""Parts of the orthophoto by themselves: seams, interpolation, decoded photographs, the file that the stage writes."""
+"""Parts of the orthophoto by themselves: interpolation, decoded photographs, the files that the stage writes, edited
+seams."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
+from dataclasses import replace
 from pathlib import Path
 from threading import Barrier
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 import rasterio
+import rasterio.features
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from photogram.errors import ProjectError
+from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.orthophoto import HeldPhotographs, make_orthophoto
+from photogram.pipeline.stages.orthophoto import HeldPhotographs, edited_seams, make_orthophoto
 from photogram.pipeline.store.run import Run
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.ortho.resampling import add_cubic, catmull_rom
-from photogram.surface.ortho.seamlines import chosen_labels
-
-
-def lists(rng: np.random.Generator, rows: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Draw lists of three out of five photographs, some shorter, sorted by cost."""
-    candidate = np.array([rng.permutation(5)[:3] for _ in range(rows * columns)], np.int32).reshape(rows, columns, 3)
-    cost = np.sort(rng.uniform(0.0, 1.0, candidate.shape), axis=2).astype(np.float32)
-    short = rng.random((rows, columns)) < 0.3
-    candidate[short, 2], cost[short, 2] = -1, np.inf
-    return candidate, cost
-
-
-def energy(label: NDArray[Any], candidate: NDArray[Any], cost: NDArray[Any], right: Any, below: Any) -> float:
-    own = np.where(candidate == label[..., None], cost, 0.0).sum()
-    across = (right[:, :-1] * (label[:, 1:] != label[:, :-1])).sum()
-    return float(own + across + (below[:-1] * (label[1:] != label[:-1])).sum())
-
-
-def least_energy(candidate: NDArray[Any], cost: NDArray[Any], right: Any, below: Any) -> float:
-    shape = candidate.shape[:2]
-    choices = product(*[[int(n) for n in c if n >= 0] for c in candidate.reshape(-1, 3)])
-    return min(energy(np.array(c).reshape(shape), candidate, cost, right, below) for c in choices)
-
-
-@pytest.mark.parametrize("shape", [(1, 7), (7, 1)])
-def test_labels_along_a_line_are_the_best_there_are(shape: tuple[int, int]) -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        candidate, cost = lists(rng, *shape)
-        right, below = (rng.uniform(0.0, 0.6, shape).astype(np.float32) for _ in range(2))
-        label = chosen_labels(candidate, cost, right, below, 15)
-        best = least_energy(candidate, cost, right, below)
-        assert energy(label, candidate, cost, right, below) == pytest.approx(best, abs=1e-5)
-
-
-def test_labels_of_a_grid_are_nearly_the_best_there_are() -> None:
-    rng, found, best = np.random.default_rng(6), 0.0, 0.0
-    for _ in range(15):
-        candidate, cost = lists(rng, 2, 4)
-        right, below = (rng.uniform(0.0, 0.6, (2, 4)).astype(np.float32) for _ in range(2))
-        label = chosen_labels(candidate, cost, right, below, 15)
-        assert np.all((candidate == label[..., None]).any(axis=2))
-        found += energy(label, candidate, cost, right, below)
-        best += least_energy(candidate, cost, right, below)
-    assert best <= found < 1.02 * best
-
-
-def test_a_block_that_nothing_sees_has_no_label() -> None:
-    candidate, cost = lists(np.random.default_rng(1), 3, 4)
-    candidate[1, 2], cost[1, 2] = -1, np.inf
-    price = np.full((3, 4), 0.1, np.float32)
-    label = chosen_labels(candidate, cost, price, price, 5)
-    assert np.array_equal(label < 0, (candidate < 0).all(axis=2))
 
 
 @given(st.floats(0.0, 1.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
@@ -124,23 +74,13 @@ def test_a_photograph_that_cannot_be_read_stops_whoever_asks() -> None:
 @pytest.mark.survey
 def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, tmp_path: Path) -> None:
     project = load_project(adjusted_survey / "project.yaml")
-    settings = SimpleNamespace(
-        photographs=project.photographs, crs=project.crs, orthophoto=OrthophotoSettings(cell_m=0.06)
-    )
     texts: list[str] = []
-    with open_run(project) as run:
-        part = SimpleNamespace(
-            project=settings,
-            executor=run.executor,
-            adjusted_block=run.adjusted_block,
-            has_surface=run.has_surface,
-            filled_surface=run.filled_surface,
-            pixels=run.pixels,
-        )
-        summary = make_orthophoto(cast(Run, part), tmp_path, lambda _done, _total, text: texts.append(text))
+    (tmp_path / "made").mkdir()
+    with open_run(replace(project, orthophoto=OrthophotoSettings(cell_m=0.06))) as run:
+        summary = make_orthophoto(run, tmp_path / "made", lambda _done, _total, text: texts.append(text))
         surface = run.filled_surface()
-    assert texts[0] == "seams and exposure"
-    with rasterio.open(tmp_path / "orthophoto.tif") as dataset:
+    assert texts[:2] == ["surface without holes", "seams and exposure"]
+    with rasterio.open(tmp_path / "made/orthophoto.tif") as dataset:
         assert dataset.count == 4
         alpha, box = dataset.read(4), dataset.bounds
     assert (
@@ -149,3 +89,53 @@ def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, 
         > 0.5 * np.count_nonzero(np.isfinite(surface.values)) * (surface.cell_m / 0.06) ** 2
     )
     assert box.left <= surface.west_map_m + surface.values.shape[1] * surface.cell_m
+    files = ["grid.json", "orthophoto.tif", "outline.gpkg", "rim.json"]
+    assert sorted(path.name for path in (tmp_path / "made").iterdir()) == files
+
+
+def make(run: Run, folder: Path) -> None:
+    folder.mkdir()
+    make_orthophoto(run, folder, lambda *_: None)
+
+
+@pytest.mark.survey
+def test_edited_seams_are_taken_as_they_are(adjusted_survey: Path, tmp_path: Path) -> None:
+    """Seams that come back as they were written change next to nothing; a polygon drawn over them is obeyed."""
+    project = load_project(adjusted_survey / "project.yaml")
+    pictures = []
+    settings = OrthophotoSettings(cell_m=0.12, balance=False, feather_cells=0.0)
+    with open_run(replace(project, orthophoto=settings)) as run:
+        make(run, tmp_path / "own")
+    own = tmp_path / "own/outline.gpkg"
+    names = [p.name for p in project.photographs]
+    seams = read_seams(own, names, project.crs)
+    largest = max(seams, key=lambda seam: float(seam.polygon.area))
+    other = next(name for name in names if name != largest.photograph)
+    drawn = largest.polygon.centroid.buffer(3.0)
+    write_seams(tmp_path / "drawn.gpkg", drawn, [NamedPolygon(other, drawn)], project.crs)
+    for name, file in (("again", own), ("drawn", tmp_path / "drawn.gpkg")):
+        with open_run(replace(project, orthophoto=replace(settings, seams=str(file)))) as run:
+            make(run, tmp_path / name)
+    for name in ("own", "again", "drawn"):
+        with rasterio.open(tmp_path / name / "orthophoto.tif") as dataset:
+            pictures.append(dataset.read())
+            inside = rasterio.features.geometry_mask([drawn], dataset.shape, dataset.transform, invert=True)
+    before, again, changed = pictures
+    assert np.mean((before == again).all(axis=0)) > 0.97
+    differs = (before != changed).any(axis=0)
+    shown = (before[3] > 0) & (changed[3] > 0)
+    assert np.mean(differs[inside & shown]) > 0.5 > 0.1 > np.mean(differs[~inside & shown])
+    found = {seam.photograph for seam in read_seams(tmp_path / "drawn/outline.gpkg", names, project.crs)}
+    assert other in found
+
+
+@pytest.mark.survey
+def test_seams_of_a_photograph_without_a_pose_are_refused(adjusted_survey: Path, tmp_path: Path) -> None:
+    project = load_project(adjusted_survey / "project.yaml")
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
+    name = project.photographs[0].name
+    write_seams(tmp_path / "seams.gpkg", square, [NamedPolygon(name, square)], project.crs)
+    edited = replace(project, orthophoto=OrthophotoSettings(seams=str(tmp_path / "seams.gpkg")))
+    with pytest.raises(ProjectError, match=rf"seams\.gpkg: {name}: not oriented, nothing can be taken from it"):
+        edited_seams(edited, [p.name for p in project.photographs[1:]], project.crs)
+    assert edited_seams(project, [], project.crs) is None

@@ -17,7 +17,7 @@ from photogram.survey import Contours
 LAYER = "contours"
 
 # GeoPackage stores when a layer was changed; the same lines are to give the same bytes.
-_NO_TIME = "2000-01-01T00:00:00.000Z"
+NO_TIME = "2000-01-01T00:00:00.000Z"
 
 
 def write_contours(path: Path, contours: Contours, crs: str) -> None:
@@ -36,7 +36,7 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _NO_TIME})
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
         try:
             pyogrio.raw.write(
                 folder / "contours.gpkg",

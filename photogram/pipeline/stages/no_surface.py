@@ -6,7 +6,8 @@ import numpy as np
 
 from photogram.survey import Block
 
-LEFT_OUT = "left_out.json"
+LEFT_OUT, RIM_FILE = "left_out.json", "rim.json"
+"""Why a product is not made; how many cells the rim of the orthophoto holds, and how many of them show nothing."""
 
 LEAST_DEPRESSION_DEG = 20.0
 """Of the median optical axis, below the horizon: what looks flatter shows upright surfaces, which have many heights in

@@ -1,4 +1,5 @@
-"""The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif`."""
+"""The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif` with its
+rim and its seams."""
 
 from __future__ import annotations
 
@@ -10,19 +11,41 @@ from threading import Lock
 
 import numpy as np
 
-from photogram.arrays import ByteArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.camera import Pose
+from photogram.errors import PhotogramError, ProjectError
+from photogram.files.atomic import scratch_folder
 from photogram.files.maps.cogs import write_cog_rgba
+from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.files.npz_json import read_json, write_json
-from photogram.grid import Window
+from photogram.grid import MapGrid, Window
 from photogram.machine import memory_bytes
-from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
+from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plan_orthophoto
+from photogram.pipeline.store.tiles import GridFile
+from photogram.project.project import Project
+from photogram.surface.dsm import FILLED, HOLE
+from photogram.surface.ortho.closed_surface import close_surface
+from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, ForcedOf, Orthophoto, plan_orthophoto
+from photogram.surface.ortho.outline import (
+    SeamPolygon,
+    cells_inside,
+    rim_of,
+    seam_polygons,
+    sides_of,
+    views_in_blocks,
+)
+from photogram.surface.ortho.visibility import Surface
 from photogram.surface.views import Views
+from photogram.survey import Raster
+from photogram.wording import some
+
+OUTLINE_FILE = "outline.gpkg"
+"""The rim with the seams."""
 
 LEAST_DEPRESSION_DEG = 40.0
 """Of the median optical axis, below the horizon: what is flatter shows facades, which a plan does not; oblique flights
@@ -76,8 +99,8 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
 
 
 def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Make the orthophoto on the surface and write it as ``orthophoto.tif``, tile by tile; of photographs that look
-    sideways none, and why in ``left_out.json``."""
+    """Make the orthophoto on the closed surface and write it as ``orthophoto.tif``, tile by tile, with its rim and its
+    seams as ``outline.gpkg``; of photographs that look sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
         return {}
     site = made_frame(run)
@@ -89,29 +112,102 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
         return {"left_out": reason}
     block = site.block()
     views = Views.of(block)
+    names = [block.photographs[i].name for i in views.photograph]
     sizes = [(int(width), int(height)) for width, height in views.size_px]
     pixels_of = HeldPhotographs(
         lambda view: run.pixels(int(views.photograph[view]), sizes[view]), photographs_held(sizes)
     )
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
-    progress(0, 0, "seams and exposure")
-    orthophoto = plan_orthophoto(
-        views, block.frame, run.filled_surface(), pixels_of, run.executor, run.project.orthophoto, camera=camera
-    )
-    grid, shown = orthophoto.grid, 0
+    progress(0, 0, "surface without holes")
+    with scratch_folder(folder / "orthophoto.tif") as scratch:
+        surface = closed_surface_of(run, scratch)
+        progress(0, 0, "seams and exposure")
+        settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
+        orthophoto = plan_orthophoto(
+            views, block.frame, surface, pixels_of, run.executor, settings, camera=camera, forced=edited
+        )
+        grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
+        rim = rim_of(seams.looks, seams.label >= 0, blocks)
+        if rim is None:
+            raise PhotogramError("orthophoto: no photograph shows the surface: check its heights and the poses")
+        sides, inside, shown = sides_of(rim), 0, 0
 
-    def counted() -> Iterator[tuple[Window, ByteArray]]:
-        nonlocal shown
-        total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
-        for done, (window, rgba) in enumerate(orthophoto.tiles(pixels_of, run.executor), 1):
-            shown += int(np.count_nonzero(rgba[..., 3]))
-            yield window, rgba
-            progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
+        def counted() -> Iterator[tuple[Window, ByteArray]]:
+            nonlocal inside, shown
+            total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
+            for done, (window, rgba) in enumerate(orthophoto.tiles(pixels_of, run.executor), 1):
+                within = cells_inside(sides, grid, window)
+                rgba[~within] = 0
+                inside += int(np.count_nonzero(within))
+                shown += int(np.count_nonzero(rgba[..., 3]))
+                yield window, rgba
+                progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
-    write_cog_rgba(folder / "orthophoto.tif", grid, site.plan, counted(), note=site.note)
+        write_cog_rgba(folder / "orthophoto.tif", grid, site.plan, counted(), note=site.note)
+    polygons = seam_polygons(seams.label, blocks, rim)
+    write_seams(folder / OUTLINE_FILE, rim, [NamedPolygon(names[p.view], p.polygon) for p in polygons], site.plan)
     write_json(folder / "grid.json", grid)
+    write_json(folder / RIM_FILE, {"cells": inside, "transparent": inside - shown, "area_m2": rim.area})
     size: StageSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
-    return {**size, "cells": shown, **summary(orthophoto)}
+    return {**size, "cells": shown, "transparent": inside - shown, **summary(orthophoto)}
+
+
+def closed_surface_of(run: Run, scratch: Path) -> Surface:
+    """Return the surface of the run as orthophotos need it, made in a folder that outlives it."""
+    matching = MatchedHeights.of(run) if matched(run) else None
+    whole = None if matching is not None else run.surface()
+    grid = matching.grid if matching is not None else MapGrid.of(_given(whole))
+    known, sigma = GridFile(scratch / "known.f32", grid), GridFile(scratch / "sigma.f32", grid)
+    height, closed_sigma = GridFile(scratch / "height.f32", grid), GridFile(scratch / "closed_sigma.f32", grid)
+    for file in (known, sigma, height, closed_sigma):
+        file.make()
+    if matching is not None:
+        layers = surface_layers(run)
+        for window in layers.windows:
+            filled, source = layers.read(window, "filled", "source")
+            own = matching.blocks.read(window, "sigma_m")[0]
+            known.write(window, filled)
+            # NaN says too that a cell was not measured
+            sigma.write(window, np.where((source == HOLE) | (source == FILLED), np.float32(np.nan), own))
+    else:
+        values = _given(whole).values
+        known.write(grid.whole, values)
+        sigma.write(grid.whole, np.where(np.isfinite(values), np.float32(0.0), np.float32(np.nan)))
+
+    def part(window: Window) -> tuple[Float32Array, BoolArray, Float32Array]:
+        own = sigma.read(window)
+        return known.read(window), np.isfinite(own), own
+
+    def write(window: Window, values: Float32Array, sigmas: Float32Array) -> None:
+        height.write(window, values)
+        closed_sigma.write(window, sigmas)
+
+    close_surface(grid, part, run.executor, write)
+    return Surface(grid, height.read, closed_sigma.read)
+
+
+def _given(raster: Raster | None) -> Raster:
+    assert raster is not None
+    return raster
+
+
+def edited_seams(project: Project, names: Sequence[str], crs: str) -> ForcedOf | None:
+    """Return the photographs that the project's file of seams, in ``crs``, asks for, None without one.
+
+    Raises ProjectError where the file cannot be read, or names what is no photograph of the project, or one without a
+    pose.
+    """
+    path = project.orthophoto.seams
+    if path is None:
+        return None
+    polygons = read_seams(Path(path), [p.name for p in project.photographs], crs)
+    missing = sorted({p.photograph for p in polygons} - set(names))
+    if missing:
+        raise ProjectError(
+            f"seams {path}: {some(missing)}: not oriented, nothing can be taken from it: give its polygons to others"
+        )
+    seams = [SeamPolygon(names.index(p.photograph), p.polygon) for p in polygons]
+    return lambda blocks: views_in_blocks(seams, blocks)
 
 
 def summary(orthophoto: Orthophoto) -> StageSummary:

@@ -26,7 +26,7 @@ from photogram.files.clouds.points import NO_DATE
 from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid
-from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import PLANE, Run
@@ -49,7 +49,7 @@ from photogram.report.numbers.dense import (
     orthophoto_numbers,
     sigma_numbers,
 )
-from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
+from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, Rim, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
 from photogram.surface.dsm import FILLED, MEASURED
@@ -73,7 +73,7 @@ PRODUCTS = {
         PLANE,
     ),
     "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
-    "orthophoto": ("orthophoto.tif",),
+    "orthophoto": ("orthophoto.tif", "outline.gpkg"),
 }
 """Files of results by the stage that makes them; those that a project does not ask for are not there."""
 
@@ -159,9 +159,11 @@ def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     rows, columns = -(-whole.rows // block), -(-whole.columns // block)
     grid = MapGrid(whole.west_map_m, whole.north_map_m, whole.cell_m * block, rows, columns)
     rgba = picture_on_grid(path, grid, grid.whole)
+    rim = read_json(run.workspace.file("orthophoto", RIM_FILE))
     return OrthophotoPicture(
-        rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, whole.cell_m, (whole.rows, whole.columns)
-    )
+        rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, whole.cell_m, (whole.rows, whole.columns),
+        Rim(rim["area_m2"], rim["transparent"] / max(rim["cells"], 1)),
+    )  # fmt: skip
 
 
 def dense_surface(run: Run) -> DenseSurface | None:

@@ -39,6 +39,7 @@ PRODUCTS = (
     "dense.laz",
     "contours.gpkg",
     "orthophoto.tif",
+    "outline.gpkg",
     "plane.json",
     "pictures/surface.png",
     "pictures/plan.png",

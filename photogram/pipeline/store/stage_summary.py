@@ -94,6 +94,8 @@ class StageSummary(TypedDict, total=False):
     """relief: what the contour lines are of, terrain or surface."""
     cells: int
     """orthophoto: number of cells that are shown."""
+    transparent: int
+    """orthophoto: number of cells within its rim that are not shown."""
     least_factor: float
     """orthophoto: least factor of the brightness of a photograph, mean of the channels."""
     greatest_factor: float

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,3 +66,30 @@ class BlockFiles:
                         r0 - row : r1 - row, c0 - column : c1 - column
                     ]
         return tuple(whole[name] for name in names)
+
+
+@dataclass(frozen=True)
+class GridFile:
+    """An array of float32 over a map grid in one file of its own, of which windows are written and read; nothing of it
+    is held in between. Cells that were never written are 0."""
+
+    path: Path
+    grid: MapGrid
+
+    def _mapped(self, mode: Literal["r", "r+", "w+"]) -> np.memmap[Any, np.dtype[np.float32]]:
+        return np.memmap(self.path, np.float32, mode, shape=(self.grid.rows, self.grid.columns))
+
+    def make(self) -> None:
+        """Make the file, all cells 0."""
+        make_folder(self.path.parent)
+        self._mapped("w+").flush()
+
+    def write(self, window: Window, values: NDArray[np.float32]) -> None:
+        """Write values (rows, columns) of a window; several threads may write windows apart from each other."""
+        mapped = self._mapped("r+")
+        mapped[window.slices] = values
+        mapped.flush()
+
+    def read(self, window: Window) -> NDArray[np.float32]:
+        """Return the values (rows, columns) of a window."""
+        return np.array(self._mapped("r")[window.slices])

@@ -49,15 +49,17 @@ RASTER_BYTES, RELIEF_BYTES, POINT_BYTES = 11.0, 4.0, 6.0
 dense cloud. Measured on two real surveys and a simulated one: 5 to 8 (and, on the latter,
 3 for the relative standard deviations), 1 to 3 (contour lines), and 5."""
 
-PICTURE_BYTES, SCRATCH_BYTES = 2.3, 4.0
-"""On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.3, and before that."""
+PICTURE_BYTES, SCRATCH_BYTES, CLOSED_BYTES = 2.9, 4.0, 16.0
+"""On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.9, and before that; and for a cell of the
+surface while it is closed for it: heights and standard deviations, before and after."""
 
 PROGRAM_BYTES = 370e6
 """In memory for the program with its libraries, before it does anything."""
 
-MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 320.0
+MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 600.0
 """In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
-150 to 200 and at 170 to 190 MB; and for a block of the lattice of seams, candidates with their costs and messages."""
+150 to 200 and at 170 to 190 MB; and for a block of the lattice of seams, candidates with their costs, grey
+values and messages, counted."""
 
 TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 54.0
 """In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
@@ -175,7 +177,8 @@ def surface_disk_bytes(project: Project, size: SurfaceSize) -> float:
     matching = cells * (MATCHED_BYTES + COARSER_BYTES) + _reduced_bytes(project, size) if dense else 0.0
     made = rasters + picture * PICTURE_BYTES + (cells * (MATCHED_BYTES + LAYER_BYTES) if dense else 0.0)
     results = rasters + picture * PICTURE_BYTES + (cells * POINT_BYTES if dense else 0.0)
-    return float(max(matching, made + picture * SCRATCH_BYTES, made + results))
+    closing = cells * CLOSED_BYTES if project.orthophoto.enabled else 0.0
+    return float(max(matching, made + picture * SCRATCH_BYTES + closing, made + results))
 
 
 def _reduced_bytes(project: Project, size: SurfaceSize) -> float:

@@ -20,6 +20,7 @@ from photogram.report.record.surfaces import (
     OrthophotoCheckRecord,
     OrthophotoPointRecord,
     OrthophotoRecord,
+    RimRecord,
     SigmaRecord,
     SurfaceCheckRecord,
     SurfacePointRecord,
@@ -123,10 +124,11 @@ def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> n
 
 
 def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:
-    """Return the key `orthophoto` of report.json: size, and which part of it shows anything."""
+    """Return the key `orthophoto` of report.json: size, which part of it shows anything, and its rim."""
     rows, columns = orthophoto.source_shape
     covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
-    return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered}
+    rim: RimRecord = {"area_m2": orthophoto.rim.area_m2, "transparent": orthophoto.rim.transparent}
+    return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered, "rim": rim}
 
 
 # ---- the surface at the check points -------------------------------------------------------------------------------

@@ -56,10 +56,19 @@ class DenseSurface:
         return np.asarray(np.isfinite(self.heights.values[rows]) & ~self.filled[rows])
 
 
+@dataclass(frozen=True)
+class Rim:
+    """The rim of an orthophoto: the area within, m², and which share of its cells is transparent."""
+
+    area_m2: float
+    transparent: float
+
+
 @dataclass(frozen=True, eq=False)
 class OrthophotoPicture:
     """An orthophoto small enough for a page: ``rgba`` (rows, columns, 4), alpha 0 where there is no photograph; outer
-    corner and cell in the map, m. ``source_cell_m`` and ``source_shape`` are those of orthophoto.tif itself."""
+    corner and cell in the map, m. ``source_cell_m`` and ``source_shape`` are those of orthophoto.tif itself, and
+    ``rim`` is its rim."""
 
     rgba: ByteArray
     west_map_m: float
@@ -67,6 +76,7 @@ class OrthophotoPicture:
     cell_m: float
     source_cell_m: float
     source_shape: tuple[int, int]
+    rim: Rim
 
     def __post_init__(self) -> None:
         check_shape("rgba", self.rgba, (None, None, 4))

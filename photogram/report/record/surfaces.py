@@ -231,14 +231,22 @@ class OrthophotoCheckRecord(TypedDict):
     sentence: str
 
 
+class RimRecord(TypedDict):
+    """The rim of the orthophoto: the area within, m², and the share of its cells that is transparent."""
+
+    area_m2: float
+    transparent: Share
+
+
 @final
 class OrthophotoRecord(TypedDict):
-    """Size of orthophoto.tif, the share of it that shows anything, and its test at the check points."""
+    """Size of orthophoto.tif, the share of it that shows anything, its rim, and its test at the check points."""
 
     cell_m: Metres
     rows: Count
     columns: Count
     covered: Share
+    rim: RimRecord
     check_points: NotRequired[OrthophotoCheckRecord]
 
 

@@ -7,20 +7,17 @@ least squares with Cauchy weights (Holland & Welsch 1977), because shadows move 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.arrays import ByteArray, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.frames import LocalFrame
-from photogram.grid import MapGrid
 from photogram.projection import FOCAL, OrientedCameras, seen_at
-from photogram.surface.ortho.seamlines import Seams
+from photogram.surface.ortho.seamlines import Lattice
 from photogram.surface.views import Views
 
 PixelsOf = Callable[[int], ByteArray]
@@ -37,6 +34,13 @@ DARKEST, BRIGHTEST = 8, 247
 
 CAUCHY = 0.05
 """Scale of the Cauchy weights, in logarithms of colours: a difference of 5 % has half the weight."""
+
+WHITE_DN, KNEE_DN = 255.0, 200.0
+"""The brightest digital number, and that from which on brighter ones are drawn together where balancing would make them
+brighter than that."""
+
+BRIGHTEST_SHARE = 0.999
+"""Share of the places that shall not be made white."""
 
 ROUNDS = 10
 """So often the equations are solved with new weights."""
@@ -105,35 +109,56 @@ def _mean_colours(
                 out[n, 1 + k] = total[k] / (2 * half + 1) ** 2
 
 
-def sample_overlaps(
-    views: Views, frame: LocalFrame, grid: MapGrid, seams: Seams, pixels_of: PixelsOf, executor: Executor
-) -> Samples:
-    """Return the colours of common places in the photographs that see them wholly: blocks of the lattice of seams, at
-    most some MAXIMUM_PLACES of them."""
-    shared = seams.clear.sum(axis=2) >= 2
-    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(shared) / MAXIMUM_PLACES))))
-    lattice = np.zeros_like(shared)
-    lattice[stride // 2 :: stride, stride // 2 :: stride] = True
-    row, column = np.nonzero(shared & lattice)
-    side_m = seams.block_cells * grid.cell_m
-    east = grid.west_map_m + (column + 0.5) * side_m
-    north = grid.north_map_m - (row + 0.5) * side_m
-    X = frame.world_from_map(np.column_stack([east, north, seams.height_map_m[row, column]]))
-    listed, clear = seams.candidate[row, column], seams.clear[row, column]
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Blocks of a lattice at which photographs are compared: their ``row`` and ``column``, and the side of a block."""
 
-    def read(view: int) -> tuple[IntArray, FloatArray]:
-        place = np.flatnonzero(((listed == view) & clear).any(axis=1))
-        out = np.empty((len(place), 4))
-        if len(place):
-            _mean_colours(pixels_of(view), views.cameras, view, X[place], side_m, out)
-        good = np.isfinite(out[:, 0])
-        return place[good].astype(np.int64), out[good]
+    row: IntArray
+    column: IntArray
+    side_m: float
 
-    parts = list(executor.map(read, range(len(views))))
-    view = np.repeat(np.arange(len(views)), [len(place) for place, _ in parts])
+    @staticmethod
+    def of(lattice: Lattice, cell_m: float) -> Places:
+        """Return at most some MAXIMUM_PLACES blocks that at least two photographs show, regularly spread."""
+        shared = (lattice.candidate >= 0).sum(axis=2) >= 2
+        stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(shared) / MAXIMUM_PLACES))))
+        chosen = np.zeros_like(shared)
+        chosen[stride // 2 :: stride, stride // 2 :: stride] = True
+        row, column = np.nonzero(shared & chosen)
+        return Places(row, column, lattice.block_cells * cell_m)
+
+
+def colours_in(
+    views: Views, lattice: Lattice, places: Places, view: int, picture: ByteArray
+) -> tuple[IntArray, FloatArray]:
+    """Return which places (N,) a photograph sees wholly, and its squared ideal radius and its mean colour (N, 4)
+    there. The photograph must have been looked at."""
+    listed = (lattice.candidate[places.row, places.column] == view) & lattice.clear[places.row, places.column]
+    place = np.flatnonzero(listed.any(axis=1))
+    X = lattice.centre_world_m[places.row[place], places.column[place]]
+    out = np.empty((len(place), 4))
+    _mean_colours(picture, views.cameras, view, X, places.side_m, out)
+    good = np.isfinite(out[:, 0])
+    return place[good].astype(np.int64), out[good]
+
+
+def joined(parts: Sequence[tuple[IntArray, FloatArray]]) -> Samples:
+    """Return the samples of what ``colours_in`` gives for every view in turn."""
+    view = np.repeat(np.arange(len(parts)), [len(place) for place, _ in parts])
     found = np.concatenate([out for _, out in parts]) if parts else np.zeros((0, 4))
     place = np.concatenate([place for place, _ in parts]) if parts else np.zeros(0, np.int64)
     return Samples(place, view, found[:, 0], np.log(found[:, 1:]))
+
+
+def highlight_curve(lattice: Lattice, label: Int32Array, log_gain: FloatArray) -> float:
+    """Return the c of x / (1 + c x), by which what is brighter than KNEE_DN by x becomes brighter, so that no more than
+    the brightest places of the blocks, with their labels (R, C), are white; 0 where balancing makes none so bright."""
+    at = np.argmax(lattice.candidate == label[..., None], axis=2)
+    grey = np.take_along_axis(lattice.grey, at[..., None, None], axis=2)[..., 0, :]
+    shown = grey[label >= 0] * np.exp(-log_gain[label[label >= 0]])[:, None]
+    brightest = float(np.quantile(shown, BRIGHTEST_SHARE)) if shown.size else WHITE_DN
+    beyond, room = brightest - KNEE_DN, WHITE_DN - KNEE_DN
+    return max(beyond - room, 0.0) / (beyond * room) if beyond > 0.0 else 0.0
 
 
 def balance_exposure(samples: Samples, camera: IntArray) -> Balance:

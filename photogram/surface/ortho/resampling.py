@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,53 +56,74 @@ def add_linear(picture: ByteArray, u: float, v: float, scale: float, out: FloatA
                 out[k] += w * picture[row, column, k]
 
 
+TONE_STEPS = 1024
+"""Parts of the squared ideal radii of a photograph between which the tone is linear."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tone:
+    """By what the colours of a photograph are multiplied: ``factor`` (TONE_STEPS + 1, 3) at squared ideal radii that
+    are ``1 / per_radius2`` apart."""
+
+    factor: FloatArray
+    per_radius2: float
+
+    @staticmethod
+    def of(log_gain: FloatArray, falloff: FloatArray, largest_radius2: float) -> Tone:
+        """Return exp(−g − v r²) for the logarithms of gains g (3,) and falls of light v (3,)."""
+        per_radius2 = TONE_STEPS / max(largest_radius2, 1e-6)
+        radius2 = np.arange(TONE_STEPS + 1)[:, None] / per_radius2
+        return Tone(np.exp(-log_gain - falloff * radius2), per_radius2)
+
+
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def add_photograph(
     number: int,
     picture: ByteArray,
     cameras: OrientedCameras,
-    log_gain: FloatArray,
-    falloff: FloatArray,
-    places: tuple[FloatArray, FloatArray, FloatArray],
+    tone: tuple[FloatArray, float],
+    place: FloatArray,
+    sides: tuple[FloatArray, FloatArray],
     label: Int32Array,
     weight: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
     """Add to ``out`` (R, C, 3) what the photograph ``number`` contributes to each cell.
 
-    Colours are multiplied by exp(−``log_gain`` (3,) − ``falloff`` (3,) r²), r the ideal radius. ``places`` are the feet
-    of the verticals (R, C, 3), their steps up (R, C, 3) and heights on them (R, C); ``label`` and ``weight`` (R, C, 4)
-    say which photographs a cell is made of, −1 for none. Cells that are larger than a pixel are sampled at as many
-    places as they have pixels, at the height of their centre.
+    Colours are multiplied by its ``tone``: factors, and how many there are per squared ideal radius. ``place`` (R, C,
+    3) are the centres of the cells on the surface, ``sides`` the steps (3,) to the next cell in the east and the south;
+    ``label`` and ``weight`` (R, C, 4) say which photographs a cell is made of, −1 for none. Cells that are larger than
+    a pixel are sampled at as many places as they have pixels, at the height of their centre.
     """
     focal, C = cameras.parameters[cameras.camera[number], FOCAL], cameras.position
-    foot, up, height = places
+    factor, per_radius2 = tone
     X, colour, across, down = np.empty(3), np.empty(3), np.empty(4), np.empty(4)
-    east, south = np.empty(3), np.empty(3)
+    side = np.sqrt(sides[0][0] ** 2 + sides[0][1] ** 2 + sides[0][2] ** 2)
     for i in range(label.shape[0]):
         for j in range(label.shape[1]):
             w = 0.0
             for k in range(4):
+                if label[i, j, k] < 0:
+                    break
                 if label[i, j, k] == number:
                     w += weight[i, j, k]
             if w == 0.0:
                 continue
             for k in range(3):
-                X[k] = foot[i, j, k] + height[i, j] * up[i, j, k]
-                east[k] = foot[i, j + 1, k] - foot[i, j, k]
-                south[k] = foot[i + 1, j, k] - foot[i, j, k]
+                X[k] = place[i, j, k]
                 colour[k] = 0.0
             u, v, depth = seen_at(cameras, number, X)
-            side = np.sqrt(east[0] * east[0] + east[1] * east[1] + east[2] * east[2])
             n = int(np.ceil(side * focal / depth - 0.5))
             if n <= 1:
                 add_cubic(picture, u, v, 1.0, across, down, colour)
             else:
-                _add_cell(picture, cameras, number, X, (east, south), n, colour)
+                _add_cell(picture, cameras, number, X, sides, n, colour)
             distance2 = (X[0] - C[number, 0]) ** 2 + (X[1] - C[number, 1]) ** 2 + (X[2] - C[number, 2]) ** 2
-            r2 = max(distance2 / (depth * depth) - 1.0, 0.0)
+            step = min(max(distance2 / (depth * depth) - 1.0, 0.0) * per_radius2, TONE_STEPS - 1e-6)
+            m = int(step)
+            share = step - m
             for k in range(3):
-                out[i, j, k] += w * colour[k] * np.exp(-log_gain[k] - falloff[k] * r2)
+                out[i, j, k] += w * colour[k] * (factor[m, k] + share * (factor[m + 1, k] - factor[m, k]))
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

@@ -1,28 +1,36 @@
 """Which photograph an orthophoto takes where: labels of square blocks of cells, chosen for the whole survey at once.
 
 Each block has a short list of the photographs that see it best, with their costs; neighbouring blocks pay for
-different photographs, much near height edges, little on open ground. The sum is made small by sequential
-tree-reweighted message passing (Kolmogorov 2006, section 4, TRW-S) on the grid of blocks, always in the same order.
+different photographs: much near height edges, and where the photographs show different things there, little on open
+ground on which they agree.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
-from photogram.grid import MapGrid, Verticals, Window, verticals
+from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_at
-from photogram.surface.ortho.visibility import STRICT, Relief, Terrain, height_at, is_hidden
+from photogram.surface.ortho.labelling import DIFFERENCE_UNIT, chosen_labels
+from photogram.surface.ortho.visibility import VISIBLE, SeenCells, Terrain, height_at, place_between
 from photogram.surface.views import Views
 
-CANDIDATES = 12
-"""Photographs that a block may be taken from."""
+Number = TypeVar("Number", bound=np.generic)
+
+CANDIDATES = 8
+"""Photographs that a block may be taken from, in part."""
+
+LABELS = 5
+"""Photographs that the whole of a block may be taken from."""
 
 SMALLEST_BLOCK, LARGEST_LATTICE = 8, 400_000
 """Cells along a block, and the number of blocks above which they are made larger."""
@@ -37,6 +45,10 @@ SEAM_COST, OPEN_SHARE = 4e-3, 0.01
 From the costs of the photographs: a seam that lies D beside its best place costs some 1.5 b D²/(h² s) more per block of
 side s, for a base b of h/5 and a flying height h; it is worth moving it away from an edge by D = 0.115 h."""
 
+DIFFERENCE_DN = 40.0
+"""Mean difference of two balanced photographs over a block, in grey levels, that costs a seam as much as a height
+edge; less of it costs the square of its share."""
+
 STEEP = 1.5
 """Slope over three blocks from which they count as a height edge."""
 
@@ -44,24 +56,64 @@ OBJECT_SIZE, OBJECT_HEIGHT = 0.3, 0.03
 """What is narrower than this and rises above the ground around it by this, in flying heights, counts as a height edge
 all over, so that a roof is not cut in two."""
 
-SWEEPS = 15
+SWEEPS = 10
 """So often messages pass to and fro."""
+
+SAMPLES = 4
+"""Places along a block at which photographs are looked up and compared."""
+
+FORCED_COST = -1000.0
+"""Of the photograph that is asked for in a block."""
+
+_HEIGHTS_ALONG = 8
+_FAR_SHARE = 0.02  # of the depth: a height that differs more is projected by itself
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """The lattice of blocks of ``block_cells`` × ``block_cells`` cells of a grid, and what photographs see of it."""
+
+    block_cells: int
+    candidate: Int32Array
+    """The views (R, C, CANDIDATES) that show a block, best first, then −1."""
+    cost: Float32Array
+    """What each costs (R, C, CANDIDATES)."""
+    height_map_m: Float32Array
+    """Mean, lowest and highest height (R, C, 3), NaN where there is no surface."""
+    centre_world_m: FloatArray
+    """The centre of each block at its mean height (R, C, 3)."""
+    seen: ByteArray
+    """At how many of SAMPLES² places (R, C, CANDIDATES) each sees the block."""
+    inside: BoolArray
+    """Whether it shows all of the block (R, C, CANDIDATES), hidden or not."""
+    grey: ByteArray
+    """Its grey values (R, C, CANDIDATES, SAMPLES²), 0 beside the photograph."""
+    looks: ByteArray
+    """How many photographs (R, C) show the middle of the block."""
+
+    @property
+    def clear(self) -> BoolArray:
+        """Return whether each candidate (R, C, CANDIDATES) sees all of a block."""
+        return np.asarray(self.seen == SAMPLES**2)
 
 
 @dataclass(frozen=True, eq=False)
 class Seams:
-    """The lattice of blocks of ``block_cells`` × ``block_cells`` cells of a grid.
+    """The photographs of the blocks of a lattice.
 
     ``label`` (R, C): the view that a block is taken from, −1 where none sees it; ``candidate`` (R, C, CANDIDATES): the
-    views that see it, best first, then −1; ``clear`` (R, C, CANDIDATES): whether they see all of it; ``height_map_m``
-    (R, C): its mean height, NaN where there is no surface.
+    views that see it, best first, then −1; ``clear`` (R, C, CANDIDATES): whether they see all of it, ``inside`` whether
+    they show all of it; ``height_map_m`` (R, C): its mean height, NaN where there is no surface; ``looks`` (R, C): how
+    many photographs show its middle.
     """
 
     block_cells: int
     label: Int32Array
     candidate: Int32Array
     clear: BoolArray
+    inside: BoolArray
     height_map_m: Float32Array
+    looks: ByteArray
 
 
 def block_cells(grid: MapGrid) -> int:
@@ -72,43 +124,146 @@ def block_cells(grid: MapGrid) -> int:
     return side
 
 
-def find_seams(
-    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_cells: int = 512
-) -> Seams:
-    """Choose a photograph for every block of a grid; about ``side_cells`` × ``side_cells`` cells at once change nothing
-    but memory and time."""
+def lattice_grid(grid: MapGrid, block: int) -> MapGrid:
+    """Return the grid whose cells are the blocks of a grid."""
+    rows, columns = -(-grid.rows // block), -(-grid.columns // block)
+    return MapGrid(grid.west_map_m, grid.north_map_m, grid.cell_m * block, rows, columns)
+
+
+def rate_blocks(
+    views: Views,
+    frame: LocalFrame,
+    terrain: Terrain,
+    grid: MapGrid,
+    executor: Executor,
+    forced: Int32Array | None = None,
+    side_cells: int = 512,
+) -> Lattice:
+    """Return the lattice of a grid with the candidates of each block, not yet looked at.
+
+    ``forced`` (R, C) is the view that a block is to be taken from, if it shows it, −1 for none. About ``side_cells`` ×
+    ``side_cells`` cells at once change nothing but memory and time.
+    """
     block = block_cells(grid)
     shape = (-(-grid.rows // block), -(-grid.columns // block))
+    wanted = np.full(shape, -1, np.int32) if forced is None else forced
     candidate = np.full((*shape, CANDIDATES), -1, np.int32)
     cost = np.full((*shape, CANDIDATES), np.inf, np.float32)
-    clear = np.zeros((*shape, CANDIDATES), np.bool_)
     height = np.full((*shape, 3), np.nan, np.float32)
+    centre = np.zeros((*shape, 3))
+    looks = np.zeros(shape, np.uint8)
 
     def fill(window: Window) -> None:
-        rows = slice(window.row // block, -(-window.row_end // block))
-        part = (rows, slice(window.column // block, -(-window.column_end // block)))
-        relief, lines = terrain.around(grid, window), verticals(frame, grid, window)
+        part = _blocks_of(window, block)
+        near = terrain.cells_around(grid, window, 1)
         _rate(
-            relief, views.cameras, terrain.position_map_m, grid.centres_map_m(window), bundled_lines(lines),
-            (block, block * grid.cell_m),
-            (candidate[part], cost[part], clear[part], height[part]),
+            terrain.heights(near), _corner(terrain.grid, near), views.cameras, terrain.views_over(near),
+            terrain.position_map_m, grid.centres_map_m(window), (window.row, window.column),
+            (float(frame.origin_map_m[2]), vertical_nodes(frame, grid, window)), (block, block * grid.cell_m),
+            wanted[part], (candidate[part], cost[part], height[part], centre[part], looks[part]),
         )  # fmt: skip
 
     for done in [executor.submit(fill, window) for window in grid.tiles(max(side_cells // block, 1) * block)]:
         done.result()
-    flying = float(np.median(terrain.position_map_m[:, 2]) - np.nanmedian(terrain.surface.values))
-    price = _prices(height, block * grid.cell_m, max(flying, block * grid.cell_m))
-    label = chosen_labels(candidate, cost, *price, SWEEPS)
-    return Seams(block, label, candidate, clear, np.ascontiguousarray(height[..., 0]))
+    nothing = np.zeros(candidate.shape, np.uint8)
+    grey = np.zeros((*candidate.shape, SAMPLES**2), np.uint8)
+    return Lattice(block, candidate, cost, height, centre, nothing, nothing.astype(np.bool_), grey, looks)
 
 
-def bundled_lines(lines: Verticals) -> tuple[float, FloatArray, FloatArray]:
-    """Return vertical lines as the kernels of orthophotos take them."""
-    return lines.base_map_m, lines.foot_world_m, lines.up
+def look(
+    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice, seen: SeenCells, view: int,
+    picture: ByteArray | None,
+) -> None:  # fmt: skip
+    """Fill in what a photograph sees of the blocks that list it: how much, and the grey values of its ``picture``.
+
+    Photographs may be looked at in any order, and at the same time.
+    """
+    box = terrain.shown[view]
+    if box is None:
+        return
+    blocks, dsm = lattice_grid(grid, lattice.block_cells), terrain.grid
+    corner = np.array([dsm.west_map_m, dsm.north_map_m])
+    low = corner + dsm.cell_m * np.array([box.column, -box.row])
+    high = corner + dsm.cell_m * np.array([box.column_end, -box.row_end])
+    columns = np.floor((np.array([low[0], high[0]]) - blocks.west_map_m) / blocks.cell_m).astype(int)
+    rows = np.floor((blocks.north_map_m - np.array([low[1], high[1]])) / blocks.cell_m).astype(int)
+    part = (
+        slice(max(rows[0] - 1, 0), max(rows[1] + 2, 0)), slice(max(columns[0] - 1, 0), max(columns[1] + 2, 0))
+    )  # fmt: skip
+    first = (part[0].start, part[1].start)
+    east, south = cell_steps(frame, grid)
+    up = -np.cross(east, south)
+    up /= np.linalg.norm(up)
+    shown = np.zeros((0, 0, 3), np.uint8) if picture is None else picture
+    _look(
+        views.cameras, view, terrain.heights(box), _corner(dsm, box), seen.of(view), shown,
+        (blocks.west_map_m, blocks.north_map_m, blocks.cell_m), first, (east, south, up), lattice.block_cells,
+        lattice.candidate[part], lattice.height_map_m[part], lattice.centre_world_m[part],
+        (lattice.seen[part], lattice.inside[part], lattice.grey[part]),
+    )  # fmt: skip
 
 
-def _prices(height: Float32Array, side_m: float, flying_m: float) -> tuple[Float32Array, Float32Array]:
-    """Return what a seam costs between blocks and their neighbours to the right, and below (R, C)."""
+def seams_of(lattice: Lattice, terrain: Terrain, grid: MapGrid, log_gain: FloatArray) -> Seams:
+    """Return the photographs that make small the sum of all costs; ``log_gain`` (V,) is the logarithm of by how much
+    each view is too bright."""
+    rated = _ordered(lattice)
+    flying = float(np.median(terrain.position_map_m[:, 2]) - np.nanmedian(rated.height_map_m[..., 0]))
+    side = lattice.block_cells * grid.cell_m
+    right, below, full = _prices(rated.height_map_m, side, max(flying, side))
+    candidate, cost = (np.ascontiguousarray(a[..., :LABELS]) for a in (rated.candidate, rated.cost))
+    right_by, below_by = (np.zeros((*candidate.shape, LABELS), np.uint8) for _ in range(2))
+    _compare(rated.candidate, rated.grey, log_gain, right_by, below_by)
+    label = chosen_labels(candidate, cost, (right, below), (right_by, below_by, full * DIFFERENCE_UNIT), SWEEPS)
+    return Seams(
+        lattice.block_cells, label, rated.candidate, rated.clear, rated.inside,
+        np.ascontiguousarray(rated.height_map_m[..., 0]), rated.looks,
+    )  # fmt: skip
+
+
+def find_seams(
+    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_cells: int = 512
+) -> Seams:
+    """Choose a photograph for every block of a grid from the surface alone."""
+    lattice = rate_blocks(views, frame, terrain, grid, executor, None, side_cells)
+    seen = SeenCells(terrain)
+    futures = [
+        executor.submit(look, views, frame, terrain, grid, lattice, seen, n, None) for n in range(len(views))
+    ]  # fmt: skip
+    for future in futures:
+        future.result()
+    return seams_of(lattice, terrain, grid, np.zeros(len(views)))
+
+
+def _blocks_of(window: Window, block: int) -> tuple[slice, slice]:
+    rows = slice(window.row // block, -(-window.row_end // block))
+    return rows, slice(window.column // block, -(-window.column_end // block))
+
+
+def _corner(grid: MapGrid, window: Window) -> tuple[float, float, float]:
+    """Return the outer corner of a window of a grid, easting and northing, and the side of a cell."""
+    west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
+    return float(west), float(north), float(grid.cell_m)
+
+
+def _ordered(lattice: Lattice) -> Lattice:
+    """Return a lattice with the cost of what is hidden added, and its lists sorted by cost."""
+    share = lattice.seen.astype(np.float32) / np.float32(SAMPLES**2)
+    cost = np.where(lattice.candidate >= 0, lattice.cost + np.float32(HIDDEN_COST) * (1 - share), np.float32(np.inf))
+    order = np.argsort(cost, axis=2, kind="stable")
+
+    def sort(values: NDArray[Number]) -> NDArray[Number]:
+        return np.ascontiguousarray(np.take_along_axis(values, order, axis=2))
+
+    grey = np.ascontiguousarray(np.take_along_axis(lattice.grey, order[..., None], axis=2))
+    return replace(
+        lattice, candidate=sort(lattice.candidate), cost=sort(cost), seen=sort(lattice.seen),
+        inside=sort(lattice.inside), grey=grey,
+    )  # fmt: skip
+
+
+def _prices(height: Float32Array, side_m: float, flying_m: float) -> tuple[Float32Array, Float32Array, float]:
+    """Return what a seam costs between blocks and their neighbours to the right, and below (R, C), and at a height
+    edge."""
     low = np.where(np.isnan(height[..., 1]), np.inf, height[..., 1])
     high = np.where(np.isnan(height[..., 2]), -np.inf, height[..., 2])
     range_m = maximum_filter(high, 3, mode="nearest") - minimum_filter(low, 3, mode="nearest")
@@ -123,18 +278,25 @@ def _prices(height: Float32Array, side_m: float, flying_m: float) -> tuple[Float
     right, below = price.copy(), price.copy()
     right[:, :-1] = np.maximum(price[:, :-1], price[:, 1:])
     below[:-1] = np.maximum(price[:-1], price[1:])
-    return right, below
+    return right, below, float(full)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _block_heights(
-    relief: Relief, east: FloatArray, north: FloatArray, rows: tuple[int, int], columns: tuple[int, int]
+    height: Float32Array,
+    corner: tuple[float, float, float],
+    east: FloatArray,
+    north: FloatArray,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
 ) -> tuple[float, float, float]:
-    """Return the mean, lowest and highest known height of the cells of a block."""
+    """Return the mean, lowest and highest known height of the cells of a block, of at most 8 × 8 of them."""
     total, count, low, high = 0.0, 0, np.inf, -np.inf
-    for i in range(rows[0], rows[1]):
-        for j in range(columns[0], columns[1]):
-            h = height_at(relief, east[j], north[i])
+    step = max((rows[1] - rows[0]) // _HEIGHTS_ALONG, 1)
+    across = max((columns[1] - columns[0]) // _HEIGHTS_ALONG, 1)
+    for i in range(rows[0], rows[1], step):
+        for j in range(columns[0], columns[1], across):
+            h = height_at(height, (corner[1] - north[i]) / corner[2], (east[j] - corner[0]) / corner[2])
             if not np.isnan(h):
                 total, count = total + h, count + 1
                 low, high = min(low, h), max(high, h)
@@ -142,40 +304,32 @@ def _block_heights(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _costs_at(
+def _cost_at(
     cameras: OrientedCameras,
+    n: int,
     centre: FloatArray,
     X: FloatArray,
     place: tuple[float, float, float],
     side_m: float,
-    out: FloatArray,
-) -> None:
-    """Fill the costs (V,) of photographs at a place, ``X`` in the world, ``place`` in the map; infinite where it lies
-    farther out of a photograph than a block reaches."""
-    R, C, size = cameras.rotation, cameras.position, cameras.size_px
-    finest = np.inf
-    for n in range(len(out)):
-        out[n] = np.inf
-        u, v, depth = seen_at(cameras, n, X)
-        if not depth > 0.0:
-            continue
-        m = cameras.camera[n]
-        focal = cameras.parameters[m, FOCAL]
-        margin = side_m * focal / depth
-        if u >= -margin and v >= -margin and u <= size[m, 0] - 1.0 + margin and v <= size[m, 1] - 1.0 + margin:
-            away2 = (centre[n, 0] - place[0]) ** 2 + (centre[n, 1] - place[1]) ** 2
-            above = centre[n, 2] - place[2]
-            distance2 = (X[0] - C[n, 0]) ** 2 + (X[1] - C[n, 1]) ** 2 + (X[2] - C[n, 2]) ** 2
-            tan2 = min(away2 / (above * above), 100.0) if above > 0.0 else 100.0
-            out[n] = tan2 + MIDDLE_WEIGHT * max(distance2 / (depth * depth) - 1.0, 0.0)
-            finest = min(finest, depth / focal)
-    for n in range(len(out)):
-        if np.isfinite(out[n]):
-            depth = 0.0
-            for k in range(3):
-                depth += R[n, k, 2] * (X[k] - C[n, k])
-            focal = cameras.parameters[cameras.camera[n], FOCAL]
-            out[n] += SCALE_WEIGHT * np.log(depth / focal / finest) ** 2
+) -> tuple[float, float, bool]:
+    """Return what a photograph costs at a place, ``X`` in the world, ``place`` in the map, but for its scale: infinite
+    where it lies farther out of it than a block reaches; the size of its pixel there; and whether it shows it."""
+    C, size = cameras.position, cameras.size_px
+    u, v, depth = seen_at(cameras, n, X)
+    if not depth > 0.0:
+        return np.inf, np.inf, False
+    m = cameras.camera[n]
+    focal = cameras.parameters[m, FOCAL]
+    margin = side_m * focal / depth
+    right, bottom = size[m, 0] - 1.0, size[m, 1] - 1.0
+    if not (u >= -margin and v >= -margin and u <= right + margin and v <= bottom + margin):
+        return np.inf, np.inf, False
+    away2 = (centre[n, 0] - place[0]) ** 2 + (centre[n, 1] - place[1]) ** 2
+    above = centre[n, 2] - place[2]
+    distance2 = (X[0] - C[n, 0]) ** 2 + (X[1] - C[n, 1]) ** 2 + (X[2] - C[n, 2]) ** 2
+    tan2 = min(away2 / (above * above), 100.0) if above > 0.0 else 100.0
+    cost = tan2 + MIDDLE_WEIGHT * max(distance2 / (depth * depth) - 1.0, 0.0)
+    return cost, depth / focal, u >= 0.0 and v >= 0.0 and u <= right and v <= bottom
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -191,183 +345,179 @@ def _insert(number: int, value: float, candidate: Int32Array, cost: Float32Array
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def sees(
-    cameras: OrientedCameras,
-    n: int,
-    relief: Relief,
-    centre: FloatArray,
-    X: FloatArray,
-    place: tuple[float, float, float],
-    mercy: int,
-) -> bool:
-    """Return whether the photograph n shows a place of the surface, ``X`` in the world, ``place`` in the map; ``mercy``
-    as in ``is_hidden``."""
-    u, v, _ = seen_at(cameras, n, X)
-    size, m = cameras.size_px, cameras.camera[n]
-    if not (u >= -0.5 and v >= -0.5 and u <= size[m, 0] - 0.5 and v <= size[m, 1] - 0.5):
-        return False
-    return not is_hidden(relief, place, centre[n], mercy)
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _rate(
-    relief: Relief,
+    surface: Float32Array,
+    corner: tuple[float, float, float],
     cameras: OrientedCameras,
+    near: Int32Array,
     centre: FloatArray,
     cells: tuple[FloatArray, FloatArray],
-    lines: tuple[float, FloatArray, FloatArray],
+    first: tuple[int, int],
+    lines: tuple[float, FloatArray],
     sides: tuple[int, float],
-    out: tuple[Int32Array, Float32Array, BoolArray, Float32Array],
+    wanted: Int32Array,
+    out: tuple[Int32Array, Float32Array, Float32Array, FloatArray, ByteArray],
 ) -> None:
-    """Fill candidates, costs, whether all of a block is seen, and heights of the blocks of a window; ``sides`` of a
-    block are in cells and in m."""
-    candidate, cost, clear, height = out
+    """Fill candidates, costs, heights, centres and how many photographs look at the blocks of a window; ``near`` are
+    the photographs that may, ``sides`` of a block in cells and in m."""
+    candidate, cost, height, middle, looks = out
     block, side_m = sides
     east, north = cells
-    base, foot, up = lines
-    X, all_costs, order = np.empty(3), np.empty(len(centre)), np.empty(cost.shape[2], np.float32)
-    seen = np.empty(cost.shape[2])
+    base, nodes = lines
+    X, own, pixel = np.empty(3), np.empty(len(near)), np.empty(len(near))
     for i in range(height.shape[0]):
         for j in range(height.shape[1]):
             rows = (i * block, min((i + 1) * block, len(north)))
             columns = (j * block, min((j + 1) * block, len(east)))
-            mean, low, high = _block_heights(relief, east, north, rows, columns)
+            mean, low, high = _block_heights(surface, corner, east, north, rows, columns)
             height[i, j, 0], height[i, j, 1], height[i, j, 2] = mean, low, high
             if np.isnan(mean):
                 continue
             r, c = (rows[0] + rows[1]) // 2, (columns[0] + columns[1]) // 2
-            for k in range(3):
-                X[k] = foot[r, c, k] + (mean - base) * up[r, c, k]
-            _costs_at(cameras, centre, X, (east[c], north[r], mean), side_m, all_costs)
-            for n in range(len(all_costs)):
-                if np.isfinite(all_costs[n]):
-                    _insert(n, all_costs[n], candidate[i, j], cost[i, j])
-            for k in range(len(seen)):
-                seen[k] = 0.0
-            count = 0.0
-            for a in range(4):
-                r = rows[0] + (rows[1] - rows[0]) * (1 + 2 * (a // 2)) // 4
-                c = columns[0] + (columns[1] - columns[0]) * (1 + 2 * (a % 2)) // 4
-                h = height_at(relief, east[c], north[r])
-                if np.isnan(h):
-                    continue
-                count += 1.0
-                for k in range(3):
-                    X[k] = foot[r, c, k] + (h - base) * up[r, c, k]
-                for k in range(len(seen)):
-                    n = candidate[i, j, k]
-                    if n >= 0 and sees(cameras, n, relief, centre, X, (east[c], north[r], h), STRICT):
-                        seen[k] += 1.0
-            _order_again(candidate[i, j], cost[i, j], clear[i, j], seen, max(count, 1.0), order)
+            place_between(nodes, first, first[0] + r, first[1] + c, mean - base, X)
+            middle[i, j, :] = X
+            finest = np.inf
+            for k in range(len(near)):
+                own[k], pixel[k], shown = _cost_at(cameras, near[k], centre, X, (east[c], north[r], mean), side_m)
+                finest = min(finest, pixel[k])
+                if shown and looks[i, j] < 255:
+                    looks[i, j] += 1
+            for k in range(len(near)):
+                if np.isfinite(own[k]):
+                    own[k] += SCALE_WEIGHT * np.log(pixel[k] / finest) ** 2
+                    _insert(near[k], FORCED_COST if near[k] == wanted[i, j] else own[k], candidate[i, j], cost[i, j])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _order_again(
-    candidate: Int32Array, cost: Float32Array, clear: BoolArray, seen: FloatArray, count: float, order: Float32Array
-) -> None:
-    """Add the cost of what is hidden to that of each candidate, and sort the lists by cost."""
-    for k in range(len(order)):
-        order[k] = cost[k] + HIDDEN_COST * (1.0 - seen[k] / count)
-    before, whole = candidate.copy(), seen == count
-    candidate[:] = -1
-    cost[:] = np.inf
-    for k in range(len(order)):
-        if before[k] >= 0:
-            _insert(k, order[k], candidate, cost)
-    for k in range(len(order)):
-        if candidate[k] >= 0:
-            clear[k] = whole[candidate[k]]
-            candidate[k] = before[candidate[k]]
+def _grey_at(picture: ByteArray, u: float, v: float) -> int:
+    """Return the grey value, 1 to 255, of a photograph around the pixel (u, v): the mean of four pixels."""
+    c = min(max(int(np.floor(u)), 0), picture.shape[1] - 2)
+    r = min(max(int(np.floor(v)), 0), picture.shape[0] - 2)
+    total = 0
+    for a in range(2):
+        for b in range(2):
+            total += picture[r + a, c + b, 0] + 2 * picture[r + a, c + b, 1] + picture[r + a, c + b, 2]
+    return max(total // 16, 1)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _send(
-    belief: FloatArray, back: Float32Array, mine: Int32Array, yours: Int32Array, price: float, message: Float32Array
-) -> None:
-    """Pass a message over an edge of the lattice: ``belief`` (K,) of the sender, already weighted, less what came back
-    over the edge; different photographs cost ``price``."""
-    least = np.inf
-    for a in range(len(mine)):
-        if mine[a] >= 0:
-            belief[a] -= back[a]
-            least = min(least, belief[a])
-    if not np.isfinite(least):
-        return
-    lowest = np.inf
-    for b in range(len(yours)):
-        if yours[b] >= 0:
-            value = least + price
-            for a in range(len(mine)):
-                if mine[a] == yours[b]:
-                    value = min(value, belief[a])
-            message[b] = value
-            lowest = min(lowest, value)
-    if np.isfinite(lowest):
-        for b in range(len(yours)):
-            message[b] -= lowest
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _sweep(
+def _look(
+    cameras: OrientedCameras,
+    view: int,
+    surface: Float32Array,
+    corner: tuple[float, float, float],
+    seen: ByteArray,
+    picture: ByteArray,
+    blocks: tuple[float, float, float],
+    first: tuple[int, int],
+    steps: tuple[FloatArray, FloatArray, FloatArray],
+    block: int,
     candidate: Int32Array,
-    cost: Float32Array,
-    right: Float32Array,
-    below: Float32Array,
-    message: Float32Array,
-    step: int,
+    height: Float32Array,
+    middle: FloatArray,
+    out: tuple[ByteArray, ByteArray, ByteArray],
 ) -> None:
-    """Pass messages through the lattice, row by row from the north-west (step 1) or from the south-east (step −1).
+    """Fill how much of the blocks a photograph sees, whether it shows all of them, and its grey values there.
 
-    ``message`` (4, R, C, K) are those that a block has from its west, east, north and south.
+    ``steps`` (3,) are those of a cell to the east and to the south, and of a metre up, in the world. A photograph is
+    linear over a block, but where its surface is far from its mean height.
     """
-    rows, columns, k = candidate.shape
-    belief, copy = np.empty(k), np.empty(k)
-    for a in range(rows):
-        i = a if step > 0 else rows - 1 - a
-        for b in range(columns):
-            j = b if step > 0 else columns - 1 - b
-            for n in range(k):
-                total = cost[i, j, n] + message[0, i, j, n] + message[1, i, j, n]
-                belief[n] = 0.5 * (total + message[2, i, j, n] + message[3, i, j, n])
-            if 0 <= j + step < columns:
-                price = right[i, j] if step > 0 else right[i, j - 1]
-                copy[:] = belief
-                back, to = (1, 0) if step > 0 else (0, 1)
-                _send(
-                    copy, message[back, i, j], candidate[i, j], candidate[i, j + step], price, message[to, i, j + step]
-                )
-            if 0 <= i + step < rows:
-                price = below[i, j] if step > 0 else below[i - 1, j]
-                copy[:] = belief
-                back, to = (3, 2) if step > 0 else (2, 3)
-                _send(
-                    copy, message[back, i, j], candidate[i, j], candidate[i + step, j], price, message[to, i + step, j]
-                )
+    count, inside, grey = out
+    m = cameras.camera[view]
+    width, rows_px = cameras.size_px[m, 0] - 0.5, cameras.size_px[m, 1] - 0.5
+    east, south, up = steps
+    X, half, has_picture = np.empty(3), 0.5 * block, len(picture) > 0
+    step_m = half * np.sqrt(east[0] ** 2 + east[1] ** 2 + east[2] ** 2)
+    for i in range(candidate.shape[0]):
+        for j in range(candidate.shape[1]):
+            k = -1
+            for n in range(candidate.shape[2]):
+                if candidate[i, j, n] == view:
+                    k = n
+            if k < 0:
+                continue
+            u0, v0, depth = seen_at(cameras, view, middle[i, j])
+            eu, ev, _ = seen_at(cameras, view, middle[i, j] + half * east)
+            su, sv, _ = seen_at(cameras, view, middle[i, j] + half * south)
+            hu, hv, _ = seen_at(cameras, view, middle[i, j] + step_m * up)
+            whole = True
+            for a in range(SAMPLES * SAMPLES):
+                down, right = (a // SAMPLES + 0.5) / SAMPLES - 0.5, (a % SAMPLES + 0.5) / SAMPLES - 0.5
+                e = blocks[0] + (first[1] + j + 0.5 + right) * blocks[2]
+                n_ = blocks[1] - (first[0] + i + 0.5 + down) * blocks[2]
+                y, x = (corner[1] - n_) / corner[2], (e - corner[0]) / corner[2]
+                h = height_at(surface, y, x)
+                if np.isnan(h):
+                    whole = False
+                    continue
+                rise = h - height[i, j, 0]
+                if abs(rise) < _FAR_SHARE * depth:
+                    s, t, w = 2.0 * right, 2.0 * down, rise / step_m
+                    u = u0 + s * (eu - u0) + t * (su - u0) + w * (hu - u0)
+                    v = v0 + s * (ev - v0) + t * (sv - v0) + w * (hv - v0)
+                else:
+                    for b in range(3):
+                        X[b] = middle[i, j, b] + block * (right * east[b] + down * south[b]) + rise * up[b]
+                    u, v, _ = seen_at(cameras, view, X)
+                if not (u >= -0.5 and v >= -0.5 and u <= width and v <= rows_px):
+                    whole = False
+                    continue
+                margin = 2.0 + 0.25 * (abs(eu - u0) + abs(su - u0))
+                low = 2.0 + 0.25 * (abs(ev - v0) + abs(sv - v0))
+                if u < margin or v < low or u > width - margin or v > rows_px - low:
+                    whole = False
+                if has_picture:
+                    grey[i, j, k, a] = _grey_at(picture, u, v)
+                if seen[int(y), int(x)] == VISIBLE:
+                    count[i, j, k] += 1
+            inside[i, j, k] = whole
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def chosen_labels(
-    candidate: Int32Array, cost: Float32Array, right: Float32Array, below: Float32Array, sweeps: int
-) -> Int32Array:
-    """Return labels (R, C) out of lists ``candidate`` (R, C, K) with costs, sorted, that make small the sum of costs
-    and of what differing neighbours pay: ``right`` and ``below`` (R, C); −1 where a list is empty."""
-    rows, columns, k = candidate.shape
-    message = np.zeros((4, rows, columns, k), np.float32)
-    for _ in range(sweeps):
-        _sweep(candidate, cost, right, below, message, 1)
-        _sweep(candidate, cost, right, below, message, -1)
-    label = np.full((rows, columns), -1, np.int32)
+def _place(number: int, candidate: Int32Array) -> int:
+    for k in range(len(candidate)):
+        if candidate[k] == number:
+            return k
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _add_difference(
+    p: int, q: int, candidate: Int32Array, grey: ByteArray, factor: FloatArray, sums: FloatArray
+) -> None:
+    """Add the differences of two photographs in a block to the first of ``sums``, and their number to the second."""
+    a, b = _place(p, candidate), _place(q, candidate)
+    if a < 0 or b < 0:
+        return
+    for n in range(grey.shape[1]):
+        if grey[a, n] > 0 and grey[b, n] > 0:
+            sums[0] += abs(factor[p] * grey[a, n] - factor[q] * grey[b, n])
+            sums[1] += 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _compare(candidate: Int32Array, grey: ByteArray, log_gain: FloatArray, right: ByteArray, below: ByteArray) -> None:
+    """Fill how much the candidates of each block and those of its neighbours differ over both: the square of their mean
+    difference in DIFFERENCE_DN, at most 1, in DIFFERENCE_UNIT."""
+    rows, columns = candidate.shape[:2]
+    factor, sums = np.exp(-log_gain), np.empty(2)
     for i in range(rows):
         for j in range(columns):
-            least = np.inf
-            for n in range(k):
-                if candidate[i, j, n] < 0:
-                    break
-                value = cost[i, j, n] + message[1, i, j, n] + message[3, i, j, n]
-                if j > 0 and label[i, j - 1] >= 0 and label[i, j - 1] != candidate[i, j, n]:
-                    value += right[i, j - 1]
-                if i > 0 and label[i - 1, j] >= 0 and label[i - 1, j] != candidate[i, j, n]:
-                    value += below[i - 1, j]
-                if value < least:
-                    least, label[i, j] = value, candidate[i, j, n]
-    return label
+            for side in range(2):
+                r, c = (i, j + 1) if side == 0 else (i + 1, j)
+                if r >= rows or c >= columns:
+                    continue
+                for a in range(right.shape[2]):
+                    for b in range(right.shape[2]):
+                        p, q = candidate[i, j, a], candidate[r, c, b]
+                        if p < 0 or q < 0 or p == q:
+                            continue
+                        sums[:] = 0.0
+                        _add_difference(p, q, candidate[i, j], grey[i, j], factor, sums)
+                        _add_difference(p, q, candidate[r, c], grey[r, c], factor, sums)
+                        share = min(sums[0] / sums[1] / DIFFERENCE_DN, 1.0) if sums[1] > 0.0 else 0.0
+                        value = np.uint8(share * share / DIFFERENCE_UNIT + 0.5)
+                        if side == 0:
+                            right[i, j, a, b] = value
+                        else:
+                            below[i, j, a, b] = value

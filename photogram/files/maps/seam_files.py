@@ -1,0 +1,154 @@
+"""The rim of an orthophoto and its seams as a GeoPackage, and seams that were edited in another program.
+
+Two layers: ``outline``, the rim, and ``seams``, a polygon for each piece that is taken from one photograph, with the
+photograph's name in the field ``photograph``. What is read needs the second alone.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
+
+from photogram.crs import plan_of, same_plan, written_crs
+from photogram.errors import ProjectError
+from photogram.files.atomic import replacing, scratch_folder
+from photogram.files.maps.contour_files import NO_TIME
+
+OUTLINE, SEAMS, PHOTOGRAPH = "outline", "seams", "photograph"
+
+LARGEST_OVERLAP = 1e-3
+"""Share of the smaller of two polygons of different photographs by which they may overlap."""
+
+Geometry = Any  # of shapely, which has no types
+
+
+@dataclass(frozen=True, eq=False)
+class NamedPolygon:
+    """A polygon in the map that is taken from a photograph, by its name."""
+
+    photograph: str
+    polygon: Geometry
+
+
+def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: str) -> None:
+    """Write a rim and its seams, in the plan of ``crs``, as a GeoPackage; whole or not at all.
+
+    The same polygons give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError
+    where the file cannot be written.
+    """
+    written = None if written_crs(crs) is None else plan_of(crs)
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
+        file = folder / "outline.gpkg"
+        polygons = np.array([seam.polygon for seam in seams], dtype=object)
+        names = np.array([seam.photograph for seam in seams], dtype=object)
+        area = np.array([seam.polygon.area for seam in seams])
+        parts = np.array([rim if rim.geom_type == "MultiPolygon" else shapely.MultiPolygon([rim])], dtype=object)
+        try:
+            pyogrio.raw.write(
+                file, geometry=shapely.to_wkb(parts), field_data=[np.array([rim.area])], fields=["area_m2"],
+                layer=OUTLINE, driver="GPKG", geometry_type="MultiPolygon", crs=written,
+                dataset_options={"VERSION": "1.3"}, layer_options={"IDENTIFIER": "Rim of the orthophoto"},
+            )  # fmt: skip
+            pyogrio.raw.write(
+                file, geometry=shapely.to_wkb(polygons), field_data=[names, area], fields=[PHOTOGRAPH, "area_m2"],
+                layer=SEAMS, driver="GPKG", geometry_type="Polygon", crs=written, append=True,
+                layer_options={"IDENTIFIER": "Seams", "DESCRIPTION": "the photograph that each part is taken from"},
+            )  # fmt: skip
+        except (DataSourceError, DataLayerError) as fault:
+            raise OSError(str(fault)) from fault
+        finally:
+            pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        file.replace(partial)
+
+
+def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]:
+    """Return the polygons of the layer ``seams`` of a file (GeoPackage, or whatever else GDAL reads), in its order.
+
+    ``names`` are those of the photographs; a polygon may give a name with or without its suffix, in any case. Raises
+    ProjectError where the file cannot be read, lies in another CRS than ``crs``, or a polygon is damaged, overlaps that
+    of another photograph, or names none.
+    """
+    layer, written, geometry, photograph = _layer(path)
+    expected = written_crs(crs)
+    if expected is not None and written is not None and not same_plan(written, crs):
+        raise ProjectError(
+            f"seams {path}: their CRS is not that of the project, {plan_of(crs)}: "
+            f"reproject the layer (ogr2ogr -t_srs {plan_of(crs)} OUT.gpkg {path.name})"
+        )
+    known = {name.casefold(): name for name in names}
+    known |= {
+        Path(name).stem.casefold(): name for name in names if _stems(names).count(Path(name).stem.casefold()) == 1
+    }
+    found, faults = [], []
+    for number, (shape, name) in enumerate(zip(shapely.from_wkb(geometry).tolist(), photograph, strict=True), 1):
+        where = f"polygon {number}"
+        if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
+            faults.append(f"{where} is {'empty' if shape is None else shape.geom_type}, a polygon is expected")
+        elif not shape.is_valid:
+            faults.append(f"{where} ({name}): {shapely.is_valid_reason(shape)}: repair its outline")
+        elif str(name or "").casefold() not in known:
+            faults.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
+        else:
+            found.append(NamedPolygon(known[str(name).casefold()], shapely.force_2d(shape)))
+    faults += _overlaps(found)
+    if faults:
+        more = f" (and {len(faults) - 3} more)" if len(faults) > 3 else ""
+        raise ProjectError(f"seams {path}, layer {layer}: {'; '.join(faults[:3])}{more}")
+    return found
+
+
+def _stems(names: Sequence[str]) -> list[str]:
+    return [Path(name).stem.casefold() for name in names]
+
+
+def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
+    """Return the layer of the seams: its name, its CRS, its geometries as WKB and the names of the photographs."""
+    try:
+        layers = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+        layer = SEAMS if SEAMS in layers else layers[0] if len(layers) == 1 else None
+        if layer is None:
+            raise ProjectError(
+                f"seams {path}: no layer {SEAMS}, found {', '.join(layers) or 'none'}: give the polygons that name"
+            )
+        meta, _, geometry, fields = pyogrio.raw.read(path, layer=layer)
+    except (DataSourceError, DataLayerError) as fault:
+        words = " ".join(str(fault).split())
+        raise ProjectError(f"seams {path}: cannot be read ({words}): export them again as GeoPackage") from fault
+    columns = [str(name) for name in meta["fields"]]
+    if PHOTOGRAPH not in columns:
+        raise ProjectError(
+            f"seams {path}, layer {layer}: no field {PHOTOGRAPH}, found {', '.join(columns) or 'none'}: "
+            "write in it the photograph that each polygon is taken from"
+        )
+    if geometry is None or not len(geometry):
+        raise ProjectError(f"seams {path}, layer {layer}: no polygons: remove the key, or export them again")
+    return layer, meta["crs"], geometry, list(fields[columns.index(PHOTOGRAPH)])
+
+
+def _overlaps(seams: Sequence[NamedPolygon]) -> list[str]:
+    """Return where polygons of different photographs overlap."""
+    tree = shapely.STRtree([seam.polygon for seam in seams])
+    faults = []
+    for i, seam in enumerate(seams):
+        for j in sorted(int(k) for k in tree.query(seam.polygon, predicate="intersects") if k > i):
+            if seams[j].photograph == seam.photograph:
+                continue
+            common = shapely.intersection(seam.polygon, seams[j].polygon)
+            if common.area > LARGEST_OVERLAP * min(seam.polygon.area, seams[j].polygon.area):
+                x, y = common.representative_point().coords[0]
+                faults.append(
+                    f"polygons of {seam.photograph} and {seams[j].photograph} overlap by {common.area:.3g} m² "
+                    f"at {x:.2f}, {y:.2f}: cut one of them"
+                )
+    return faults
