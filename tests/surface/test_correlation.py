@@ -1,4 +1,4 @@
-"""What the photographs say of a height: correlations against numpy, costs on a known plane."""
+"""What the photographs say of a height: who agrees, against a slow second way, and costs on a known plane."""
 
 from __future__ import annotations
 
@@ -7,101 +7,39 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from photogram.surface.dense.correlation import (
     LEFT_OUT,
     NEUTRAL,
-    Window,
+    Hypotheses,
     fill_agreement,
-    fill_correlations,
     fill_costs,
+    room_for_agreement,
     share_of,
-    workroom,
 )
+from photogram.surface.dense.window_sums import Window
 
 STEP_M = 0.3
 REACH = 6
-PATCH = 8
-
-
-def correlations(samples: NDArray[Any], window: Window, per_cell: int, rows: int, columns: int) -> NDArray[np.float32]:
-    """Return the correlations (K, K, rows, columns) of samples (K, Y, X) of a lattice, and of nothing beyond it."""
-    count, more = len(samples), 2 * window.half // per_cell
-    width = columns + more
-    phases = np.zeros((count, (rows + more) * per_cell, width * per_cell), np.float32)
-    phases[:, : samples.shape[1], : samples.shape[2]] = samples
-    phases = phases.reshape(count, rows + more, per_cell, width, per_cell).transpose(0, 2, 4, 1, 3)
-    flat = np.zeros((count, per_cell**2, (rows + more) * width + more), np.float32)
-    flat[..., : (rows + more) * width] = phases.reshape(count, per_cell**2, -1)
-    room, _ = workroom(count, PATCH, per_cell, window.half)
-    pairs = np.zeros((count, count, rows * width), np.float32)
-    fill_correlations(flat, window, per_cell, width, room, pairs)
-    return pairs.reshape(count, count, rows, width)[..., :columns]
 
 
 def agreed(pairs: NDArray[Any], share: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the scores (n,) of the photographs that agree best, and which these are (K, n)."""
     count, _, n = pairs.shape
-    room, _ = workroom(count, PATCH, 1, 1)
-    fill_agreement(np.ascontiguousarray(pairs, np.float32), share, room)
-    return room.score[:n].copy(), room.sums[:, :n] > LEFT_OUT
-
-
-def photographs_alike(rng: np.random.Generator, count: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return samples (count, …) of one texture with unlike noise, gain and offset."""
-    each = (count, *(1 for _ in shape))
-    grey = rng.normal(size=shape) + rng.uniform(0.2, 3.0, each) * rng.normal(size=(count, *shape))
-    return np.asarray(rng.uniform(5.0, 30.0, each) * grey + rng.uniform(-60.0, 60.0, each))
-
-
-@settings(max_examples=40)
-@given(st.integers(0, 2**32 - 1), st.integers(2, 6), st.integers(1, 3), st.integers(1, 4), st.data())
-def test_all_windows_at_once_are_each_by_itself(
-    seed: int, count: int, per_cell: int, half: int, data: st.DataObject
-) -> None:
-    rng = np.random.default_rng(seed)
-    rows, columns = data.draw(st.integers(1, PATCH)), data.draw(st.integers(1, PATCH))
-    shape = tuple((n - 1) * per_cell + 2 * half + 1 for n in (rows, columns))
-    samples = photographs_alike(rng, count, shape)
-    pairs = correlations(samples, Window(half, 1e-3, 0.5), per_cell, rows, columns)
-    side = 2 * half + 1
-    for row, column in ((0, 0), (rows - 1, columns - 1), (rows // 2, columns // 3)):
-        r, c = row * per_cell, column * per_cell
-        expected = np.corrcoef(samples[:, r : r + side, c : c + side].reshape(count, -1))
-        assert np.abs(pairs[:, :, row, column] - expected).max() < 2e-4
-
-
-def test_a_window_that_a_photograph_does_not_show_is_not_a_number() -> None:
-    samples = photographs_alike(np.random.default_rng(4), 3, (9, 9))
-    samples[1, 0, 8] = np.nan
-    pairs = correlations(samples, Window(1, 1.0, 0.5), 2, 4, 4)
-    assert np.isnan(pairs[1, 1, 0, 3])
-    assert not np.isnan(pairs[1, 1]).ravel()[np.arange(16) != 3].any()
-    assert pairs[0, 1, 0, 3] == pairs[2, 1, 0, 3] == 0.0
-    assert np.isfinite(pairs[0]).all()
-
-
-def test_where_there_is_little_but_noise_the_score_shrinks() -> None:
-    """Samples of half the noise's variance correlate as if they had a third of their length."""
-    texture = np.where(np.add.outer(np.arange(9), np.arange(9)) % 2, 1.0, -1.0)
-    texture[4, 4] = 0.0
-    whole, three = Window(4, 1e-4, 1.0), 2.0 * np.stack([texture, texture, texture])
-    scale = np.sqrt(80 / 81)
-    for noise, expected in ((1e-4, 1.0), (2.0 * np.sqrt(2.0) * scale, 1.0 / 3.0)):
-        pairs = correlations(three, whole._replace(noise=noise), 1, 1, 1)
-        assert agreed(pairs[..., 0], 1.0)[0][0] == pytest.approx(expected, abs=1e-4)
-    assert agreed(correlations(0.0 * three, whole._replace(noise=1.0), 1, 1, 1)[..., 0], 1.0)[0][0] == 0.0
+    found = room_for_agreement(count, n + 5)
+    fill_agreement(np.ascontiguousarray(pairs, np.float32), share, found)
+    return found.score[:n].copy(), found.sums[:, :n] > LEFT_OUT
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.sampled_from([0.3, 0.5, 0.75, 1.0]))
 def test_the_photograph_that_agrees_least_goes_first(seed: int, count: int, share: float) -> None:
     """And the score is the mean correlation of all pairs of the others."""
     rng = np.random.default_rng(seed)
-    texture = [photographs_alike(rng, count, (25,)) for _ in range(7)]
-    pairs = np.stack([np.atleast_2d(np.corrcoef(samples)) for samples in texture], axis=-1)
+    texture = rng.normal(size=(25, 7)) + rng.uniform(0.2, 3.0, (count, 1, 1)) * rng.normal(size=(count, 25, 7))
+    pairs = np.stack([np.atleast_2d(np.corrcoef(texture[..., n])) for n in range(7)], axis=-1)
     hidden = rng.random((count, 7)) < 0.2
     for n in range(7):
         pairs[hidden[:, n], :, n] = pairs[:, hidden[:, n], n] = 0.0
@@ -132,10 +70,8 @@ def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> NDArray[np.ui
     start = np.arange(rows * columns, dtype=np.int64).reshape(rows, columns) * count
     cost = np.empty(start.size * count, np.uint8)
     first, counts = np.full(start.shape, -REACH, np.int32), np.full(start.shape, count)
-    fill_costs(
-        plane.crops(pictures), plane.ground(), Window(2, noise, 0.5), STEP_M, start, first, counts,
-        plane.height_m.astype(np.float32), cost,
-    )  # fmt: skip
+    tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, counts, start)
+    fill_costs(plane.crops(pictures), plane.ground(), Window(2, noise, 0.5), tried, cost)
     return cost.reshape(rows, columns, count)
 
 
@@ -158,10 +94,9 @@ def test_costs_do_not_depend_on_what_else_is_asked_for(photographed_plane: Any) 
     count[:20] = 0
     ends = np.cumsum(count.ravel())
     cost = np.full(ends[-1], 255, np.uint8)
-    fill_costs(
-        plane.crops(), plane.ground(), Window(2, 1.5, 0.5), STEP_M, (ends - count.ravel()).reshape(shape), first, count,
-        plane.height_m.astype(np.float32), cost,
-    )  # fmt: skip
+    start = (ends - count.ravel()).reshape(shape)
+    tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, count, start)
+    fill_costs(plane.crops(), plane.ground(), Window(2, 1.5, 0.5), tried, cost)
     cell = np.repeat(np.arange(count.size), count.ravel())
     k = np.arange(len(cost)) - (ends - count.ravel())[cell] + first.ravel()[cell]
     expected = all_of_them.reshape(-1, 2 * REACH + 1)[cell, k + REACH]
@@ -191,8 +126,7 @@ def test_what_fewer_than_two_photographs_show_is_neutral(photographed_plane: Any
     alone[..., 0] = 2
     start = np.arange(plane.height_m.size, dtype=np.int64).reshape(plane.height_m.shape)
     cost = np.zeros(start.size, np.uint8)
-    fill_costs(
-        plane.crops(), plane.ground()._replace(views=alone), Window(2, 1.5, 0.5), STEP_M, start,
-        np.zeros(start.shape, np.int32), np.ones(start.shape, np.int64), plane.height_m.astype(np.float32), cost,
-    )  # fmt: skip
+    first, count = np.zeros(start.shape, np.int32), np.ones(start.shape, np.int64)
+    tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, count, start)
+    fill_costs(plane.crops(), plane.ground()._replace(views=alone), Window(2, 1.5, 0.5), tried, cost)
     assert np.all(cost == NEUTRAL)

@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from photogram.surface.dense.correlation import workroom
 from photogram.surface.dense.lattice import (
     TERMS,
     Box,
-    Room,
     fill_lattice,
+    fill_part,
     fill_places,
     fill_plan,
     grey_of_cells,
     nodes_of,
     places_per_cell,
+    room_for_samples,
     sample_lattice,
 )
 from photogram.surface.dense.pyramid import choose_views
@@ -60,6 +60,17 @@ def test_a_surface_is_bilinear_between_cells(seed: int, per_cell: int, half: int
     assert np.abs(flat(out, per_cell, width) - expected).max() < 1e-5
 
 
+def test_a_part_of_a_lattice_is_that_of_its_cells() -> None:
+    rng = np.random.default_rng(1)
+    surface = rng.normal(size=(40, 40)).astype(np.float32)
+    patch, box = Box(16, 16, 16, 14), Box(20, 17, 5, 9)
+    whole, part, alone = (np.zeros((4, rows * columns), np.float32) for rows, columns in ((19, 17), (8, 12), (8, 12)))
+    fill_lattice(surface, patch, 2, HALF, 17, whole)
+    fill_part(whole, patch, 17, box, 12, part)
+    fill_lattice(surface, box, 2, HALF, 12, alone)
+    assert np.array_equal(part, alone)
+
+
 def sampled(plane: Any, view: int, box: Box, above_m: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return what a view shows of the lattice of a box along the plane, and the places in the world."""
     ground, m = plane.ground(), plane.per_cell
@@ -70,12 +81,11 @@ def sampled(plane: Any, view: int, box: Box, above_m: float) -> tuple[NDArray[An
     height = plane.height_m.astype(np.float32)
     fill_lattice(height, box, m, HALF, width, surface)
     nodes = nodes_of(box, HALF / m, float(height.min()), float(height.max()) + above_m)
-    _, room = workroom(1, plane.patch, m, HALF)
-    plan = Room(room.east[:size], room.south[:size], room.at, room.right, room.down)
-    fill_plan(nodes, box, width, plan)
+    room = room_for_samples(size)
+    fill_plan(nodes, box, width, room, size)
     places, out = np.empty((2, TERMS), np.float32), np.empty((m * m, size), np.float32)
     fill_places(plane.crops(), ground, nodes, view, places)
-    sample_lattice(plane.crops(), view, places, nodes, HALF, m, surface, above_m, plan, out)
+    sample_lattice(plane.crops(), view, places, nodes, HALF, m, surface, above_m, room, out)
     rows, columns = (np.arange(n * m) for n in (box.rows + more, width))
     south, east = np.meshgrid((rows - HALF) / m, (columns - HALF) / m, indexing="ij")
     h = flat(surface, m, width) + above_m

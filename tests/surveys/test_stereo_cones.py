@@ -18,12 +18,13 @@ from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, oriented_cameras
-from photogram.surface.dense.correlation import NEUTRAL, Window, fill_costs
+from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import Crops, Ground
 from photogram.surface.dense.pyramid import median_of_known
-from photogram.surface.dense.refinement import Refined, own_side_mean, refine_heights
+from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.surface.dense.window_sums import Window
 
 Read = Callable[[str], Float32Array]
 
@@ -78,11 +79,11 @@ def disparity(read: Read) -> Float32Array:
     count, cells = round(LARGEST_PX / STEP_PX) + 1, left.size
     start, first = np.arange(cells + 1, dtype=np.int64) * count, np.zeros(cells, np.int32)
     cost, level = np.empty(start[-1], np.uint8), np.zeros((*left.shape, 2), np.float32)
-    at, counts = start[:-1].reshape(left.shape), np.full(left.shape, count)
-    fill_costs(
-        crops, ground, Window(2, settings.noise_dn, 0.5), STEP_PX, at, first.reshape(left.shape), counts,
-        np.zeros(left.shape, np.float32), cost,
+    tried = Hypotheses(
+        np.zeros(left.shape, np.float32), STEP_PX, first.reshape(left.shape), np.full(left.shape, count),
+        start[:-1].reshape(left.shape),
     )  # fmt: skip
+    fill_costs(crops, ground, Window(2, settings.noise_dn, 0.5), tried, cost)
     unit = NEUTRAL / 100.0
     volume = CostVolume(cost, start, first, left)
     best, _ = regularised(volume, settings.small_step * unit, settings.large_step * unit, settings.contrast_dn)
@@ -91,10 +92,9 @@ def disparity(read: Read) -> Float32Array:
     rays = np.empty(z.shape, np.uint8)
     smooth = np.empty_like(z)
     own_side_mean(z, level, STEP_PX, 2, smooth)
-    refine_heights(
-        crops, ground, Window(3, settings.noise_dn, 0.5), 1.0, z, smooth, level, 0.3 * STEP_PX, STEP_PX, 0.58 * STEP_PX,
-        Refined(found, sigma, correlation, rays),
-    )  # fmt: skip
+    from_here = Start(z, smooth, level, 0.3 * STEP_PX, STEP_PX, 1.0, 0.58 * STEP_PX)
+    window = Window(3, settings.noise_dn, 0.5)
+    refine_heights(crops, ground, window, from_here, Refined(found, sigma, correlation, rays))
     return found
 
 

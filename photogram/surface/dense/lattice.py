@@ -7,7 +7,8 @@ exactly at 3 × 3 nodes and three heights, and interpolated quadratically betwee
 
 The lattice lies in memory by phases: place (m y + i, m x + j) of a lattice with m places per cell and X cells across
 is sample (m i + j, X y + x), so that the same place of the windows of neighbouring cells lies in neighbouring memory,
-and long compiled loops over cells fill the processor's lanes.
+and long compiled loops over cells fill the processor's lanes. Such loops need no leave to reorder sums: what they
+compute is the same to the last bit, whatever the compiler makes of them.
 """
 
 from __future__ import annotations
@@ -19,9 +20,6 @@ import numpy as np
 from photogram.arrays import Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.projection import OrientedCameras, seen_at
-
-FAST = {"reassoc", "contract", "arcp", "nsz"}
-"""Sums may be reordered, so that they fill the processor's lanes; NaN keeps its meaning."""
 
 
 class Crops(NamedTuple):
@@ -85,6 +83,15 @@ class Room(NamedTuple):
     at: Int32Array
     right: Float32Array
     down: Float32Array
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def room_for_samples(cells: int) -> Room:
+    """Return room for patches of up to ``cells`` places in a phase."""
+    return Room(
+        np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.int32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.float32),
+    )  # fmt: skip
 
 
 def places_per_cell(spacing: float) -> int:
@@ -192,15 +199,29 @@ def fill_lattice(surface: Float32Array, box: Box, per_cell: int, half: int, colu
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def fill_plan(nodes: Nodes, box: Box, columns: int, room: Room) -> None:
-    """Fill ``room.east`` and ``room.south`` with the places (Y × ``columns``) of the first phase of the lattice of a
-    box, as ``nodes`` count them, as if ``half`` were 0."""
-    for k in range(len(room.east)):
-        room.east[k] = (box.column + k % columns - nodes.column) / nodes.column_reach
-        room.south[k] = (box.row + k // columns - nodes.row) / nodes.row_reach
+def fill_part(whole: Float32Array, patch: Box, across: int, box: Box, columns: int, out: Float32Array) -> None:
+    """Fill ``out`` (per_cell², Y × ``columns``) with the part of a lattice of a ``patch``, ``whole`` (per_cell², Y ×
+    ``across``), that belongs to a box of it."""
+    south, east = box.row - patch.row, box.column - patch.column
+    for n in range(len(out)):
+        for y in range(out.shape[1] // columns):
+            start, at = y * columns, (south + y) * across + east
+            for x in range(columns):
+                out[n, start + x] = whole[n, at + x]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def fill_plan(nodes: Nodes, box: Box, columns: int, room: Room, size: int) -> None:
+    """Fill ``room.east`` and ``room.south`` (``size``,) with the places (Y × ``columns``) of the first phase of the
+    lattice of a box, as ``nodes`` count them, as if its windows began with its cells."""
+    for y in range(size // columns + 1):
+        south = np.float32((box.row + y - nodes.row) / nodes.row_reach)
+        for x in range(min(columns, size - y * columns)):
+            room.south[y * columns + x] = south
+            room.east[y * columns + x] = np.float32((box.column + x - nodes.column) / nodes.column_reach)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _sample_phase(
     crop: Float32Array,
     size: tuple[int, int],

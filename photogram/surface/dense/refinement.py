@@ -21,18 +21,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, IntArray
+from photogram.arrays import Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.correlation import (
     LEFT_OUT,
-    Window,
-    Workroom,
+    Agreement,
     fill_agreement,
-    fill_correlations,
-    workroom,
+    room_for_agreement,
+    views_of_patch,
 )
 from photogram.surface.dense.lattice import (
-    FAST,
     TERMS,
     Box,
     Crops,
@@ -43,8 +41,10 @@ from photogram.surface.dense.lattice import (
     fill_places,
     fill_plan,
     nodes_of,
+    room_for_samples,
     sample_lattice,
 )
+from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, room_for_sums
 
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""
@@ -52,8 +52,8 @@ ALIKE = 0.7
 FARTHEST = 1.5
 """How far from the middle of three heights, in their distance, a parabola's peak is believed."""
 
-WIDER = 3.0
-"""How much wider the three heights are chosen where the first do not hold the best one."""
+PROBES = (-1.0, 0.0, 1.0, -3.0, 3.0)
+"""Heights that are tried, in the distance of the first three: the last two where those do not hold the best."""
 
 BETWEEN_PIXELS = 2.0
 """How much larger the noise that counts is than that of the residuals, because samples lie between pixels: bilinear
@@ -72,10 +72,28 @@ class Refined(NamedTuple):
     rays: NDArray[np.uint8]
 
 
+class Start(NamedTuple):
+    """What is refined: heights ``z``, a smooth version of them, ``surface`` (rows, columns each), along which windows
+    lie, and its ``slope`` (rows, columns, 2) in m per cell.
+
+    Three heights ``probe_m`` apart are tried. Samples within ``tolerance_m`` of the plane of a cell lie on its surface,
+    and a share ``independent`` of them counts, for they may lie closer than a pixel. ``doubt_m`` is the standard
+    deviation of a height that photographs do not tell.
+    """
+
+    z: Float32Array
+    surface: Float32Array
+    slope: Float32Array
+    probe_m: float
+    tolerance_m: float
+    independent: float
+    doubt_m: float
+
+
 class _Patch(NamedTuple):
     """The cells of a patch in rows of ``width``, and their ``views`` (K,), whose ``places`` (K, 2, TERMS) are counted
-    as ``nodes``; the ``surface`` (per_cell², …) on the lattice, and which of its places lie on the same surface as the
-    cell in the middle of a window: ``support`` (n, side²), ``supported`` (n,) how many."""
+    as ``nodes``; the ``surface`` (per_cell², …) on the lattice, and how many of its places lie on the same surface as
+    the cell in the middle of a window, ``supported`` (n,)."""
 
     box: Box
     width: int
@@ -83,8 +101,23 @@ class _Patch(NamedTuple):
     places: Float32Array
     nodes: Nodes
     surface: Float32Array
-    support: NDArray[np.int32]
-    supported: IntArray
+    supported: Float32Array
+
+
+class _Rooms(NamedTuple):
+    """Room to work in: as the functions name it; ``partly`` (K, side²) for one window, ``which`` (side²,) its
+    samples, ``middle``, ``east`` and ``south`` (cells,) the planes of windows."""
+
+    samples: Float32Array
+    pairs: Float32Array
+    plan: Room
+    sums: Sums
+    found: Agreement
+    partly: Float32Array
+    which: Int32Array
+    middle: Float32Array
+    east: Float32Array
+    south: Float32Array
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -106,88 +139,134 @@ def own_side_mean(z: Float32Array, slope: Float32Array, tolerance_m: float, half
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _fill_support(
-    patch: _Patch, surface: Float32Array, slope: Float32Array, per_cell: int, half: int, tolerance_m: float
-) -> None:
-    """Fill which samples of the window of each cell lie within a tolerance (m) of its plane.
+def _count_support(
+    surface: Float32Array, start: np.uint64, middle: Float32Array, east: Float32Array, south: Float32Array,
+    place: tuple[float, float], tolerance_m: float, out: Float32Array,
+) -> None:  # fmt: skip
+    """Add one to ``out`` (n,) where a place of the windows lies within a tolerance of their planes."""
+    limit, i, j = np.float32(tolerance_m), np.float32(place[0]), np.float32(place[1])
+    for n in range(len(out)):
+        k = np.uint64(n)
+        over = surface[k + start] - middle[n] - i * south[n] - j * east[n]
+        out[n] += np.float32(1.0) if abs(over) < limit else np.float32(0.0)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms: _Rooms) -> None:
+    """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
     Where they are fewer than a third, the surface says nothing, and all are taken.
     """
-    side, box, m = 2 * half + 1, patch.box, per_cell
+    side, box, m, n, size = 2 * half + 1, patch.box, per_cell, len(patch.supported), patch.surface.shape[1]
+    middle, east, south = rooms.middle[:n], rooms.east[:n], rooms.south[:n]
     for r in range(box.rows):
         for c in range(box.columns):
-            n, many = r * patch.width + c, 0
-            middle = surface[box.row + r, box.column + c]
-            east, south = slope[box.row + r, box.column + c, 0] / m, slope[box.row + r, box.column + c, 1] / m
-            for i in range(side):
-                for j in range(side):
-                    at = n + i // m * patch.width + j // m
-                    over = patch.surface[i % m * m + j % m, at] - middle - east * (j - half) - south * (i - half)
-                    if abs(over) < tolerance_m:
-                        patch.support[n, many] = i * side + j
-                        many += 1
-            patch.supported[n] = many if 3 * many >= side * side else side * side
+            k, row, column = r * patch.width + c, box.row + r, box.column + c
+            middle[k] = start.surface[row, column]
+            east[k], south[k] = start.slope[row, column, 0] / m, start.slope[row, column, 1] / m
+    patch.supported[:] = np.float32(0.0)
+    lattice = patch.surface.ravel()
+    for i in range(side):
+        for j in range(side):
+            at = np.uint64((i % m * m + j % m) * size + i // m * patch.width + j // m)
+            place = (float(i - half), float(j - half))
+            _count_support(lattice, at, middle, east, south, place, start.tolerance_m, patch.supported)
+    for k in range(n):
+        if 3 * patch.supported[k] < side * side:
+            patch.supported[k] = side * side
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _find_support(patch: _Patch, k: int, start: Start, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
+    """Return which samples of the lattice lie in the window of cell ``k`` and on its surface."""
+    side, m, size, many, lattice = 2 * half + 1, per_cell, patch.surface.shape[1], 0, patch.surface.ravel()
+    middle, east, south = rooms.middle[k], rooms.east[k], rooms.south[k]
+    for i in range(side):
+        for j in range(side):
+            at = (i % m * m + j % m) * size + i // m * patch.width + j // m + k
+            over = lattice[at] - middle - np.float32(i - half) * south - np.float32(j - half) * east
+            if abs(over) < start.tolerance_m:
+                rooms.which[many] = at
+                many += 1
+    return rooms.which[:many]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _product(a: Float32Array, b: Float32Array) -> np.float32:
+    """Return the scalar product of two vectors (n,), in an order of its own that keeps the processor busy."""
+    s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    whole = len(a) // 4 * 4
+    for k in range(0, whole, 4):
+        s += a[k] * b[k]
+        t += a[k + 1] * b[k + 1]
+        u += a[k + 2] * b[k + 2]
+        v += a[k + 3] * b[k + 3]
+    for k in range(whole, len(a)):
+        s += a[k] * b[k]
+    return (s + t) + (u + v)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _total(a: Float32Array) -> np.float32:
+    """Return the sum of a vector (n,), as `_product`."""
+    s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    whole = len(a) // 4 * 4
+    for k in range(0, whole, 4):
+        s, t, u, v = s + a[k], t + a[k + 1], u + a[k + 2], v + a[k + 3]
+    for k in range(whole, len(a)):
+        s += a[k]
+    return (s + t) + (u + v)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def _fill_partly(
-    samples: Float32Array, patch: _Patch, n: int, window: Window, per_cell: int, p: Float32Array, pairs: Float32Array
+    samples: Float32Array, which: Int32Array, noise: float, p: Float32Array, n: int, pairs: Float32Array
 ) -> None:
-    """Fill the correlations ``pairs`` (K, K, …) of cell ``n`` from those samples of its window that lie on its surface.
-
-    ``p`` (K, side²) is room to work in.
-    """
-    many, m, side = patch.supported[n], per_cell, 2 * window.half + 1
-    count = len(samples)
+    """Fill the correlations ``pairs`` (K, K, …) of cell ``n`` from some samples of its window alone."""
+    count, many = len(samples), len(which)
     for i in range(count):
-        mean = np.float32(0.0)
+        own, a = samples[i].ravel(), p[i, :many]
         for k in range(many):
-            row, column = patch.support[n, k] // side, patch.support[n, k] % side
-            p[i, k] = samples[i, row % m * m + column % m, n + row // m * patch.width + column // m]
-            mean += p[i, k]
-        mean /= np.float32(many)
-        square = np.float32(0.0)
+            a[k] = own[which[k]]
+        mean = _total(a) / np.float32(many)
         for k in range(many):
-            p[i, k] -= mean
-            square += p[i, k] * p[i, k]
-        least = np.float32(many * window.noise * window.noise)
-        scale = np.float32(1.0) / np.sqrt(square + least)
+            a[k] -= mean
+        square = _product(a, a)
+        scale = np.float32(1.0 / np.sqrt(square + many * noise * noise))
         for k in range(many):
-            p[i, k] *= scale
+            a[k] *= scale
         pairs[i, i, n] = square * scale * scale
         for j in range(i):
-            product = np.float32(0.0)
-            for k in range(many):
-                product += p[i, k] * p[j, k]
-            pairs[i, j, n] = pairs[j, i, n] = product if product == product else np.float32(0.0)
+            product = _product(a, p[j, :many])
+            pairs[i, j, n] = product if product == product else np.float32(0.0)
+            pairs[j, i, n] = pairs[i, j, n]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _fill_pairs(
-    crops: Crops,
-    patch: _Patch,
-    window: Window,
-    per_cell: int,
-    above_m: float,
-    plan: Room,
-    room: Workroom,
-    samples: Float32Array,
-    p: Float32Array,
-    pairs: Float32Array,
-) -> None:
-    """Fill ``pairs`` (K, K, n) with the correlations of the views over the windows of a patch ``above_m`` over its
-    surface; ``samples`` (K, per_cell², …) and ``p`` (K, side²) are room to work in."""
-    for i in range(len(patch.views)):
-        sample_lattice(
-            crops, patch.views[i], patch.places[i], patch.nodes, window.half, per_cell, patch.surface, above_m, plan,
-            samples[i],
-        )  # fmt: skip
-    fill_correlations(samples, window, per_cell, patch.width, room, pairs)
-    whole = (2 * window.half + 1) ** 2
+    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, layers: tuple[int, ...], rooms: _Rooms
+) -> Float32Array:
+    """Fill the correlations of the views over the windows of a patch at some of the heights of PROBES; returns all of
+    these (5, K, K, n)."""
+    seen, m, half = len(patch.views), per_cell, window.half
+    size, n, whole = patch.surface.shape[1], len(patch.supported), (2 * half + 1) ** 2
+    pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
+    samples = rooms.samples[: 5 * seen * m * m * size].reshape(5, seen, m * m, size)
+    for layer in layers:
+        above_m = PROBES[layer] * start.probe_m
+        for i in range(seen):
+            sample_lattice(
+                crops, patch.views[i], patch.places[i], patch.nodes, half, m, patch.surface, above_m, rooms.plan,
+                samples[layer, i],
+            )  # fmt: skip
+        fill_correlations(samples[layer], window, m, patch.width, rooms.sums, pairs[layer])
     for r in range(patch.box.rows):
-        for n in range(r * patch.width, r * patch.width + patch.box.columns):
-            if patch.supported[n] < whole:
-                _fill_partly(samples, patch, n, window, per_cell, p, pairs)
+        for k in range(r * patch.width, r * patch.width + patch.box.columns):
+            if patch.supported[k] < whole:
+                which = _find_support(patch, k, start, m, half, rooms)
+                for layer in layers:
+                    _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
+    return pairs
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -225,99 +304,92 @@ def _take_in_alike(pairs: Float32Array, n: int, used: IntArray) -> None:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def refine_heights(
-    crops: Crops,
-    ground: Ground,
-    window: Window,
-    independent: float,
-    z: Float32Array,
-    surface: Float32Array,
-    slope: Float32Array,
-    probe_m: float,
-    tolerance_m: float,
-    doubt_m: float,
-    found: Refined,
-) -> None:
-    """Fill heights from ``z`` and a smooth version of it, ``surface`` (rows, columns each), along which windows lie,
-    with the ``slope`` (rows, columns, 2) in m per cell.
+def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: tuple[int, int]) -> tuple[float, float]:
+    """Return where the parabola through the correlations of three heights has its peak, in their distance from the
+    middle one, NaN where it has none, and how much it bends."""
+    below, above = _mean_correlation(pairs[layers[0]], k, used)[0], _mean_correlation(pairs[layers[1]], k, used)[0]
+    bend = 2.0 * best - below - above
+    return 0.5 * (above - below) / bend if bend > 0.0 else np.nan, bend
 
-    Three heights ``probe_m`` apart are tried, and where they do not hold the best, three further apart. A cell whose
-    best is not near them keeps the height of ``z``, which its neighbours told, with the standard deviation ``doubt_m``.
-    One that fewer than two photographs see has no height (NaN). ``independent``: share of the samples of a window that
-    count for the standard deviation, for they may lie closer than a pixel.
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _refine_patch(
+    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, rooms: _Rooms, using: IntArray,
+    found: Refined,
+) -> None:  # fmt: skip
+    """Fill the heights of a patch."""
+    pairs = _fill_pairs(crops, patch, window, start, per_cell, (0, 1, 2), rooms)
+    fill_agreement(pairs[1], window.kept, rooms.found)
+    widely, seen, box = False, len(patch.views), patch.box
+    for r in range(box.rows):
+        for c in range(box.columns):
+            k, at, used = r * patch.width + c, (box.row + r, box.column + c), using[:seen]
+            if np.isnan(start.z[at]) or rooms.found.used[k] < 1.5:
+                continue
+            for i in range(seen):
+                used[i] = 1 if rooms.found.sums[i, k] > LEFT_OUT else 0
+            _take_in_alike(pairs[1], k, used)
+            best, kept = _mean_correlation(pairs[1], k, used)
+            probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
+            if not abs(shift) <= FARTHEST:
+                if not widely:
+                    _fill_pairs(crops, patch, window, start, per_cell, (3, 4), rooms)
+                    widely = True
+                probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
+            found.correlation[at], found.rays[at] = best, kept
+            if not abs(shift) <= FARTHEST:
+                found.height[at], found.sigma[at] = start.z[at], start.doubt_m
+                continue
+            peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
+            for i in range(seen):
+                length += pairs[1, i, i, k] / kept if used[i] == 1 else 0.0
+            freedom = max(patch.supported[k] * start.independent - 2.0, 1.0)
+            noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / freedom)
+            found.height[at], found.correlation[at] = start.surface[at] + probe * shift, peak
+            found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
+    """Return room for patches of up to ``cells`` places in a phase and windows of ``whole`` samples."""
+    return _Rooms(
+        np.zeros(5 * most * per_cell * per_cell * cells, np.float32), np.zeros(5 * most * most * cells, np.float32),
+        room_for_samples(cells), room_for_sums(most, per_cell, cells), room_for_agreement(most, cells),
+        np.zeros((most, whole), np.float32), np.zeros(whole, np.int32), np.zeros(cells, np.float32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.float32),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def refine_heights(crops: Crops, ground: Ground, window: Window, start: Start, found: Refined) -> None:
+    """Fill heights to a fraction of a hypothesis.
+
+    Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near
+    them keeps the height of ``start.z``, which its neighbours told. One that fewer than two photographs see has no
+    height (NaN).
     """
-    rows, columns = z.shape
+    rows, columns = start.z.shape
     most, m, half = ground.views.shape[2], ground.per_cell, window.half
-    more, whole = 2 * half // m, (2 * half + 1) ** 2
-    room, plan = workroom(most, ground.patch, m, half)
-    lattice = np.zeros(m * m * plan.east.size, np.float32)
-    shown, p = np.zeros(most * lattice.size, np.float32), np.empty((most, whole), np.float32)
-    five = np.zeros(5 * most * most * plan.east.size, np.float32)
-    support, supported = np.empty((plan.east.size, whole), np.int32), np.empty(plan.east.size, np.int64)
+    more = 2 * half // m
+    cells = (ground.patch + more) ** 2 + more
+    rooms = _rooms(most, m, cells, (2 * half + 1) ** 2)
+    lattice, supported = np.zeros(m * m * cells, np.float32), np.empty(cells, np.float32)
     places, views, using = np.empty((most, 2, TERMS), np.float32), np.empty(most, np.int64), np.empty(most, np.int64)
     found.height[:], found.sigma[:], found.correlation[:], found.rays[:] = np.nan, np.nan, 0.0, 0
     for row in range(0, rows, ground.patch):
         for column in range(0, columns, ground.patch):
             box = Box(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
-            seen = 0
-            for v in ground.views[row // ground.patch, column // ground.patch]:
-                if v >= 0:
-                    views[seen] = v
-                    seen += 1
+            seen, width = views_of_patch(ground, box, views), box.columns + more
             if seen < 2:
                 continue
-            width = box.columns + more
             n, size = box.rows * width, (box.rows + more) * width + more
             on = lattice[: m * m * size].reshape(m * m, size)
-            fill_lattice(surface, box, m, half, width, on)
-            around = surface[row : row + box.rows, column : column + box.columns]
-            nodes = nodes_of(box, half / m, around.min() - probe_m, around.max() + probe_m)
-            here = Room(plan.east[:size], plan.south[:size], plan.at, plan.right, plan.down)
-            fill_plan(nodes, box, width, here)
+            fill_lattice(start.surface, box, m, half, width, on)
+            around = start.surface[row : row + box.rows, column : column + box.columns]
+            nodes = nodes_of(box, half / m, around.min() - start.probe_m, around.max() + start.probe_m)
+            fill_plan(nodes, box, width, rooms.plan, size)
             for i in range(seen):
                 fill_places(crops, ground, nodes, views[i], places[i])
-            patch = _Patch(box, width, views[:seen], places[:seen], nodes, on, support, supported)
-            _fill_support(patch, surface, slope, m, half, tolerance_m)
-            samples = shown[: seen * m * m * size].reshape(seen, m * m, size)
-            pairs = five[: 5 * seen * seen * n].reshape(5, seen, seen, n)
-            for layer in range(3):
-                _fill_pairs(
-                    crops, patch, window, m, (layer - 1) * probe_m, plan, room, samples, p, pairs[layer]
-                )  # fmt: skip
-            fill_agreement(pairs[1], window.kept, room)
-            widely = False
-            for r in range(box.rows):
-                for c in range(box.columns):
-                    k, at, used = r * width + c, (row + r, column + c), using[:seen]
-                    if np.isnan(z[at]) or room.used[k] < 1.5:
-                        continue
-                    for i in range(seen):
-                        used[i] = 1 if room.sums[i, k] > LEFT_OUT else 0
-                    _take_in_alike(pairs[1], k, used)
-                    best, kept = _mean_correlation(pairs[1], k, used)
-                    shift, probe, bend = np.nan, probe_m, 0.0
-                    for wide in range(2):
-                        low, high = (0, 2) if wide == 0 else (3, 4)
-                        if wide == 1 and not widely:
-                            for layer in range(3, 5):
-                                above = WIDER * probe_m * (2 * layer - 7)
-                                _fill_pairs(crops, patch, window, m, above, plan, room, samples, p, pairs[layer])
-                            widely = True
-                        below = _mean_correlation(pairs[low], k, used)[0]
-                        above = _mean_correlation(pairs[high], k, used)[0]
-                        bend = 2.0 * best - below - above
-                        shift = 0.5 * (above - below) / bend if bend > 0.0 else np.nan
-                        if abs(shift) <= FARTHEST:
-                            break
-                        probe *= WIDER
-                    found.correlation[at], found.rays[at] = best, kept
-                    if not abs(shift) <= FARTHEST:
-                        found.height[at], found.sigma[at] = z[at], doubt_m
-                        continue
-                    peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
-                    for i in range(seen):
-                        length += pairs[1, i, i, k] / kept if used[i] == 1 else 0.0
-                    samples_in_use = supported[k] * independent
-                    noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / max(samples_in_use - 2.0, 1.0))
-                    found.height[at], found.correlation[at] = surface[at] + probe * shift, peak
-                    found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+            patch = _Patch(box, width, views[:seen], places[:seen], nodes, on, supported[:n])
+            _fill_supported(patch, start, m, half, rooms)
+            _refine_patch(crops, patch, window, start, m, rooms, using, found)

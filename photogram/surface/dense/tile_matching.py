@@ -22,13 +22,13 @@ from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
-from photogram.surface.dense.correlation import NEUTRAL, fill_costs
-from photogram.surface.dense.correlation import Window as Samples
+from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import Crops, Ground, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
-from photogram.surface.dense.refinement import Refined, own_side_mean, refine_heights
+from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.slopes import gentle_surface, slopes_without_walls
+from photogram.surface.dense.window_sums import Window as Samples
 from photogram.surface.views import Views, places_in_view
 
 Picture = Callable[[int, int], NDArray[np.generic]]
@@ -207,9 +207,8 @@ def _regularised(
     count[_seen(ground, (rows, columns)) == 0] = 0
     start = np.concatenate([[0], np.cumsum(count.ravel())]).astype(np.int64)
     cost = np.empty(start[-1], np.uint8)
-    samples = _window(_COST_HALF, level, ground, settings)
-    at = start[:-1].reshape(rows, columns)
-    fill_costs(crops, ground, samples, level.step_m, at, first, count, along, cost)
+    tried = Hypotheses(along, level.step_m, first, count, start[:-1].reshape(rows, columns))
+    fill_costs(crops, ground, _window(_COST_HALF, level, ground, settings), tried, cost)
     guide = np.empty((rows, columns), np.float32)
     grey_of_cells(crops, ground, prior.surface, guide)
     unit = NEUTRAL / 100.0
@@ -236,9 +235,9 @@ def _refined(
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
     found = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
-    independent = min(1.0, (ground.per_cell * level.spacing) ** -2.0)
-    refine_heights(
-        crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), independent, z, smooth, slope,
-        _PROBE_SHARE * level.step_m, tolerance, level.step_m / np.sqrt(3.0), found,
+    start = Start(
+        z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, min(1.0, (ground.per_cell * level.spacing) ** -2.0),
+        level.step_m / np.sqrt(3.0),
     )  # fmt: skip
+    refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, found)
     return Heights(*found, _seen(ground, z.shape))
