@@ -223,7 +223,7 @@ def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreemen
                 cost[tried.start[row, column] + at] = np.uint8(min(max(byte, 0.0), float(FULL_COST)))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def _fill_patch(
     crops: Crops,
     ground: Ground,

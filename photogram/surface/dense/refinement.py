@@ -151,7 +151,7 @@ def _count_support(
         out[n] += np.float32(1.0) if abs(over) < limit else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms: _Rooms) -> None:
     """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
@@ -242,17 +242,18 @@ def _fill_partly(
             pairs[j, i, n] = pairs[i, j, n]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def _fill_pairs(
-    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, layers: tuple[int, ...], rooms: _Rooms
+    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, widely: bool, rooms: _Rooms
 ) -> Float32Array:
-    """Fill the correlations of the views over the windows of a patch at some of the heights of PROBES; returns all of
-    these (5, K, K, n)."""
+    """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
+    ``widely`` at the others; returns all of these (5, K, K, n)."""
+    first, end = (3, 5) if widely else (0, 3)
     seen, m, half = len(patch.views), per_cell, window.half
     size, n, whole = patch.surface.shape[1], len(patch.supported), (2 * half + 1) ** 2
     pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
     samples = rooms.samples[: 5 * seen * m * m * size].reshape(5, seen, m * m, size)
-    for layer in layers:
+    for layer in range(first, end):
         above_m = PROBES[layer] * start.probe_m
         for i in range(seen):
             sample_lattice(
@@ -264,7 +265,7 @@ def _fill_pairs(
         for k in range(r * patch.width, r * patch.width + patch.box.columns):
             if patch.supported[k] < whole:
                 which = _find_support(patch, k, start, m, half, rooms)
-                for layer in layers:
+                for layer in range(first, end):
                     _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
     return pairs
 
@@ -312,13 +313,13 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
     return 0.5 * (above - below) / bend if bend > 0.0 else np.nan, bend
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def _refine_patch(
     crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, rooms: _Rooms, using: IntArray,
     found: Refined,
 ) -> None:  # fmt: skip
     """Fill the heights of a patch."""
-    pairs = _fill_pairs(crops, patch, window, start, per_cell, (0, 1, 2), rooms)
+    pairs = _fill_pairs(crops, patch, window, start, per_cell, False, rooms)
     fill_agreement(pairs[1], window.kept, rooms.found)
     widely, seen, box = False, len(patch.views), patch.box
     for r in range(box.rows):
@@ -333,7 +334,7 @@ def _refine_patch(
             probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
             if not abs(shift) <= FARTHEST:
                 if not widely:
-                    _fill_pairs(crops, patch, window, start, per_cell, (3, 4), rooms)
+                    _fill_pairs(crops, patch, window, start, per_cell, True, rooms)
                     widely = True
                 probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
             found.correlation[at], found.rays[at] = best, kept
@@ -349,7 +350,7 @@ def _refine_patch(
             found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
     """Return room for patches of up to ``cells`` places in a phase and windows of ``whole`` samples."""
     return _Rooms(
