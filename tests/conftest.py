@@ -38,7 +38,7 @@ from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
 from photogram.simulation.simulated_survey import SurveyPlan
-from photogram.surface.dense.correlation import Crops, Ground
+from photogram.surface.dense.lattice import Crops, Ground
 from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import Views
 
@@ -139,7 +139,7 @@ class PhotographedPlane:
     pictures: tuple[np.ndarray[Any, Any], ...]
     grid: MapGrid
     slope: tuple[float, float]
-    spacing: float = 0.5
+    per_cell: int = 2
     patch: int = 16
 
     @property
@@ -150,8 +150,8 @@ class PhotographedPlane:
 
     @property
     def tilt(self) -> np.ndarray[Any, Any]:
-        """Return its rise in m to the next sample of a window (rows, columns, 2)."""
-        rise = np.array(self.slope, np.float32) * np.float32(self.spacing * self.grid.cell_m)
+        """Return its rise in m to the next cell to the east and to the south (rows, columns, 2)."""
+        rise = np.array(self.slope, np.float32) * np.float32(self.grid.cell_m)
         return np.ascontiguousarray(np.broadcast_to(rise, (self.grid.rows, self.grid.columns, 2)))
 
     def crops(self, pictures: Sequence[np.ndarray[Any, Any]] | None = None) -> Crops:
@@ -171,9 +171,9 @@ class PhotographedPlane:
         middle = np.ix_(*(np.minimum(np.arange(0, n, self.patch) + self.patch // 2, n - 1) for n in lines.up.shape[:2]))
         place = lines.foot_world_m[middle]
         chosen, _ = choose_views(self.views, place.reshape(-1, 3), len(self.views))
-        east, south = (step * self.spacing for step in cell_steps(self.frame, self.grid))
+        east, south = cell_steps(self.frame, self.grid)
         of_patches = chosen.reshape(*place.shape[:2], len(self.views))
-        return Ground(lines.foot_world_m, lines.up, east, south, self.spacing, of_patches, self.patch)
+        return Ground(lines.foot_world_m, lines.up, east, south, self.per_cell, of_patches, self.patch)
 
 
 @pytest.fixture(scope="session")

@@ -90,7 +90,7 @@ def matched_levels(
         outer, last = level.grid.around_window(wide, MARGIN_CELLS), number == len(levels) - 1
         prior = first_prior(known, level, outer, base)
         if block is not None:
-            prior = finer_prior(found[-1].height_m, found[-1].correlation, block, level, outer, prior, again=not last)
+            prior = finer_prior(found[-1].height_m, found[-1].correlation, block, level, outer, prior, widely=not last)
         found.append(match_block(scene, level, wide, prior, settings, last=last))
         block, part = wide, window_of(level, box)
         inner.append((slice(part.row - wide.row, part.row_end - wide.row),
@@ -103,7 +103,7 @@ def correlations(scene: Scene, place: tuple[float, float], heights: Array, count
     (2 HALF + 1)² samples, a pixel apart, each looked up exactly."""
     middle = scene.frame.world_from_map(np.array([[*place, float(np.median(heights))]]))
     views = choose_views(scene.views, middle, count)[0][0]
-    gsd = float((scene.views.position_world_m[views[0], 2] - middle[0, 2]) / scene.views.parameters[views[0], 0])
+    gsd = float((scene.views.position_world_m[views[0], 2] - middle[0, 2]) / scene.views.focal_px[views[0]])
     y, x = np.mgrid[HALF : -HALF - 1 : -1, -HALF : HALF + 1] * gsd
     s = np.empty(len(heights))
     for k, height in enumerate(heights):

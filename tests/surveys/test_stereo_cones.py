@@ -18,11 +18,13 @@ from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, oriented_cameras
-from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, Window, fill_costs
+from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
+from photogram.surface.dense.lattice import Crops, Ground
 from photogram.surface.dense.pyramid import median_of_known
-from photogram.surface.dense.refinement import refine_heights
+from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.surface.dense.window_sums import Window
 
 Read = Callable[[str], Float32Array]
 
@@ -66,7 +68,7 @@ def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, Ground]:
     foot, up = np.stack([column, -row, np.zeros_like(row)], axis=-1), np.zeros((rows, columns, 3))
     up[..., 2] = 1.0
     views = np.broadcast_to(np.arange(2), (-(-rows // PATCH), -(-columns // PATCH), 2)).copy()
-    return crops, Ground(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1.0, views, PATCH)
+    return crops, Ground(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1, views, PATCH)
 
 
 @pytest.fixture(scope="module")
@@ -77,17 +79,22 @@ def disparity(read: Read) -> Float32Array:
     count, cells = round(LARGEST_PX / STEP_PX) + 1, left.size
     start, first = np.arange(cells + 1, dtype=np.int64) * count, np.zeros(cells, np.int32)
     cost, level = np.empty(start[-1], np.uint8), np.zeros((*left.shape, 2), np.float32)
-    fill_costs(crops, ground, Window(2, settings.noise_dn, 0.5), STEP_PX, start, first, level, cost)
+    tried = Hypotheses(
+        np.zeros(left.shape, np.float32), STEP_PX, first.reshape(left.shape), np.full(left.shape, count),
+        start[:-1].reshape(left.shape),
+    )  # fmt: skip
+    fill_costs(crops, ground, Window(2, settings.noise_dn, 0.5), tried, cost)
     unit = NEUTRAL / 100.0
     volume = CostVolume(cost, start, first, left)
     best, _ = regularised(volume, settings.small_step * unit, settings.large_step * unit, settings.contrast_dn)
     z = (median_of_known(best) * np.float32(STEP_PX)).astype(np.float32)
     found, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
     rays = np.empty(z.shape, np.uint8)
-    samples = Window(3, settings.noise_dn, 0.5)
-    refine_heights(
-        crops, ground, samples, z, level, 0.3 * STEP_PX, STEP_PX, 0.58 * STEP_PX, found, sigma, correlation, rays
-    )
+    smooth = np.empty_like(z)
+    own_side_mean(z, level, STEP_PX, 2, smooth)
+    from_here = Start(z, smooth, level, 0.3 * STEP_PX, STEP_PX, 1.0, 0.58 * STEP_PX)
+    window = Window(3, settings.noise_dn, 0.5)
+    refine_heights(crops, ground, window, from_here, Refined(found, sigma, correlation, rays))
     return found
 
 

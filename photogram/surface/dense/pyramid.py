@@ -13,7 +13,7 @@ from photogram.arrays import NMAD_FACTOR, Float32Array, FloatArray
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
-from photogram.surface.dense.correlation import nearest_views
+from photogram.surface.dense.lattice import nearest_views
 from photogram.surface.views import Views
 
 STEP_PX = 0.7

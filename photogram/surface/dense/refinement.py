@@ -16,27 +16,35 @@ adjustment with one unknown, the height (Grün 1985 does it with more), so the n
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, FloatArray, IntArray
+from photogram.arrays import Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.correlation import (
-    FAST,
     LEFT_OUT,
-    LOOKED_UP,
+    Agreement,
+    fill_agreement,
+    room_for_agreement,
+    views_of_patch,
+)
+from photogram.surface.dense.lattice import (
+    TERMS,
+    Box,
     Crops,
     Ground,
-    Window,
-    agreement,
-    dot,
-    look_up_row,
-    normalise,
-    sample,
-    sample_square,
-    share_of,
-    window_at,
+    Nodes,
+    Room,
+    fill_lattice,
+    fill_places,
+    fill_plan,
+    nodes_of,
+    room_for_samples,
+    sample_lattice,
 )
+from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, room_for_sums
 
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""
@@ -44,190 +52,345 @@ ALIKE = 0.7
 FARTHEST = 1.5
 """How far from the middle of three heights, in their distance, a parabola's peak is believed."""
 
-WIDER = 3.0
-"""How many times as far apart the heights of the second trial are."""
+PROBES = (-1.0, 0.0, 1.0, -3.0, 3.0)
+"""Heights that are tried, in the distance of the first three: the last two where those do not hold the best."""
 
 BETWEEN_PIXELS = 2.0
-"""By how much bilinear samples, a pixel apart, scatter less about their mean than their noise moves the height.
-Interpolation takes 5/9 of the variance of white noise away, none of it from what all of a window has in common: 1.5 for
+"""How much larger the noise that counts is than that of the residuals, because samples lie between pixels: bilinear
+interpolation takes 5/9 of the variance of white noise away, none of it from what all of a window has in common: 1.5 for
 a texture without detail, and more for one with; this is what simulated planes give at noise from a half to four grey
 values, with two to five photographs."""
 
 
+class Refined(NamedTuple):
+    """Heights of the cells of a block (rows, columns), their standard deviations in m, the mean correlations and the
+    numbers of photographs."""
+
+    height: Float32Array
+    sigma: Float32Array
+    correlation: Float32Array
+    rays: NDArray[np.uint8]
+
+
+class Start(NamedTuple):
+    """What is refined: heights ``z``, a smooth version of them, ``surface`` (rows, columns each), along which windows
+    lie, and its ``slope`` (rows, columns, 2) in m per cell.
+
+    Three heights ``probe_m`` apart are tried. Samples within ``tolerance_m`` of the plane of a cell lie on its surface,
+    and a share ``independent`` of them counts, for they may lie closer than a pixel. ``doubt_m`` is the standard
+    deviation of a height that photographs do not tell.
+    """
+
+    z: Float32Array
+    surface: Float32Array
+    slope: Float32Array
+    probe_m: float
+    tolerance_m: float
+    independent: float
+    doubt_m: float
+
+
+class _Patch(NamedTuple):
+    """The cells of a patch in rows of ``width``, and their ``views`` (K,), whose ``places`` (K, 2, TERMS) are counted
+    as ``nodes``; the ``surface`` (per_cell², …) on the lattice, and how many of its places lie on the same surface as
+    the cell in the middle of a window, ``supported`` (n,)."""
+
+    box: Box
+    width: int
+    views: IntArray
+    places: Float32Array
+    nodes: Nodes
+    surface: Float32Array
+    supported: Float32Array
+
+
+class _Rooms(NamedTuple):
+    """Room to work in: as the functions name it; ``partly`` (K, side²) for one window, ``which`` (side²,) its
+    samples, ``middle``, ``east`` and ``south`` (cells,) the planes of windows."""
+
+    samples: Float32Array
+    pairs: Float32Array
+    plan: Room
+    sums: Sums
+    found: Agreement
+    partly: Float32Array
+    which: Int32Array
+    middle: Float32Array
+    east: Float32Array
+    south: Float32Array
+
+
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _support(
-    z: Float32Array,
-    ground: Ground,
-    half: int,
-    cell: tuple[int, int],
-    tilt: tuple[float, float],
-    tolerance: float,
-    offset: Float32Array,
-) -> int:
-    """Fill ``offset`` with the samples of a window that lie within ``tolerance`` (m) of its plane; returns how many.
+def own_side_mean(z: Float32Array, slope: Float32Array, tolerance_m: float, half: int, out: Float32Array) -> None:
+    """Fill ``out`` (rows, columns) with the mean of heights ``z`` over ± ``half`` cells, less what the ``slope``
+    (rows, columns, 2), in m per cell to the east and to the south, explains; of those cells alone that lie within a
+    tolerance of the plane of the cell in the middle. NaN stays."""
+    rows, columns = z.shape
+    for r in range(rows):
+        for c in range(columns):
+            total, many, middle = np.float32(0.0), 0, z[r, c]
+            for i in range(max(r - half, 0), min(r + half + 1, rows)):
+                for j in range(max(c - half, 0), min(c + half + 1, columns)):
+                    over = z[i, j] - middle - slope[r, c, 0] * (j - c) - slope[r, c, 1] * (i - r)
+                    if abs(over) < tolerance_m:
+                        total += np.float32(over)
+                        many += 1
+            out[r, c] = middle + total / np.float32(max(many, 1))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _count_support(
+    surface: Float32Array, start: np.uint64, middle: Float32Array, east: Float32Array, south: Float32Array,
+    place: tuple[float, float], tolerance_m: float, out: Float32Array,
+) -> None:  # fmt: skip
+    """Add one to ``out`` (n,) where a place of the windows lies within a tolerance of their planes."""
+    limit, i, j = np.float32(tolerance_m), np.float32(place[0]), np.float32(place[1])
+    for n in range(len(out)):
+        k = np.uint64(n)
+        over = surface[k + start] - middle[n] - i * south[n] - j * east[n]
+        out[n] += np.float32(1.0) if abs(over) < limit else np.float32(0.0)
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms: _Rooms) -> None:
+    """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
     Where they are fewer than a third, the surface says nothing, and all are taken.
     """
-    rows, columns = z.shape
-    middle, side = z[cell[0], cell[1]], 2 * half + 1
-    many = 0
-    for j in range(-half, half + 1):
-        for i in range(-half, half + 1):
-            r = int(np.floor(cell[0] + j * ground.spacing + 0.5))
-            c = int(np.floor(cell[1] + i * ground.spacing + 0.5))
-            within = 0 <= r < rows and 0 <= c < columns
-            if within and abs(z[r, c] - middle - tilt[0] * i - tilt[1] * j) < tolerance:
-                offset[many, 0], offset[many, 1] = i, j
+    side, box, m, n, size = 2 * half + 1, patch.box, per_cell, len(patch.supported), patch.surface.shape[1]
+    middle, east, south = rooms.middle[:n], rooms.east[:n], rooms.south[:n]
+    for r in range(box.rows):
+        for c in range(box.columns):
+            k, row, column = r * patch.width + c, box.row + r, box.column + c
+            middle[k] = start.surface[row, column]
+            east[k], south[k] = start.slope[row, column, 0] / m, start.slope[row, column, 1] / m
+    patch.supported[:] = np.float32(0.0)
+    lattice = patch.surface.ravel()
+    for i in range(side):
+        for j in range(side):
+            at = np.uint64((i % m * m + j % m) * size + i // m * patch.width + j // m)
+            place = (float(i - half), float(j - half))
+            _count_support(lattice, at, middle, east, south, place, start.tolerance_m, patch.supported)
+    for k in range(n):
+        if 3 * patch.supported[k] < side * side:
+            patch.supported[k] = side * side
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _find_support(patch: _Patch, k: int, start: Start, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
+    """Return which samples of the lattice lie in the window of cell ``k`` and on its surface."""
+    side, m, size, many, lattice = 2 * half + 1, per_cell, patch.surface.shape[1], 0, patch.surface.ravel()
+    middle, east, south = rooms.middle[k], rooms.east[k], rooms.south[k]
+    for i in range(side):
+        for j in range(side):
+            at = (i % m * m + j % m) * size + i // m * patch.width + j // m + k
+            over = lattice[at] - middle - np.float32(i - half) * south - np.float32(j - half) * east
+            if abs(over) < start.tolerance_m:
+                rooms.which[many] = at
                 many += 1
-    if 3 * many >= side * side:
-        return many
-    for k in range(side * side):
-        offset[k, 0], offset[k, 1] = k % side - half, k // side - half
-    return side * side
+    return rooms.which[:many]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _samples(
-    crop: Float32Array, size: tuple[int, int], way: FloatArray, offset: Float32Array, half: int, out: Float32Array
-) -> bool:
-    """Fill ``out`` with what a crop shows of window ``way``: all of it where nothing is left out of ``offset``."""
-    if len(offset) == (2 * half + 1) ** 2:
-        return bool(sample_square(crop, size, way, half, out))
-    return bool(sample(crop, size, way, offset, half, out))
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def _correlations_with(p: Float32Array, m: Float32Array, used: IntArray) -> tuple[float, int]:
-    """Add the photographs that are like those in use; returns the mean correlation of all pairs, and how many there
-    are. ``m`` (n,) is room to work in."""
-    count, n = p.shape
-    m[:] = np.float32(0.0)
-    for i in range(count):
-        if used[i] == 1:
-            for k in range(n):
-                m[k] += p[i, k]
-    length, among, kept = np.sqrt(dot(m, m)) + 1e-12, 0.0, 0
-    for i in range(count):
-        if used[i] == 1:
-            among += dot(p[i], m) / length
-            kept += 1
-    for i in range(count):
-        # those in use are in the mean themselves
-        if used[i] == 0 and dot(p[i], m) / length > ALIKE * among / kept:
-            used[i] = 1
-    return _mean_correlation(p, m, used)  # type: ignore[no-any-return]
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)  # type: ignore[misc, unused-ignore]
-def _mean_correlation(p: Float32Array, m: Float32Array, used: IntArray) -> tuple[float, int]:
-    """Return the mean correlation of all pairs of the photographs in use, and how many they are."""
-    count, n = p.shape
-    m[:] = np.float32(0.0)
-    alone, kept = 0.0, 0
-    for i in range(count):
-        if used[i] == 1:
-            kept += 1
-            alone += dot(p[i], p[i])
-            for k in range(n):
-                m[k] += p[i, k]
-    return (dot(m, m) - alone) / (kept * (kept - 1)), kept
+def _product(a: Float32Array, b: Float32Array) -> np.float32:
+    """Return the scalar product of two vectors (n,), in an order of its own that keeps the processor busy."""
+    s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    whole = len(a) // 4 * 4
+    for k in range(0, whole, 4):
+        s += a[k] * b[k]
+        t += a[k + 1] * b[k + 1]
+        u += a[k + 2] * b[k + 2]
+        v += a[k + 3] * b[k + 3]
+    for k in range(whole, len(a)):
+        s += a[k] * b[k]
+    return (s + t) + (u + v)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _correlation_at(
-    crops: Crops,
-    views: IntArray,
-    used: IntArray,
-    found: FloatArray,
-    t: float,
-    window: Window,
-    offset: Float32Array,
-    way: FloatArray,
-    p: Float32Array,
-    m: Float32Array,
-) -> float:
-    """Return the mean correlation of all pairs of the photographs in use at the height ``t`` of `window_at`; ``way``
-    (6,), ``p`` (count, n) and ``m`` (n,) are room to work in."""
-    for i in range(len(views)):
-        if used[i] == 1:
-            v = views[i]
-            window_at(found[i], t, way)
-            crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
-            if not _samples(crop, size, way, offset, window.half, p[i]):
-                p[i] = np.float32(0.0)
-            normalise(p[i], window.noise)
-    return float(_mean_correlation(p, m, used)[0])
+def _total(a: Float32Array) -> np.float32:
+    """Return the sum of a vector (n,), as `_product`."""
+    s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    whole = len(a) // 4 * 4
+    for k in range(0, whole, 4):
+        s, t, u, v = s + a[k], t + a[k + 1], u + a[k + 2], v + a[k + 3]
+    for k in range(whole, len(a)):
+        s += a[k]
+    return (s + t) + (u + v)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def refine_heights(
-    crops: Crops,
-    ground: Ground,
-    window: Window,
-    z: Float32Array,
-    slope: Float32Array,
-    probe_m: float,
-    tolerance_m: float,
-    doubt_m: float,
-    height: Float32Array,
-    sigma: Float32Array,
-    correlation: Float32Array,
-    rays: NDArray[np.uint8],
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _fill_partly(
+    samples: Float32Array, which: Int32Array, noise: float, p: Float32Array, n: int, pairs: Float32Array
 ) -> None:
-    """Fill heights, their standard deviations in m, the mean correlations and the numbers of photographs (rows, columns
-    each) from a surface ``z`` with the ``slope`` (rows, columns, 2) in m per sample.
+    """Fill the correlations ``pairs`` (K, K, …) of cell ``n`` from some samples of its window alone."""
+    count, many = len(samples), len(which)
+    for i in range(count):
+        own, a = samples[i].ravel(), p[i, :many]
+        for k in range(many):
+            a[k] = own[which[k]]
+        mean = _total(a) / np.float32(many)
+        for k in range(many):
+            a[k] -= mean
+        square = _product(a, a)
+        scale = np.float32(1.0 / np.sqrt(square + many * noise * noise))
+        for k in range(many):
+            a[k] *= scale
+        pairs[i, i, n] = square * scale * scale
+        for j in range(i):
+            product = _product(a, p[j, :many])
+            pairs[i, j, n] = product if product == product else np.float32(0.0)
+            pairs[j, i, n] = pairs[i, j, n]
 
-    Three heights ``probe_m`` apart are tried, and where they do not hold the best, three further apart. A cell whose
-    best is not near them keeps the height of ``z``, which its neighbours told, with the standard deviation ``doubt_m``.
-    One that fewer than two photographs see has no height (NaN).
-    """
-    rows, columns = z.shape
-    most, n = ground.views.shape[2], (2 * window.half + 1) ** 2
-    room, m, own, a = np.empty((most, n), np.float32), np.empty(n, np.float32), np.empty(most), np.empty(most)
-    offsets, middle, found = np.empty((n, 2), np.float32), np.empty(columns), np.empty((columns, most, LOOKED_UP))
-    view, used, way = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(6)
-    for r in range(rows):
-        middle[:] = z[r]
-        look_up_row(crops, ground, r, middle - probe_m, middle + probe_m, slope[r], found)
-        for c in range(columns):
-            height[r, c], sigma[r, c], correlation[r, c], rays[r, c] = np.nan, np.nan, 0.0, 0
-            if np.isnan(z[r, c]):
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _fill_pairs(
+    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, widely: bool, rooms: _Rooms
+) -> Float32Array:
+    """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
+    ``widely`` at the others; returns all of these (5, K, K, n)."""
+    first, end = (3, 5) if widely else (0, 3)
+    seen, m, half = len(patch.views), per_cell, window.half
+    size, n, whole = patch.surface.shape[1], len(patch.supported), (2 * half + 1) ** 2
+    pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
+    samples = rooms.samples[: 5 * seen * m * m * size].reshape(5, seen, m * m, size)
+    for layer in range(first, end):
+        above_m = PROBES[layer] * start.probe_m
+        for i in range(seen):
+            sample_lattice(
+                crops, patch.views[i], patch.places[i], patch.nodes, half, m, patch.surface, above_m, rooms.plan,
+                samples[layer, i],
+            )  # fmt: skip
+        fill_correlations(samples[layer], window, m, patch.width, rooms.sums, pairs[layer])
+    for r in range(patch.box.rows):
+        for k in range(r * patch.width, r * patch.width + patch.box.columns):
+            if patch.supported[k] < whole:
+                which = _find_support(patch, k, start, m, half, rooms)
+                for layer in range(first, end):
+                    _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
+    return pairs
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _mean_correlation(pairs: Float32Array, n: int, used: IntArray) -> tuple[float, int]:
+    """Return the mean correlation of all pairs of the photographs in use, and how many they are."""
+    total, kept = 0.0, 0
+    for i in range(len(used)):
+        if used[i] == 1:
+            kept += 1
+            for j in range(i):
+                if used[j] == 1:
+                    total += pairs[i, j, n]
+    return 2.0 * total / max(kept * (kept - 1), 1), kept
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _take_in_alike(pairs: Float32Array, n: int, used: IntArray) -> None:
+    """Add the photographs that are like those in use."""
+    count, among, kept = len(used), 0.0, 0
+    for i in range(count):
+        if used[i] == 1:
+            kept += 1
+            for j in range(count):
+                among += pairs[i, j, n] if used[j] == 1 else 0.0
+    for i in range(count):
+        if used[i] == 0 and pairs[i, i, n] == pairs[i, i, n]:
+            alike = 0.0
+            for j in range(count):
+                # those in use are in the mean themselves
+                alike += pairs[i, j, n] if used[j] == 1 else 0.0
+            if alike > ALIKE * among / kept:
+                used[i] = 2
+    for i in range(count):
+        used[i] = min(used[i], 1)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: tuple[int, int]) -> tuple[float, float]:
+    """Return where the parabola through the correlations of three heights has its peak, in their distance from the
+    middle one, NaN where it has none, and how much it bends."""
+    below, above = _mean_correlation(pairs[layers[0]], k, used)[0], _mean_correlation(pairs[layers[1]], k, used)[0]
+    bend = 2.0 * best - below - above
+    return 0.5 * (above - below) / bend if bend > 0.0 else np.nan, bend
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _refine_patch(
+    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, rooms: _Rooms, using: IntArray,
+    found: Refined,
+) -> None:  # fmt: skip
+    """Fill the heights of a patch."""
+    pairs = _fill_pairs(crops, patch, window, start, per_cell, False, rooms)
+    fill_agreement(pairs[1], window.kept, rooms.found)
+    widely, seen, box = False, len(patch.views), patch.box
+    for r in range(box.rows):
+        for c in range(box.columns):
+            k, at, used = r * patch.width + c, (box.row + r, box.column + c), using[:seen]
+            if np.isnan(start.z[at]) or rooms.found.used[k] < 1.5:
                 continue
-            tilt = (np.float64(slope[r, c, 0]), np.float64(slope[r, c, 1]))
-            many = _support(z, ground, window.half, (r, c), tilt, tolerance_m, offsets)
-            offset, mean, seen = offsets[:many], m[:many], 0
-            for i in range(most):
-                v = ground.views[r // ground.patch, c // ground.patch, i]
-                if v >= 0:
-                    crop, size = crops.pixels[crops.start[v] :], (crops.width[v], crops.height[v])
-                    if _samples(crop, size, found[c, i], offset, window.half, room[seen, :many]):
-                        own[seen], view[seen] = normalise(room[seen, :many], window.noise), v
-                        found[c, seen] = found[c, i]
-                        seen += 1
-            if seen < 2:
-                continue
-            p, views, using = room[:seen, :many], view[:seen], used[:seen]
-            agreement(p, own, share_of(seen, window.kept), mean, a)
             for i in range(seen):
-                using[i] = 1 if a[i] > LEFT_OUT else 0
-            best, kept = _correlations_with(p, mean, using)
-            correlation[r, c], rays[r, c] = best, kept
-            shift, bend, probe = np.nan, 0.0, probe_m
-            for _ in range(2):
-                t = probe / probe_m
-                below = _correlation_at(crops, views, using, found[c], -t, window, offset, way, p, mean)
-                above = _correlation_at(crops, views, using, found[c], t, window, offset, way, p, mean)
-                bend = 2.0 * best - below - above
-                shift = 0.5 * (above - below) / bend if bend > 0.0 else np.nan
-                if abs(shift) <= FARTHEST:
-                    break
-                probe *= WIDER
+                used[i] = 1 if rooms.found.sums[i, k] > LEFT_OUT else 0
+            _take_in_alike(pairs[1], k, used)
+            best, kept = _mean_correlation(pairs[1], k, used)
+            probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
             if not abs(shift) <= FARTHEST:
-                height[r, c], sigma[r, c] = middle[c], doubt_m
+                if not widely:
+                    _fill_pairs(crops, patch, window, start, per_cell, True, rooms)
+                    widely = True
+                probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
+            found.correlation[at], found.rays[at] = best, kept
+            if not abs(shift) <= FARTHEST:
+                found.height[at], found.sigma[at] = start.z[at], start.doubt_m
                 continue
             peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
             for i in range(seen):
-                length += own[i] * using[i] / kept
-            noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / (many - 2))
-            height[r, c], correlation[r, c] = middle[c] + probe * shift, peak
-            sigma[r, c] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+                length += pairs[1, i, i, k] / kept if used[i] == 1 else 0.0
+            freedom = max(patch.supported[k] * start.independent - 2.0, 1.0)
+            noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / freedom)
+            found.height[at], found.correlation[at] = start.surface[at] + probe * shift, peak
+            found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
+    """Return room for patches of up to ``cells`` places in a phase and windows of ``whole`` samples."""
+    return _Rooms(
+        np.zeros(5 * most * per_cell * per_cell * cells, np.float32), np.zeros(5 * most * most * cells, np.float32),
+        room_for_samples(cells), room_for_sums(most, per_cell, cells), room_for_agreement(most, cells),
+        np.zeros((most, whole), np.float32), np.zeros(whole, np.int32), np.zeros(cells, np.float32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.float32),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def refine_heights(crops: Crops, ground: Ground, window: Window, start: Start, found: Refined) -> None:
+    """Fill heights to a fraction of a hypothesis.
+
+    Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near
+    them keeps the height of ``start.z``, which its neighbours told. One that fewer than two photographs see has no
+    height (NaN).
+    """
+    rows, columns = start.z.shape
+    most, m, half = ground.views.shape[2], ground.per_cell, window.half
+    more = 2 * half // m
+    cells = (ground.patch + more) ** 2 + more
+    rooms = _rooms(most, m, cells, (2 * half + 1) ** 2)
+    lattice, supported = np.zeros(m * m * cells, np.float32), np.empty(cells, np.float32)
+    places, views, using = np.empty((most, 2, TERMS), np.float32), np.empty(most, np.int64), np.empty(most, np.int64)
+    found.height[:], found.sigma[:], found.correlation[:], found.rays[:] = np.nan, np.nan, 0.0, 0
+    for row in range(0, rows, ground.patch):
+        for column in range(0, columns, ground.patch):
+            box = Box(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
+            seen, width = views_of_patch(ground, box, views), box.columns + more
+            if seen < 2:
+                continue
+            n, size = box.rows * width, (box.rows + more) * width + more
+            on = lattice[: m * m * size].reshape(m * m, size)
+            fill_lattice(start.surface, box, m, half, width, on)
+            around = start.surface[row : row + box.rows, column : column + box.columns]
+            nodes = nodes_of(box, half / m, around.min() - start.probe_m, around.max() + start.probe_m)
+            fill_plan(nodes, box, width, rooms.plan, size)
+            for i in range(seen):
+                fill_places(crops, ground, nodes, views[i], places[i])
+            patch = _Patch(box, width, views[:seen], places[:seen], nodes, on, supported[:n])
+            _fill_supported(patch, start, m, half, rooms)
+            _refine_patch(crops, patch, window, start, m, rooms, using, found)

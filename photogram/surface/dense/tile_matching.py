@@ -17,17 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
-from photogram.surface.dense.correlation import NEUTRAL, Crops, Ground, fill_costs, grey_of_cells
-from photogram.surface.dense.correlation import Window as Samples
+from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
+from photogram.surface.dense.lattice import Crops, Ground, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
-from photogram.surface.dense.refinement import refine_heights
+from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
+from photogram.surface.dense.slopes import gentle_surface, slopes_without_walls
+from photogram.surface.dense.window_sums import Window as Samples
 from photogram.surface.views import Views, places_in_view
 
 Picture = Callable[[int, int], NDArray[np.generic]]
@@ -49,8 +50,7 @@ LARGEST_STEP = 1000.0
 RIM_PX = 8
 """Pixels around what a block shows that are kept for the windows at its edge."""
 
-_COST_HALF, _REFINEMENT_HALF = 2, 3
-_STEEPEST = 1.0
+_COST_HALF, _REFINEMENT_HALF, _SMOOTH_HALF = 2, 3, 3
 _COARSE_LARGE_STEP_SHARE = 0.5
 _PROBE_SHARE, _TOLERANCE_SHARE = 0.3, 1.0
 
@@ -127,23 +127,19 @@ def match_block(
     if not (views >= 0).any():
         return _nothing(block.shape)
     east, south = cell_steps(scene.frame, level.grid)
-    ground = Ground(
-        lines.foot_world_m, lines.up, east * level.spacing, south * level.spacing, level.spacing, views, PATCH_CELLS
-    )
+    ground = Ground(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
     crops = _crops(scene, lines, views, prior, level.reduction)
-    index, correlation = _regularised(crops, ground, prior, level, settings, last=last)
+    found, correlation = _regularised(crops, ground, prior, level, settings, last=last)
     if not last:
-        found = (index * level.step_m).astype(np.float32)
         none = np.full_like(found, np.nan)
         return Heights(found, none, correlation, np.zeros(found.shape, np.uint8), _seen(ground, found.shape)).part(
             *inner
         )
-    return _refined(crops, ground, index, level, settings).part(*inner)
+    return _refined(crops, ground, found, prior.surface, level, settings).part(*inner)
 
 
 def _nothing(shape: tuple[int, int]) -> Heights:
-    none = np.full(shape, np.nan, np.float32)
-    zero = np.zeros(shape, np.uint8)
+    none, zero = np.full(shape, np.nan, np.float32), np.zeros(shape, np.uint8)
     return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
 
 
@@ -199,55 +195,49 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
     return Window(int(row), int(column), int(row_end), int(column_end))
 
 
-def _slopes(surface: Float32Array, spacing: float, cell_m: float) -> Float32Array:
-    """Return what a surface rises by to the next sample to the east and to the south (rows, columns, 2); none where it
-    is as steep as a wall."""
-    smooth = uniform_filter(np.where(np.isfinite(surface), surface, np.float32(0.0)), 3, mode="nearest")
-    slope = np.zeros((*surface.shape, 2), np.float32)
-    for axis in (0, 1):
-        if surface.shape[axis] > 1:
-            ahead = np.diff(smooth, axis=axis, append=np.take(smooth, [-1], axis=axis))
-            behind = np.diff(smooth, axis=axis, prepend=np.take(smooth, [0], axis=axis))
-            # the gentler of both sides: beside a wall the surface is that of its own side
-            slope[..., 1 - axis] = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
-    steep = np.abs(slope).max(axis=-1) > _STEEPEST * cell_m
-    slope[steep | ~np.isfinite(surface)] = 0.0
-    return np.ascontiguousarray(slope * np.float32(spacing))
-
-
 def _regularised(
     crops: Crops, ground: Ground, prior: Prior, level: Level, settings: DenseSettings, *, last: bool
 ) -> tuple[Float32Array, Float32Array]:
-    """Return the best hypothesis (rows, columns), to a fraction, of cells that two photographs see, NaN elsewhere, and
-    its correlation."""
+    """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
+    elsewhere, and its correlation."""
     rows, columns = prior.surface.shape
-    first = np.floor(prior.low / level.step_m).astype(np.int32).ravel()
-    count = np.ceil(prior.high / level.step_m).astype(np.int64).ravel() - first + 1
-    seen = _seen(ground, (rows, columns)) > 0
-    start = np.concatenate([[0], np.cumsum(np.where(seen.ravel(), count, 0))]).astype(np.int64)
+    along = gentle_surface(prior.surface, level.grid.cell_m)
+    first = np.floor((prior.low - along) / level.step_m).astype(np.int32)
+    count = np.ceil((prior.high - along) / level.step_m).astype(np.int64) - first + 1
+    count[_seen(ground, (rows, columns)) == 0] = 0
+    start = np.concatenate([[0], np.cumsum(count.ravel())]).astype(np.int64)
     cost = np.empty(start[-1], np.uint8)
-    slope = _slopes(prior.surface, ground.spacing, level.grid.cell_m)
-    samples = Samples(_COST_HALF, settings.noise_dn, settings.agreeing_share)
-    fill_costs(crops, ground, samples, level.step_m, start, first, slope, cost)
+    tried = Hypotheses(along, level.step_m, first, count, start[:-1].reshape(rows, columns))
+    fill_costs(crops, ground, _window(_COST_HALF, level, ground, settings), tried, cost)
     guide = np.empty((rows, columns), np.float32)
     grey_of_cells(crops, ground, prior.surface, guide)
     unit = NEUTRAL / 100.0
     large = settings.large_step * (1.0 if last else _COARSE_LARGE_STEP_SHARE)
-    volume = CostVolume(cost, start, first, guide)
+    volume = CostVolume(cost, start, first.ravel(), guide)
     best, own = regularised(volume, settings.small_step * unit, large * unit, settings.contrast_dn)
-    return best, 1.0 - own / np.float32(NEUTRAL)
+    return along + best * np.float32(level.step_m), 1.0 - own / np.float32(NEUTRAL)
 
 
-def _refined(crops: Crops, ground: Ground, index: Float32Array, level: Level, settings: DenseSettings) -> Heights:
-    """Return heights to a fraction of a hypothesis, with their standard deviations."""
-    z = (median_of_known(index) * np.float32(level.step_m)).astype(np.float32)
-    slope = _slopes(z, ground.spacing, level.grid.cell_m)
-    height, sigma, correlation = (np.empty(z.shape, np.float32) for _ in range(3))
-    found = Heights(height, sigma, correlation, np.empty(z.shape, np.uint8), _seen(ground, z.shape))
-    samples = Samples(_REFINEMENT_HALF, settings.noise_dn, settings.agreeing_share)
-    probe, tolerance = _PROBE_SHARE * level.step_m, _TOLERANCE_SHARE * level.step_m
-    refine_heights(
-        crops, ground, samples, z, slope, probe, tolerance, level.step_m / np.sqrt(3.0),
-        found.height_m, found.sigma_m, found.correlation, found.rays,
+def _window(half: int, level: Level, ground: Ground, settings: DenseSettings) -> Samples:
+    """Return the window with the ground of ± ``half`` samples a pixel apart."""
+    places = max(1, round(half * level.spacing * ground.per_cell))
+    return Samples(places, settings.noise_dn, settings.agreeing_share)
+
+
+def _refined(
+    crops: Crops, ground: Ground, height: Float32Array, elsewhere: Float32Array, level: Level, settings: DenseSettings
+) -> Heights:
+    """Return heights to a fraction of a hypothesis, with their standard deviations; where there are none, windows reach
+    to the heights ``elsewhere``."""
+    z = median_of_known(height)
+    slope = slopes_without_walls(z, level.grid.cell_m)
+    tolerance, smooth = _TOLERANCE_SHARE * level.step_m, np.empty_like(z)
+    own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
+    smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
+    found = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
+    start = Start(
+        z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, min(1.0, (ground.per_cell * level.spacing) ** -2.0),
+        level.step_m / np.sqrt(3.0),
     )  # fmt: skip
-    return found
+    refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, found)
+    return Heights(*found, _seen(ground, z.shape))
