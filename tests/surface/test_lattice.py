@@ -31,7 +31,7 @@ from photogram.surface.views import places_in_view
 HALF = 3
 
 
-@pytest.mark.parametrize(("spacing", "count"), [(1.0, 1), (0.75, 1), (0.7, 2), (0.51, 2), (0.35, 3)])
+@pytest.mark.parametrize(("spacing", "count"), [(1.0, 1), (0.84, 1), (0.8, 2), (0.51, 2), (0.42, 2), (0.35, 3)])
 def test_places_lie_about_a_pixel_apart(spacing: float, count: int) -> None:
     assert places_per_cell(spacing) == count
 

@@ -21,6 +21,9 @@ from photogram.arrays import Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.projection import OrientedCameras, seen_at
 
+FARTHEST_PX = 1.2
+"""How far apart places of the lattice may lie, in pixels."""
+
 
 class Crops(NamedTuple):
     """Cameras and the part of each (reduced) picture that a block of cells needs, one after the other in ``pixels``.
@@ -95,9 +98,8 @@ def room_for_samples(cells: int) -> Room:
 
 
 def places_per_cell(spacing: float) -> int:
-    """Return how many places along the side of a cell lie about ``spacing`` cells apart."""
-    counts = np.arange(1, 9)
-    return int(counts[np.argmin(np.abs(np.log(counts * spacing)))])
+    """Return how many places along the side of a cell leave no pixel unread, pixels being ``spacing`` cells apart."""
+    return int(np.ceil(1.0 / (FARTHEST_PX * spacing) - 1e-9))
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

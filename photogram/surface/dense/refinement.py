@@ -77,8 +77,8 @@ class Start(NamedTuple):
     lie, and its ``slope`` (rows, columns, 2) in m per cell.
 
     Three heights ``probe_m`` apart are tried. Samples within ``tolerance_m`` of the plane of a cell lie on its surface,
-    and a share ``independent`` of them counts, for they may lie closer than a pixel. ``doubt_m`` is the standard
-    deviation of a height that photographs do not tell.
+    and count for the standard deviation by their distance in pixels, ``independent``: closer ones share pixels.
+    ``doubt_m`` is the standard deviation of a height that photographs do not tell.
     """
 
     z: Float32Array

@@ -220,8 +220,8 @@ def _regularised(
 
 def _window(half: int, level: Level, ground: Ground, settings: DenseSettings) -> Samples:
     """Return the window with the ground of ± ``half`` samples a pixel apart."""
-    places = max(1, round(half * level.spacing * ground.per_cell))
-    return Samples(places, settings.noise_dn, settings.agreeing_share)
+    side = (2 * half + 1) * level.spacing * ground.per_cell
+    return Samples(max(1, round((side - 1.0) / 2.0)), settings.noise_dn, settings.agreeing_share)
 
 
 def _refined(
@@ -236,7 +236,7 @@ def _refined(
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
     found = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
     start = Start(
-        z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, min(1.0, (ground.per_cell * level.spacing) ** -2.0),
+        z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, 1.0 / (ground.per_cell * level.spacing),
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip
     refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, found)
