@@ -59,6 +59,11 @@ def observed(folder: Path, observer: Observer) -> Iterator[None]:
         del _observers[folder]
 
 
+def temporary_name(folder: Path) -> Path:
+    """Return a name in a folder that nobody can foresee, and that ``remove_leftovers`` knows."""
+    return folder / f".photogram-{secrets.token_hex(8)}.partial"
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path`` to write to; it takes the place of ``path`` only when all went well.
@@ -67,7 +72,7 @@ def replacing(path: Path) -> Iterator[Path]:
     never written through; a link called ``path`` is replaced itself. Raises WorkspaceError where the folder cannot be
     written.
     """
-    partial = path.with_name(f".photogram-{secrets.token_hex(8)}.partial")
+    partial = temporary_name(path.parent)
     _at_work.add(partial)
     try:
         os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
@@ -92,7 +97,8 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def scratch_folder(partial: Path) -> Iterator[Path]:
-    """Give an empty folder beside the partial file of ``replacing`` for what is only needed on the way.
+    """Give an empty folder beside the partial file of ``replacing``, or a ``temporary_name``, for what is only needed
+    on the way.
 
     Libraries that write several files, or leave some where they are stopped, do it there. Raises OSError where the
     folder cannot be made.

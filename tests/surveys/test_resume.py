@@ -89,7 +89,7 @@ def killed_at(survey: Path, *moments: str) -> None:
     command = [sys.executable, "-c", KILLED_AT, str(survey / "project.yaml"), *moments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stderr.splitlines()[-1]) == [signal.SIGKILL] * len(moments)
+    assert json.loads(done.stderr.splitlines()[-1]) == [signal.SIGKILL] * len(moments), done.stderr
 
 
 def without_seconds(value: Any) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.camera import Pose
 from photogram.errors import PhotogramError, ProjectError
-from photogram.files.atomic import scratch_folder
+from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.files.npz_json import read_json, write_json
@@ -119,7 +119,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     )
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "surface without holes")
-    with scratch_folder(folder / "orthophoto.tif") as scratch:
+    with scratch_folder(temporary_name(folder)) as scratch:
         surface = closed_surface_of(run, scratch)
         progress(0, 0, "seams and exposure")
         settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
