@@ -61,7 +61,12 @@ def test_what_is_stored_is_read_back_bit_for_bit(pristine_survey: Path, tmp_path
     measured = measured_photographs(project, notes_of(project))
     first, second, third, _ = measured.photographs
     bare = Photograph(second.name, second.camera, second.path, second.flight)
-    arm = replace(third, lever_arm_camera_m=np.array([0.1, -0.2, 0.3]), time=datetime(2026, 1, 2, 3, 4, 5, 678, UTC))
+    arm = replace(
+        third,
+        lever_arm_camera_m=np.array([0.1, -0.2, 0.3]),
+        time=datetime(2026, 1, 2, 3, 4, 5, 678, UTC),
+        gnss_sigma_assumed=True,
+    )
     mixed = MeasuredPhotographs(measured.frame, (first, bare, arm, measured.photographs[3]), np.array([0, 1, 2, 0]))
     write_arrays(tmp_path / "measured.npz", measured_arrays(mixed))
     found = measured_from(

@@ -85,6 +85,7 @@ def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
         "attitude_sigma_rad": column("attitude_sigma_rad", _UNKNOWN),
         "height_above_ground_m": column("height_above_ground_m", _UNKNOWN),
         "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
+        "gnss_sigma_assumed": np.array([p.gnss_sigma_assumed for p in photographs], dtype=bool),
     }
 
 
@@ -113,6 +114,7 @@ def measured_from(
             None if (sigma := known("attitude_sigma_rad", i)) is None else float(sigma),
             None if (above := known("height_above_ground_m", i)) is None else float(above),
             lever_arm_camera_m=known("lever_arm_camera_m", i),
+            gnss_sigma_assumed=bool(arrays["gnss_sigma_assumed"][i]),
         )
         for i, source in enumerate(project.photographs)
     )
