@@ -62,6 +62,7 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
     block, adjustment = report["block"], report["adjustment"]
     rms = block["gnss_residual_rms_m"]
     observations, discarded = adjustment["observations"], adjustment["discarded_observations"]
+    assumed = [e for e in report.get("estimated_sigmas", []) if e["kind"].startswith("gnss")]
     three = sum(n for rays, n in adjustment["tie_points_by_rays"].items() if int(rays) >= 3)
     return {
         "photographs oriented": f"{block['registered']} of {block['photographs']}, by {block['method']}",
@@ -70,6 +71,11 @@ def block_rows(report: dict[str, Any]) -> dict[str, str]:
         "reprojection RMS": f"{adjustment['reprojection_rms_px']:.3f} px",
         "observations kept by the outlier rounds": f"{observations / (observations + discarded):.1%}",
         "GNSS residual RMS in plan, in height, in space": ", ".join(f"{rms[k]:.3f}" for k in rms) + " m",
+        **{
+            f"sigma of GNSS, {e['kind'].removeprefix('gnss_')}: assumed, estimated": f"{e['stated_sigma']:.1f}, "
+            f"{e['used_sigma']:.2f} m"
+            for e in assumed
+        },
         "seconds": f"{sum(report['seconds'].values()):.0f}",
     }
 
@@ -82,6 +88,8 @@ def brighton_beach(data: Path) -> None:
         difference = height_differences_m(folder / "results/points_adjusted.laz", data / "model.laz")
         nmad = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
         rows = block_rows(report)
+        datum, sigma = report["dsm"]["datum_sigma_m"], report["dsm"]["sigma_m"]["median"]
+        rows["sigma of all heights together, of one (median)"] = f"{datum['height']:.2f}, {sigma:.2f} m"
         rows["heights over the other cloud: mean (a datum), NMAD"] = f"{difference.mean():.2f}, {nmad:.3f} m"
         for camera in report["cameras"].values():
             for parameter, reason in camera["held"].items():
