@@ -19,10 +19,16 @@ from photogram.simulation.scene import Builder, Material, Scene, noise
 _GRASS_M = 0.15
 """Mean height of high grass above the terrain."""
 
+_FENCE_M = 16.0
+"""Length of a fence."""
+
+_FENCED = (Material.MEADOW, Material.CROP, Material.SOIL, Material.GRASS)
+"""Where fences stand."""
+
 _SAG_M = 1.0
 """How much a wire sags between two poles."""
 
-_INNER, _POND_INNER = 0.5, 0.35
+_INNER, _MIDDLE = 0.5, 0.35
 """How much of the site, from its middle, holds what there is little of: there photographs overlap."""
 
 _WOOD_M = 16.0
@@ -37,7 +43,7 @@ class CoverBuilder(Builder):
     def __init__(self, seed: int, extent_m: float, cell_m: float, plan: CoverPlan) -> None:
         super().__init__(seed, extent_m, cell_m)
         self.plan, self.grower = plan, Grower(plan, seed)
-        self.in_wood = 0
+        self.wood_is_full = False
         self.wood: FloatArray | None = None
         self.wood_crowns: list[tuple[FloatArray, float]] = []
 
@@ -57,7 +63,7 @@ class CoverBuilder(Builder):
     def pond(self, seed: int) -> None:
         """Dig a pond with level water and a bank."""
         reach = 1.5 * self.plan.pond_radius_m
-        centre = self.place(reach, 0.0, _POND_INNER * self.half_m)
+        centre = self.place(reach, 0.0, _MIDDLE * self.half_m)
         if centre is None:
             return
         window, xy = self.window(centre, reach)
@@ -74,10 +80,11 @@ class CoverBuilder(Builder):
         """Let a tree of leaves grow, in the wood as long as that wants more."""
         radius = self.rng.uniform(1.2, 3.4)
         tall = radius * self.rng.uniform(1.8, 2.6)
-        centre = self.place(radius, 0.0)
-        if self.in_wood < self.plan.wood_trees:
-            self.in_wood += 1
+        if len(self.wood_crowns) < self.plan.wood_trees and not self.wood_is_full:
             centre = self.wood_place(radius)
+            self.wood_is_full = centre is None
+        else:
+            centre = self.place(radius, 0.0)
         if centre is None:
             return
         window, xy = self.window(centre, radius)
@@ -85,20 +92,23 @@ class CoverBuilder(Builder):
         self.material[window] = np.where(under, Material.LITTER, self.material[window])
         self.grower.crown(centre, float(self.height[window].min()), radius, tall)
 
+    def room_m(self, place: FloatArray) -> float:
+        """Return how far a place (2,) is from roads and from what is built or dug, less than 0 within."""
+        roads = [abs(float(road.along_across(place)[1])) - road.width_m / 2 for road in self.roads]
+        return min([*roads, *(float(np.hypot(x - place[0], y - place[1])) - r for x, y, r in self.taken)])
+
     def wood_place(self, radius_m: float) -> FloatArray | None:
-        """Find a place in the wood, the first of whose trees chooses where it is."""
+        """Find a place in the wood, which lies where there is most room, None when it is full."""
         if self.wood is None:
-            self.wood = self.place(_WOOD_M, 0.0, _INNER * self.half_m)
-        if self.wood is None:
-            return None
-        for _ in range(50):
+            offers = self.rng.uniform(-1.0, 1.0, (200, 2)) * _MIDDLE * self.half_m
+            self.wood = offers[int(np.argmax([self.room_m(offer) for offer in offers]))]
+        for _ in range(500):
             offset = self.rng.uniform(-_WOOD_M, _WOOD_M, 2)
             centre = self.wood + offset
-            if np.hypot(*offset) < _WOOD_M - radius_m and all(
-                np.hypot(*(centre - other)) > 0.75 * (radius_m + r) for other, r in self.wood_crowns
-            ):
+            apart = all(np.hypot(*(centre - other)) > 0.75 * (radius_m + r) for other, r in self.wood_crowns)
+            if apart and np.hypot(*offset) < _WOOD_M - radius_m and self.room_m(centre) > radius_m:
                 self.wood_crowns.append((centre, radius_m))
-                return centre
+                return np.asarray(centre)
         return None
 
     def along(self, ends: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
@@ -134,12 +144,11 @@ class CoverBuilder(Builder):
 
     def fence(self) -> None:
         """Put up a straight fence with three wires where nothing grows."""
-        for _ in range(50):
-            ends = self.straight(8.0)
-            if ends is None:
-                return
-            places, row, column = self.along(ends)
-            if not np.any(self.material[row, column] == Material.LITTER):
+        for _ in range(200):
+            angle, centre = self.rng.uniform(0.0, np.pi), self.rng.uniform(-_INNER, _INNER, 2) * self.half_m
+            way = _FENCE_M / 2 * np.array([np.cos(angle), np.sin(angle)])
+            places, row, column = self.along(np.stack([centre - way, centre + way]))
+            if np.isin(self.material[row, column], _FENCED).all():
                 break
         else:
             return

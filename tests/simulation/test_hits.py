@@ -23,7 +23,7 @@ def by_hand(p: Pieces, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     toward = p.centre[None] - origin[:, None]
     t = np.sum(toward * p.normal, axis=2) / (direction @ p.normal.T)
     off = np.linalg.norm(toward - t[..., None] * direction[:, None], axis=2)
-    return np.min(np.where((t > 0) & (off <= p.radius), t, np.inf), axis=1)
+    return np.asarray(np.min(np.where((t > 0) & (off <= p.radius), t, np.inf), axis=1))
 
 
 def rays(kind: str, count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
