@@ -31,6 +31,7 @@ RIM_CELLS = 3  # from a crown, hedge or shore: neither inside nor outside
 EDGE_CELLS = 3  # from a building's edge
 FAR_SIGMAS = 5.0
 OVER_WATER_M = 0.3  # from which a height over water is false
+OVER_GROUND_M = 0.3  # up to which a height in canopy is the ground's
 CURTAIN_M = 1.0  # above the ground, from which a cell under a wire hangs in a curtain
 BELOW_WIRE_M = 0.5  # a height nearer to the wire is the wire's
 LINE_CELLS = 2  # reach of a wire's curtain to each side, beside its own cells
@@ -129,6 +130,10 @@ class CanopyScores:
     """Share of all heights with sigmas, outside canopy, rims and building edges, that are off by FAR_SIGMAS."""
     far_canopy: float
     """Share of the heights of crowns and hedges that are."""
+    canopy_ground: float
+    """Share of the heights of crowns and hedges that are the ground's, seen under leaves or between them."""
+    canopy_false: float
+    """Share that nothing explains: below the ground, or above every leaf within RIM_CELLS."""
     water_cells: int
     """Heights over water."""
     water_false: float
@@ -171,6 +176,16 @@ def _errors(cover: MapCover, values: FloatArray, sigma: FloatArray, source: NDAr
 
 def _share(part: BoolArray, whole: BoolArray) -> float:
     return float((part & whole).sum() / whole.sum()) if whole.any() else float("nan")
+
+
+def _in_canopy(cover: MapCover, values: FloatArray, cells: BoolArray) -> tuple[float, float]:
+    """Return which shares of the heights of crowns are the ground's, and which are neither ground nor crown."""
+    height = np.where(cells, values - cover.lift_m, np.nan)
+    highest = maximum_filter(cover.cover.top_m, 2 * RIM_CELLS + 1)
+    with np.errstate(invalid="ignore"):
+        ground = np.abs(height - cover.cover.ground_m) <= OVER_GROUND_M
+        false = (height < cover.cover.ground_m - OVER_GROUND_M) | (height > highest + OVER_GROUND_M)
+    return _share(ground, cells), _share(false, cells)
 
 
 def curtain_cells(cover: CoverTruth, height_m: FloatArray) -> tuple[BoolArray, BoolArray]:
@@ -220,6 +235,7 @@ def canopy_scores(
         edge_displacement(values, cover.truth),
         _share(far, judged & clear),
         _share(far, judged & plants),
+        *_in_canopy(cover, values, plants & there),
         int(water.sum()),
         _share(np.abs(error) > OVER_WATER_M, water),
         _share(far, judged & groups["water"]),
@@ -246,7 +262,12 @@ def table(s: CanopyScores) -> str:
         f"off by 5 sigma: {s.far:.3%} of open ground, grass and roofs, {s.far_canopy:.2%} of canopy"
     )
     lines.append(
-        f"water: {s.water_cells} heights, {s.water_false:.1%} off by {OVER_WATER_M} m, {s.water_far:.1%} by 5 sigma; "
-        f"under wires and fences: {s.under_lines} heights, {s.curtain} in curtains"
+        f"canopy: {s.canopy_ground:.1%} of its heights on the ground under it, {s.canopy_false:.2%} below the "
+        "ground or above all leaves around"
+    )
+    lines.append(
+        f"water: {s.water_cells} heights"
+        + (f", {s.water_false:.1%} off by {OVER_WATER_M} m, {s.water_far:.1%} by 5 sigma" if s.water_cells else "")
+        + f"; under wires and fences: {s.under_lines} heights, {s.curtain} in curtains"
     )
     return "\n".join(lines)

@@ -108,6 +108,19 @@ def test_water_and_curtains_are_told(cover: MapCover) -> None:
     assert scored(cover, np.maximum(values, wire), source).curtain == 0  # the wire itself is none
 
 
+def test_heights_on_the_ground_below_crowns_and_false_ones_are_told_apart(cover: MapCover) -> None:
+    values, plants = true_heights(cover), cover.groups[CANOPY]
+    source, ground = np.ones(values.shape), cover.cover.ground_m + cover.lift_m
+    rng = np.random.default_rng(3)
+    part = rng.random(values.shape)
+    values[plants & (part < 0.4)] = ground[plants & (part < 0.4)]
+    values[plants & (part > 0.9)] = ground[plants & (part > 0.9)] + 30.0
+    values[plants & (part > 0.95)] = ground[plants & (part > 0.95)] - 2.0
+    found = scored(cover, values, source)
+    assert found.canopy_ground == pytest.approx(0.4, abs=0.06)  # and a few leaves as low as that
+    assert found.canopy_false == pytest.approx(0.1, abs=0.01)
+
+
 def test_a_surface_of_another_size_is_put_on_the_grid(cover: MapCover) -> None:
     values = true_heights(cover)[20:-30, 15:-10]
     grid = cover.truth.grid
