@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.compilation import njit
 
-COLUMN_M = 0.3
+COLUMN_M = 0.2
 """Side of a column."""
 
-BLOCK_COLUMNS = 8
+BLOCK_COLUMNS = 4
 """Side of a block, in columns."""
 
 MARGIN_M = 0.1
