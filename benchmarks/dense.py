@@ -1,7 +1,7 @@
 """photogram's dense matching beside OpenCV's StereoSGBM on rectified pairs of the same photographs, on one grid.
 
     python benchmarks/dense.py [FOLDER …] [--seed 1] [--photographs DIR] [--cell METRES] [--cloud FILE] [--peer-only]
-        [--repeat 1]
+        [--repeat 1] [--canopy]
 
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
@@ -12,6 +12,10 @@ with the settings that did best; its grid is photogram's.
 Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/lib/dense_scores.py), over
 cells that three photographs see. `alone`: NMAD and error rate against the surface where the adjusted block must find
 it, which leaves the matching's own errors. --cloud: agreement with another program's cloud, not accuracy.
+
+--canopy: the survey of the seed has crowns and hedges of leaves that move, high grass, water, fences and wires
+(simulation.canopy_plan), and its scores stand by kind of ground and by level of `dsm_source.tif`
+(benchmarks/lib/canopy_scores.py), those of a FOLDER made by that plan too.
 """
 
 from __future__ import annotations
@@ -26,17 +30,20 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from lib.canopy_scores import canopy_scores, map_cover, table
 from lib.dense_scores import agreement, point_agreement, score
 from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
 from lib.rectified_pairs import heights_of_pairs, warm_up
+from numpy.typing import NDArray
 
 from photogram.files.clouds.points import read_cloud
+from photogram.files.maps.rasters import read_codes
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.simulated_survey import whole_survey_plan
+from photogram.simulation.simulated_survey import canopy_plan, whole_survey_plan
 from photogram.survey import Block, Raster
 
 METHODS = ("photogram", "StereoSGBM")
@@ -79,6 +86,13 @@ def photogram_heights(project_path: Path, photographs: Path | None = None) -> tu
     run_pipeline(project, start="dense", until="surface")
     with open_run(project) as run:
         return run.surface(), run.surface_sigma()
+
+
+def levels(project_path: Path, photographs: Path | None = None) -> NDArray[np.uint8]:
+    """Return the codes of `dsm_source.tif` of a project with a finished surface."""
+    with open_run(load_project(project_path, photographs)) as run:
+        path = run.workspace.stage("surface") / "dsm_source.tif"
+        return read_codes(path, MapGrid.of(run.surface()).whole)
 
 
 def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid: MapGrid | None) -> None:
@@ -149,10 +163,13 @@ class Survey:
         return truth, as_adjusted(truth, survey, self.block)
 
 
-def prepare(source: Path | None, seed: int, photographs: Path | None, cell_m: float | None, folder: Path) -> Survey:
+def prepare(
+    source: Path | None, seed: int, photographs: Path | None, cell_m: float | None, folder: Path, canopy: bool
+) -> Survey:
     """Copy a survey to a folder, or simulate one there, set the cell, and bring it to its adjustment."""
     if source is None:
-        project_path = write_demonstration(folder, seed, lambda *_: None, whole_survey_plan())
+        plan = canopy_plan() if canopy else whole_survey_plan()
+        project_path = write_demonstration(folder, seed, lambda *_: None, plan)
         photographs = folder / "photographs"
     else:
         original = load_project(source / "project.yaml", photographs)
@@ -170,7 +187,7 @@ def prepare(source: Path | None, seed: int, photographs: Path | None, cell_m: fl
     document = yaml.safe_load(project_path.read_text(encoding="utf-8"))
     document["surface"] = {**(document.get("surface") or {}), "cell_m": cell_m or round(2 * gsd_m(block), 2)}
     project_path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    title = str(source or f"simulated survey, seed {seed}")
+    title = str(source or f"simulated survey{' with canopy' if canopy else ''}, seed {seed}")
     return Survey(title, project_path, photographs, block, photographs.parent)
 
 
@@ -192,7 +209,7 @@ def peer_grid(survey: Survey, cell_m: float) -> MapGrid:
     return MapGrid.around(survey.block.frame.map_from_world(survey.block.tie_points.position_world_m), cell_m)
 
 
-def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None) -> None:
+def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None, canopy: bool) -> None:
     """Run the methods on one survey and print their rows."""
     cell_m = float(yaml.safe_load(survey.project_path.read_text(encoding="utf-8"))["surface"]["cell_m"])
     outcomes: dict[str, Outcome] = {}
@@ -206,6 +223,8 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None)
     print(HEADINGS)
     for name, outcome in outcomes.items():
         print(_row(name, outcome, million, truths), flush=True)
+    if canopy:
+        print_canopy(survey, outcomes)
     for path in [] if cloud is None else [cloud]:
         other = read_cloud(path)
         judge = point_agreement if len(other) < FEW_POINTS * filled.sum() else agreement
@@ -218,6 +237,18 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None)
             )
 
 
+def print_canopy(survey: Survey, outcomes: dict[str, Outcome]) -> None:
+    """Print the scores of a survey with canopy, photogram's with the levels of its cells."""
+    truth = survey.truths(next(iter(outcomes.values())).heights.cell_m)
+    folder = survey.project_path.parent
+    if truth is None or not (folder / "truth.json").is_file():
+        raise SystemExit(f"{survey.title}: --canopy needs a simulated survey")
+    cover = map_cover(simulated_survey(folder), truth[0])
+    for name, outcome in outcomes.items():
+        source = levels(survey.project_path, survey.photographs) if name == "photogram" else None
+        print(f"\n{name}\n{table(canopy_scores(outcome.heights, cover, outcome.sigma, source))}", flush=True)
+
+
 def main() -> None:
     """Measure on every folder and print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -228,12 +259,15 @@ def main() -> None:
     parser.add_argument("--cloud", type=Path, help="another program's cloud of the site")
     parser.add_argument("--peer-only", action="store_true", help="measure StereoSGBM alone, over the tie points")
     parser.add_argument("--repeat", type=int, default=1, help="runs of each; the fastest counts")
+    parser.add_argument("--canopy", action="store_true", help="simulate leaves, water and wires, and score by them")
     arguments = parser.parse_args()
     methods = ["StereoSGBM"] if arguments.peer_only else list(METHODS)
     for source in arguments.folders or [None]:
         with tempfile.TemporaryDirectory() as name:
-            survey = prepare(source, arguments.seed, arguments.photographs, arguments.cell, Path(name))
-            compare(survey, methods, arguments.repeat, arguments.cloud)
+            survey = prepare(
+                source, arguments.seed, arguments.photographs, arguments.cell, Path(name), arguments.canopy
+            )
+            compare(survey, methods, arguments.repeat, arguments.cloud, arguments.canopy)
 
 
 if __name__ == "__main__":

@@ -20,10 +20,17 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, project
 from photogram.files.maps.rasters import read_raster
 from photogram.files.matlab import read_camera
+from photogram.files.npz_json import fingerprint
 from photogram.grid import MapGrid
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Material, Scene
-from photogram.simulation.simulated_survey import SimulatedSurvey, demonstration_plan, simulate, whole_survey_plan
+from photogram.simulation.simulated_survey import (
+    SimulatedSurvey,
+    canopy_plan,
+    demonstration_plan,
+    simulate,
+    whole_survey_plan,
+)
 from photogram.survey import Block, Raster
 
 Heights = Callable[[FloatArray], FloatArray]
@@ -110,7 +117,7 @@ def simulated_truth(survey: SimulatedSurvey, cell_m: float, margin_m: float = MA
         up = (frame.world_from_map(foot + np.array([0.0, 0.0, 100.0])) - low) / 100.0
         above = np.zeros(len(xy_map))
         for _ in range(3):
-            above = (scene.height((low + above[:, None] * up)[:, :2]) - low[:, 2]) / up[:, 2]
+            above = (scene.top((low + above[:, None] * up)[:, :2]) - low[:, 2]) / up[:, 2]
         place = low + above[:, None] * up
         off = (place[:, 0] < west) | (place[:, 0] > east) | (place[:, 1] < south) | (place[:, 1] > north)
         return np.column_stack([place, np.where(off, np.nan, frame.origin_map_m[2] + above)])
@@ -167,6 +174,8 @@ def raster_truth(surface: Raster, photographs: Sequence[tuple[Camera, Pose]], ce
 def simulated_survey(folder: Path) -> SimulatedSurvey:
     """Return the simulated survey of a folder, made again from its seed. Raises SystemExit where it is another's."""
     record = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    if record.get("made_from") == fingerprint(canopy_plan(), record["seed"]):
+        return simulate(canopy_plan(), record["seed"])
     for plan in (demonstration_plan(), *map(whole_survey_plan, (1200, 2400, 4000))):
         if abs(plan.gsd_m - record.get("gsd_m", 0.0)) > 1e-9:
             continue

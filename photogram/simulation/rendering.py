@@ -7,6 +7,7 @@ Nothing in here depends on the number of threads.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -19,12 +20,23 @@ from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
 from photogram.machine import cores
 from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of
+from photogram.simulation.cover.hits import Pieces, first_cover, leaf_hits
+from photogram.simulation.cover.leaves import REST
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 _COARSEST_WAVELENGTH_M = 20.0
 _ROWS_PER_TASK = 16
 _FINE_OCTAVES = 3
 _ROOF, _WALL = int(Material.ROOF_TILES), int(Material.WALL)
+_GRASS, _WATER = int(Material.GRASS), int(Material.WATER)
+_BLADES_M, _GUST_M = 0.03, 1.7  # how far high grass moves, and over what distance it moves alike
+_WAVES_M = np.array([2.3, 0.9, 0.35])
+_WAVE_SLOPES = np.array([0.22, 0.32, 0.30])
+_WATER_RGB = np.array([0.028, 0.050, 0.042])
+_SKY_RGB = np.array([0.55, 0.65, 0.80])
+_GLITTER, _GLITTER_SHARPNESS = 40.0, 300.0
+_FAR = 1e5
+_EXPOSURE_PHASE = 41.7  # lattice planes between the waves of two exposures: they have nothing in common
 
 
 class _Field(NamedTuple):
@@ -223,6 +235,141 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
     rgb[2] *= 1.0 + 0.12 * (1.0 - light)
 
 
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _wave(seed: int, wavelength: FloatArray, amplitude: FloatArray, x: float, y: float, exposure: int) -> float:
+    value = 0.0
+    for o in range(len(wavelength)):
+        s = 1.0 / wavelength[o]
+        value += amplitude[o] * gradient_noise(seed + o, x * s, y * s, _EXPOSURE_PHASE * exposure + 0.5)
+    return value
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _water_colour(f: _Field, x: float, y: float, d: FloatArray, exposure: int, rgb: FloatArray) -> None:
+    """Fill ``rgb`` with what water sends along a ray d: its own colour, the sky and the sun in its waves (Fresnel by
+    Schlick 1994)."""
+    a = _wave(f.seed + 301, _WAVES_M, _WAVE_SLOPES, x, y, exposure)
+    b = _wave(f.seed + 401, _WAVES_M, _WAVE_SLOPES, x, y, exposure)
+    n, length = 1.0 / np.sqrt(1.0 + a * a + b * b), np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    facing = min(max((a * d[0] + b * d[1] - d[2]) * n / length, 0.0), 1.0)
+    mirror = 0.02 + 0.98 * (1.0 - facing) ** 5
+    r0, r1 = d[0] / length - 2.0 * facing * a * n, d[1] / length - 2.0 * facing * b * n
+    r2 = d[2] / length + 2.0 * facing * n
+    towards = max(r0 * f.sun[0] + r1 * f.sun[1] + r2 * f.sun[2], 0.0)
+    sun = _GLITTER * towards**_GLITTER_SHARPNESS
+    sky = 1.3 - 0.6 * max(r2, 0.0)
+    body = 1.0 + 2.0 * (a * f.sun[0] + b * f.sun[1])
+    for k in range(3):
+        rgb[k] = _WATER_RGB[k] * max(body, 0.2) + mirror * (_SKY_RGB[k] * sky) + sun * mirror
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _all_of(f: _Field, x: float, y: float) -> int:
+    """Return the material of a place whose four vertices are alike, −1 where they are not."""
+    rows, columns = f.height.shape
+    c = min(max(int(np.floor((x - f.west) / f.cell)), 0), columns - 2)
+    r = min(max(int(np.floor((y - f.south) / f.cell)), 0), rows - 2)
+    m = f.material[r, c]
+    alike = f.material[r, c + 1] == m and f.material[r + 1, c] == m and f.material[r + 1, c + 1] == m
+    return int(m) if alike else -1
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _moving_colour(
+    f: _Field, x: float, y: float, z: float, d: FloatArray, footprint: float, exposure: int, rgb: FloatArray
+) -> None:
+    """Fill ``rgb`` as _colour does, with water and high grass as they move: blades move to one side as a gust has it,
+    and take the texture along."""
+    material = _all_of(f, x, y)
+    if material == _WATER:
+        _water_colour(f, x, y, d, exposure, rgb)
+        return
+    if material == _GRASS and exposure >= 0:
+        plane = _EXPOSURE_PHASE * exposure + 0.5
+        gust_x = gradient_noise(f.seed + 501, x / _GUST_M, y / _GUST_M, plane)
+        gust_y = gradient_noise(f.seed + 502, x / _GUST_M, y / _GUST_M, plane)
+        x += _BLADES_M * min(max(2.0 * gust_x, -1.0), 1.0)
+        y += _BLADES_M * min(max(2.0 * gust_y, -1.0), 1.0)
+    _colour(f, x, y, z, footprint, rgb)
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _covered_colour(
+    f: _Field, p: Pieces, colours: tuple[FloatArray, FloatArray], C: FloatArray, d: FloatArray, parts: FloatArray,
+    pixel: float, exposure: int, rgb: FloatArray,
+) -> None:  # fmt: skip
+    """Fill ``rgb`` with what a pixel sees: what lies on its ray d, ``pixel`` wide at t = 1, behind the leaves and lines
+    on the rays ``parts`` (K, 3) of its parts."""
+    hit, leaf = np.empty(len(parts)), np.empty(len(parts), np.int64)
+    share, line_t, line = np.empty(len(parts)), np.empty(len(parts)), np.empty(len(parts), np.int64)
+    farthest = 0.0
+    for k in range(len(parts)):
+        hit[k], leaf[k], share[k], line_t[k], line[k] = first_cover(p, C, parts[k], _FAR, pixel / 2.0, False)
+        farthest = max(farthest, min(hit[k], _FAR))
+    t = _first_hit(f, C, d, farthest)
+    end = _FAR if np.isnan(t) else t
+    open_parts = 0
+    for k in range(len(parts)):
+        open_parts += leaf[k] < 0 or hit[k] >= end
+    if np.isnan(t):
+        rgb[:] = _SKY_RGB
+    elif open_parts > 0:
+        _moving_colour(f, C[0] + t * d[0], C[1] + t * d[1], C[2] + t * d[2], d, t * pixel, exposure, rgb)
+    weight = 1.0 / len(parts)
+    b0, b1, b2 = rgb
+    rgb[:] = 0.0
+    for k in range(len(parts)):
+        c0, c1, c2, stop = b0, b1, b2, end
+        if leaf[k] >= 0 and hit[k] < end:
+            (c0, c1, c2), stop = colours[0][leaf[k]], hit[k]
+        if line[k] >= 0 and line_t[k] < stop:
+            c = colours[1][line[k]]
+            c0, c1, c2 = c0 + share[k] * (c[0] - c0), c1 + share[k] * (c[1] - c1), c2 + share[k] * (c[2] - c2)
+        rgb[0], rgb[1], rgb[2] = rgb[0] + weight * c0, rgb[1] + weight * c1, rgb[2] + weight * c2
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _render_covered_rows(
+    f: _Field,
+    p: Pieces,
+    colours: tuple[FloatArray, FloatArray],
+    cameras: OrientedCameras,
+    readout: FloatArray,
+    first: int,
+    height_px: int,
+    vignetting: float,
+    exposure: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Fill rows as _render_rows does, with cover: where leaves or lines may be, a pixel has four rays for them."""
+    rgb, d, parts = np.empty(3), np.empty(3), np.empty((4, 3))
+    R, middle, model = cameras.rotation, cameras.position[0], cameras.model[0]
+    q = lens_of(cameras.parameters, 0)
+    for row in range(out.shape[0]):
+        C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
+        for column in range(out.shape[1]):
+            x, y = ideal_point(model, q, column, first + row)
+            for k in range(3):
+                d[k] = R[0, k, 0] * x + R[0, k, 1] * y + R[0, k, 2]
+            if first_cover(p, C, d, _FAR, 0.0, True)[1] < 0:
+                t = _first_hit(f, C, d, _FAR)
+                if np.isnan(t):
+                    rgb[:] = _SKY_RGB
+                else:
+                    foot = t / q[FOCAL]
+                    _moving_colour(f, C[0] + t * d[0], C[1] + t * d[1], C[2] + t * d[2], d, foot, exposure, rgb)
+            else:
+                for part in range(4):
+                    u, v = column + 0.5 * (part % 2) - 0.25, first + row + 0.5 * (part // 2) - 0.25
+                    u, v = ideal_point(model, q, u, v)
+                    for k in range(3):
+                        parts[part, k] = R[0, k, 0] * u + R[0, k, 1] * v + R[0, k, 2]
+                _covered_colour(f, p, colours, C, d, parts, 1.0 / q[FOCAL], exposure, rgb)
+            falloff = 1.0 - vignetting * (x * x + y * y)
+            for k in range(3):
+                out[row, column, k] = 255.0 * np.sqrt(max(rgb[k] * falloff, 0.0))
+
+
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _render_rows(
     f: _Field,
@@ -265,32 +412,36 @@ def render(
     vignetting: float = 0.5,
     readout_world_m: FloatArray | None = None,
     threads: int | None = None,
+    exposure: int = REST,
 ) -> ByteArray:
     """Take a photograph of a scene: (height_px, width_px, 3) uint8 red, green, blue.
 
     ``noise_dn`` is the standard deviation of the sensor's noise in digital numbers, ``blur_px`` that of the lens's
     point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the
     projection centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per
-    processor) do not change the result. Raises ImageError where the camera's distortion cannot be undone within the
-    photograph.
+    processor) do not change the result; ``exposure`` is the number by which what moves in a scene with cover has moved.
+    Raises ImageError where the camera's distortion cannot be undone within the photograph.
     """
     corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
     image_plane(camera, corners)
     field, one = _field(scene), oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
     readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
+    fill: Callable[[int, NDArray[np.float32]], None]
+    if scene.cover is None:
+
+        def fill(row: int, out: NDArray[np.float32]) -> None:
+            _render_rows(field, one, readout, row, camera.height_px, vignetting, out)
+
+    else:
+        pieces, colours = scene.cover.pieces(exposure), (scene.cover.leaves.rgb, scene.cover.lines.rgb)
+
+        def fill(row: int, out: NDArray[np.float32]) -> None:
+            _render_covered_rows(field, pieces, colours, one, readout, row, camera.height_px, vignetting, exposure, out)
+
     with ThreadPoolExecutor(threads or cores()) as pool:
         tasks = [
-            pool.submit(
-                _render_rows,
-                field,
-                one,
-                readout,
-                row,
-                camera.height_px,
-                vignetting,
-                picture[row : row + _ROWS_PER_TASK],
-            )
+            pool.submit(fill, row, picture[row : row + _ROWS_PER_TASK])
             for row in range(0, camera.height_px, _ROWS_PER_TASK)
         ]
         for task in tasks:
@@ -302,21 +453,35 @@ def render(
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
 
-def intersect(scene: Scene, camera: Camera, pose: Pose, pixels: FloatArray) -> FloatArray:
-    """Return the places (N, 3), world frame, that pixels (N, 2) of a photograph show, exactly; NaN for the sky."""
+def _first_met(scene: Scene, origin: FloatArray, direction: FloatArray, end: float, exposure: int) -> FloatArray:
+    """Return where rays (N, 3) from one place (3,) first meet ground or leaves before ``end``, NaN for none."""
+    origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
+    t: FloatArray = _hit_all(_field(scene), origin, direction, end)
+    if scene.cover is None:
+        return t
+    pieces = scene.cover.at_rest if exposure == REST else scene.cover.pieces(exposure)
+    leaf = leaf_hits(pieces, np.tile(origin, (len(direction), 1)), direction, end)
+    return np.where(np.isfinite(leaf), np.fmin(leaf, t), t)
+
+
+def intersect(scene: Scene, camera: Camera, pose: Pose, pixels: FloatArray, *, exposure: int = REST) -> FloatArray:
+    """Return the places (N, 3), world frame, that pixels (N, 2) of a photograph show, exactly; NaN for the sky.
+
+    Wires and fences are left out; leaves are where they are at the exposure.
+    """
     ideal = image_plane(camera, np.asarray(pixels, np.float64))
     direction = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation_world_from_camera.T
-    t = _hit_all(_field(scene), np.ascontiguousarray(pose.position_world_m), np.ascontiguousarray(direction), 1e5)
+    t = _first_met(scene, pose.position_world_m, direction, 1e5, exposure)
     return np.asarray(pose.position_world_m + t[:, None] * direction)
 
 
 def visible(scene: Scene, pose: Pose, points_world_m: FloatArray, *, tolerance_m: float = 0.05) -> NDArray[np.bool_]:
     """Return which points (N, 3) of the world frame are not hidden by the scene from a projection centre.
 
-    A point up to ``tolerance_m`` below the surface, along the ray, counts as visible. Whether it lies in the
-    photograph, and in front of it, is another question.
+    A point up to ``tolerance_m`` below the surface, along the ray, counts as visible; leaves are where they are at
+    rest, wires hide nothing. Whether it lies in the photograph, and in front of it, is another question.
     """
-    ray = np.ascontiguousarray(points_world_m - pose.position_world_m)
-    t = _hit_all(_field(scene), np.ascontiguousarray(pose.position_world_m), ray, 1.0)
+    ray = points_world_m - pose.position_world_m
+    t = _first_met(scene, pose.position_world_m, ray, 1.0, REST)
     hidden_m = (1.0 - t) * np.linalg.norm(ray, axis=1)
     return np.asarray(~(hidden_m > tolerance_m))

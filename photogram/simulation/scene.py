@@ -1,5 +1,7 @@
 """A made site with known truth: terrain with hills, roads, buildings, trees and painted targets.
 
+Trees are domes of the height field; covered_site.py makes a site with leaves, water and wires in their place.
+
 The site is a height field over a square of the world frame (x east, y north, z up, metres), bilinear between its
 vertices; vertical walls are one cell wide. Everything follows from a seed, without state: the relief and the texture
 are gradient noise (Perlin 2002) of an integer hash of the lattice node.
@@ -18,6 +20,7 @@ from scipy.ndimage import map_coordinates
 from photogram.arrays import ByteArray, FloatArray
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
+from photogram.simulation.cover.leaves import Cover
 from photogram.survey import Raster
 
 BLOCK_CELLS = 16
@@ -32,7 +35,10 @@ _SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 205.0, 50.0
 
 
 class Material(IntEnum):
-    """What covers a vertex of the height field; every material from ROOF_TILES on belongs to a building."""
+    """What covers a vertex of the height field: below TREE open ground, from ROOF_TILES on a building.
+
+    TREE is a dome of the height field, LITTER the ground under leaves of a cover, GRASS high grass.
+    """
 
     MEADOW = 0
     CROP = 1
@@ -40,10 +46,13 @@ class Material(IntEnum):
     ROAD = 3
     PAINT = 4
     TREE = 5
-    ROOF_TILES = 6
-    ROOF_SLATE = 7
-    ROOF_GRAVEL = 8
-    WALL = 9
+    LITTER = 6
+    GRASS = 7
+    WATER = 8
+    ROOF_TILES = 9
+    ROOF_SLATE = 10
+    ROOF_GRAVEL = 11
+    WALL = 12
 
 
 PALETTE = np.array(
@@ -54,6 +63,9 @@ PALETTE = np.array(
         [0.170, 0.170, 0.175, 0.65],
         [0.600, 0.600, 0.580, 0.45],
         [0.075, 0.125, 0.040, 1.30],
+        [0.120, 0.115, 0.065, 1.00],
+        [0.165, 0.205, 0.070, 1.25],
+        [0.060, 0.075, 0.050, 0.50],
         [0.330, 0.125, 0.075, 0.80],
         [0.130, 0.135, 0.150, 0.80],
         [0.360, 0.350, 0.330, 0.80],
@@ -106,7 +118,8 @@ def _octaves(seed: int, x: FloatArray, y: FloatArray, wavelength: FloatArray, am
     return value
 
 
-def _noise(seed: int, xy: FloatArray, wavelength_m: FloatArray, amplitude: FloatArray) -> FloatArray:
+def noise(seed: int, xy: FloatArray, wavelength_m: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Return octaves (O,) of gradient noise at positions (N, 2), in units of their amplitudes."""
     x, y = np.ascontiguousarray(xy[:, 0], np.float64), np.ascontiguousarray(xy[:, 1], np.float64)
     value: FloatArray = _octaves(seed % 2**31, x, y, wavelength_m, amplitude)
     return value
@@ -117,7 +130,7 @@ def terrain_height(seed: int, relief_m: float, xy: FloatArray) -> FloatArray:
 
     ``relief_m`` is roughly the height from the lowest to the highest place of a site of some 100 m.
     """
-    return _noise(seed, xy, _TERRAIN_WAVELENGTH_M, relief_m * _TERRAIN_AMPLITUDE)
+    return noise(seed, xy, _TERRAIN_WAVELENGTH_M, relief_m * _TERRAIN_AMPLITUDE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +159,24 @@ class Scene:
     """Direction to the sun (3,)."""
     seed: int
     """Seed of the texture."""
+    cover: Cover | None = None
+    """What stands on the height field and is none; None: trees are domes of the height field."""
 
     def height(self, xy: FloatArray) -> FloatArray:
-        """Return the height (N,) of the surface, roofs and trees included, at positions (N, 2); bilinear in a cell."""
+        """Return the height (N,) of the height field at positions (N, 2), bilinear in a cell: of ground, roofs, water
+        and domes of trees, without the leaves of a cover."""
         position = (np.asarray(xy, np.float64) - [self.west_m, self.south_m]) / self.cell_m
         height: FloatArray = map_coordinates(
             self.height_m, position.T[::-1], output=np.float64, order=1, mode="nearest", prefilter=False
         )
         return height
+
+    def top(self, xy: FloatArray) -> FloatArray:
+        """Return the height (N,) of what is seen from above at positions (N, 2): leaf or height field."""
+        height = self.height(xy)
+        if self.cover is None:
+            return height
+        return np.fmax(height, self.cover.height(np.asarray(xy, np.float64)))
 
     def open_ground(self, xy: FloatArray, reach_m: float) -> NDArray[np.bool_]:
         """Return which positions (N, 2) have neither a building nor a tree within ``reach_m``, and lie on the site."""
@@ -224,7 +247,7 @@ class _Road:
         return along, across - self.offset_m - self.bend_m * np.sin(2 * np.pi * along / 150.0)
 
 
-class _Builder:
+class Builder:
     """The arrays of a scene while it is built, from the ground up."""
 
     def __init__(self, seed: int, extent_m: float, cell_m: float) -> None:
@@ -238,9 +261,10 @@ class _Builder:
         self.taken: list[tuple[float, float, float]] = []
 
     def ground(self, seed: int, relief_m: float) -> None:
+        """Lay the terrain, its fields and its roads."""
         flat = self.xy.reshape(-1, 2)
         self.height = terrain_height(seed, relief_m, flat).reshape(self.height.shape)
-        field = _noise(seed + 91, flat, np.array([70.0, 9.0]), np.array([1.0, 0.12])).reshape(self.height.shape)
+        field = noise(seed + 91, flat, np.array([70.0, 9.0]), np.array([1.0, 0.12])).reshape(self.height.shape)
         self.material[field > 0.22] = Material.CROP
         self.material[field < -0.32] = Material.SOIL
         angle = self.rng.uniform(0.0, np.pi)
@@ -254,15 +278,17 @@ class _Builder:
         self.material[(np.abs(across) < 0.09) & (np.mod(along, 6.0) < 3.0)] = Material.PAINT
 
     def window(self, centre: FloatArray, reach_m: float) -> tuple[tuple[slice, slice], FloatArray]:
+        """Return rows and columns of the vertices around a place (2,), and where they are."""
         first = np.clip(np.floor((centre - reach_m + self.half_m) / self.cell_m), 0, len(self.axis)).astype(int)
         last = np.clip(np.ceil((centre + reach_m + self.half_m) / self.cell_m) + 1, 0, len(self.axis)).astype(int)
         window = (slice(first[1], last[1]), slice(first[0], last[0]))
         return window, self.xy[window]
 
-    def place(self, reach_m: float, apart_m: float) -> FloatArray | None:
-        """Find a place off the roads and ``apart_m`` from the buildings, None when there is none."""
+    def place(self, reach_m: float, apart_m: float, within_m: float | None = None) -> FloatArray | None:
+        """Find a place off the roads and ``apart_m`` from the buildings, at most ``within_m`` from the middle of the
+        site to east and north, None when there is none."""
         for _ in range(200):
-            centre = self.rng.uniform(-1.0, 1.0, 2) * (self.half_m - reach_m)
+            centre = self.rng.uniform(-1.0, 1.0, 2) * (self.half_m - reach_m if within_m is None else within_m)
             to_road = min(abs(road.along_across(centre)[1]) - road.width_m / 2 for road in self.roads)
             clear = all(np.hypot(x - centre[0], y - centre[1]) > r + reach_m + apart_m for x, y, r in self.taken)
             if clear and to_road > reach_m:
@@ -270,6 +296,7 @@ class _Builder:
         return None
 
     def building(self, gabled: bool) -> None:
+        """Build a house, where there is room."""
         length, width = self.rng.uniform(9.0, 16.0), self.rng.uniform(7.0, 10.0)
         eaves, rise = self.rng.uniform(3.5, 6.5), self.rng.uniform(2.0, 3.5) if gabled else 0.0
         reach = float(np.hypot(length, width)) / 2
@@ -291,19 +318,30 @@ class _Builder:
         self.taken.append((float(centre[0]), float(centre[1]), reach))
 
     def tree(self, seed: int) -> None:
+        """Put up a dome of a tree, where there is room."""
         radius = self.rng.uniform(1.2, 3.4)
         tall = radius * self.rng.uniform(1.8, 2.6)
         centre = self.place(radius, 0.0)
         if centre is None:
             return
         window, xy = self.window(centre, radius * 1.3)
-        rough = _noise(seed, xy.reshape(-1, 2), np.array([1.5, 0.5]), np.array([0.7, 0.6])).reshape(xy.shape[:2])
+        rough = noise(seed, xy.reshape(-1, 2), np.array([1.5, 0.5]), np.array([0.7, 0.6])).reshape(xy.shape[:2])
         distance = np.linalg.norm(xy - centre, axis=-1) / radius + 0.25 * rough
         dome = 0.35 + 0.65 * np.sqrt(np.clip(1 - distance**2, 0.0, 1.0)) + 0.16 * rough
         crown = self.height[window].min() + tall * dome
         inside = (distance < 1.0) & (crown > self.height[window])
         self.height[window] = np.where(inside, crown, self.height[window])
         self.material[window] = np.where(inside, Material.TREE, self.material[window])
+
+    def scene(self, seed: int, finest_wavelength_m: float) -> Scene:
+        """Return the scene as it is built, in the light of the sun."""
+        azimuth, elevation = np.radians([_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG])
+        sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+        height, corner = self.height.astype(np.float32), float(self.axis[0])
+        return Scene(
+            height, self.material, _light(height, self.cell_m, sun), corner, corner, self.cell_m, np.zeros((0, 2)), 0.0,
+            finest_wavelength_m, sun, seed % 2**31,
+        )  # fmt: skip
 
 
 def _light(height_m: NDArray[np.float32], cell_m: float, sun: FloatArray) -> ByteArray:
@@ -335,20 +373,13 @@ def make_scene(
     Buildings and trees keep off the roads; where no room is left there are fewer. ``finest_wavelength_m`` is the
     lattice of the finest octave of the texture: below two pixels on the ground it aliases.
     """
-    builder = _Builder(seed, extent_m, cell_m)
+    builder = Builder(seed, extent_m, cell_m)
     builder.ground(seed, relief_m)
     for number in range(buildings):
         builder.building(gabled=number % 3 != 2)
     for _ in range(trees):
         builder.tree(seed + 17)
-    azimuth, elevation = np.radians([_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG])
-    sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
-    height = builder.height.astype(np.float32)
-    corner = float(builder.axis[0])
-    return Scene(
-        height, builder.material, _light(height, cell_m, sun), corner, corner, cell_m, np.zeros((0, 2)), 0.0,
-        finest_wavelength_m, sun, seed % 2**31,
-    )  # fmt: skip
+    return builder.scene(seed, finest_wavelength_m)
 
 
 def target_reach(scene: Scene, radius_m: float) -> float:
@@ -401,7 +432,7 @@ def surface_raster(scene: Scene, frame: LocalFrame, cell_m: float) -> Raster:
     above = np.zeros(len(level))
     for _ in range(3):
         place = world + above[:, None] * up
-        above = (scene.height(place[:, :2]) - world[:, 2]) / up[:, 2]
+        above = (scene.top(place[:, :2]) - world[:, 2]) / up[:, 2]
     off = (world[:, 0] < west) | (world[:, 0] > east) | (world[:, 1] < south) | (world[:, 1] > north)
     height = np.where(off, np.nan, level + above).reshape(rows, columns).astype(np.float32)
     return Raster(height, float(first[0] * cell_m), float(last[1] * cell_m), cell_m)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photogram.camera import Camera
 from photogram.frames import LocalFrame
+from photogram.simulation.covered_site import make_covered_scene
 from photogram.simulation.flight import (
     Truth,
     candidates,
@@ -27,14 +28,23 @@ from photogram.simulation.flight import (
 from photogram.simulation.observations import SimulatedBlock, simulate_block
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster, target_reach
-from photogram.simulation.survey_plan import SurveyPlan, demonstration_plan, rtk_plan, whole_survey_plan
+from photogram.simulation.survey_plan import (
+    CoveredPlan,
+    SurveyPlan,
+    canopy_plan,
+    demonstration_plan,
+    rtk_plan,
+    whole_survey_plan,
+)
 from photogram.survey import ControlPoints, Photograph, Raster
 
 __all__ = [
+    "CoveredPlan",
     "SimulatedBlock",
     "SimulatedSurvey",
     "SurveyPlan",
     "Truth",
+    "canopy_plan",
     "demonstration_plan",
     "render_photographs",
     "rtk_plan",
@@ -72,7 +82,10 @@ def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
     flight = fly(plan, rng)
     reach = np.abs(footprints(flight, -plan.relief_m)).max()
     site = (float(np.ceil(2 * reach / 10 + 1) * 10), plan.cell_m, plan.relief_m, plan.buildings, plan.trees)
-    bare = make_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m)
+    if isinstance(plan, CoveredPlan):
+        bare = make_covered_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m, plan=plan.cover)
+    else:
+        bare = make_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m)
     place = candidates(flight, rng)
     place = place[bare.open_ground(place, target_reach(bare, plan.target_radius_m))]
     candidate = np.column_stack([place, bare.height(place)])
@@ -93,7 +106,15 @@ def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Ite
         readout = survey.truth.readout_world_m[number]
         yield (
             photograph.name,
-            render(survey.scene, survey.truth.camera, pose, seed=noise, noise_dn=noise_dn, readout_world_m=readout),
+            render(
+                survey.scene,
+                survey.truth.camera,
+                pose,
+                seed=noise,
+                noise_dn=noise_dn,
+                readout_world_m=readout,
+                exposure=number,
+            ),
         )
 
 

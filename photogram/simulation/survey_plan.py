@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import numpy as np
 
 from photogram.frames import LocalFrame
 from photogram.projection import PARAMETERS, Model
+from photogram.simulation.cover.leaves import CoverPlan
 
 CalibrationSource = Literal["laboratory", "maker", "exif"]
 
 CONSUMER_GNSS_SIGMA_M = (2.0, 2.0, 2.0)
 RTK_GNSS_SIGMA_M = (0.015, 0.015, 0.02)
 _FIXED_BELOW_M, _CORRECTED_BELOW_M = 0.05, 1.0
+_CANOPY_TREES = 150
 _DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 
 
@@ -180,6 +182,14 @@ class SurveyPlan:
         return round(self.exact_focal_35mm_mm * self.focal_tag_factor)
 
 
+@dataclass(frozen=True)
+class CoveredPlan(SurveyPlan):
+    """A survey over a site with cover: trees of leaves that move, hedges, high grass, water, fences and wires."""
+
+    cover: CoverPlan = field(default_factory=CoverPlan)
+    """What covers the site."""
+
+
 def demonstration_plan() -> SurveyPlan:
     """Return the plan of the built-in demonstration: twelve photographs, their control marks read to whole pixels."""
     return SurveyPlan(control_marks_per_photograph=4, mark_sigma_px=0.0, whole_pixel_marks=True)
@@ -223,6 +233,13 @@ def whole_survey_plan(width_px: int = 1200) -> SurveyPlan:
         control_points=6,
         check_points=10,
     )
+
+
+def canopy_plan(width_px: int = 1200) -> CoveredPlan:
+    """Return whole_survey_plan over a site with cover (covered_site.py)."""
+    plain = whole_survey_plan(width_px)
+    settings = {f.name: getattr(plain, f.name) for f in fields(SurveyPlan)}
+    return CoveredPlan(**{**settings, "trees": _CANOPY_TREES})
 
 
 def rtk_plan(*, oblique: bool = False) -> SurveyPlan:

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, distort, image_plane, project
 from photogram.errors import ImageError
+from photogram.simulation.cover.leaves import REST, Cover, CoverPlan, Grower, Leaves, Plants
+from photogram.simulation.covered_site import make_covered_scene
 from photogram.simulation.rendering import intersect, render, visible
 from photogram.simulation.scene import Material, Scene, make_scene, paint_targets
 
@@ -180,3 +182,132 @@ def test_photographs_match_where_the_truth_says(scene: Scene, heading: float) ->
     assert np.mean(distance < 2.0) > 0.9
     assert np.median(distance) < 0.3
     assert np.abs(error[distance < 2.0].mean(axis=0)).max() < 0.05
+
+
+def flat_scene(material: Material, cover: Cover | None) -> Scene:
+    """A plane at height 1 of one material, smooth but for its finest texture."""
+    plane = wall_scene()
+    return replace(
+        plane,
+        height_m=np.full(plane.height_m.shape, 1.0, np.float32),
+        material=np.full(plane.height_m.shape, material, np.uint8),
+        cover=cover,
+    )
+
+
+def no_cover() -> Cover:
+    return Grower(CoverPlan(), 3).cover(np.array([0.0, -0.6, 0.8]))
+
+
+def one_leaf(centre: tuple[float, float, float], radius_m: float, sway_m: float) -> Cover:
+    """A white disc, level, on a plant of its own."""
+    none = no_cover()
+    leaves = Leaves(
+        np.array([centre]), np.array([[0.0, 0.0, 1.0]]), np.array([radius_m]), np.array([[1.0, 1.0, 1.0]]),
+        np.zeros(1, np.int64), np.zeros(1, np.int64),
+    )  # fmt: skip
+    return replace(none, leaves=leaves, plants=Plants(*(np.array([v]) for v in (0, 1.0, centre[2] - 1.0, sway_m))))
+
+
+def test_a_scene_whose_cover_is_empty_is_rendered_byte_for_byte_as_one_without(scene: Scene) -> None:
+    where, readout = pose((3.0, 2.0, 60.0), (1.0, 0.0, 45.0)), np.array([0.4, -0.2, 0.0])
+    plain = render(scene, camera(), where, seed=9, readout_world_m=readout)
+    empty = replace(scene, cover=no_cover())
+    for exposure in (REST, 4):
+        assert np.array_equal(plain, render(empty, camera(), where, seed=9, readout_world_m=readout, exposure=exposure))
+    pixel = np.random.default_rng(1).uniform([0, 0], [479, 319], (500, 2))
+    assert np.array_equal(intersect(scene, camera(), where, pixel), intersect(empty, camera(), where, pixel))
+
+
+@pytest.mark.parametrize("exposure", [REST, 0, 1, 7])
+def test_a_leaf_is_where_the_projection_says_in_both_photographs(exposure: int) -> None:
+    cover = one_leaf((1.0, -2.0, 9.0), 0.4, 0.2)
+    scene, moved = flat_scene(Material.TREE, cover), cover.sway_m(exposure)[0]
+    assert (np.linalg.norm(moved) > 0.005) == (exposure != REST)
+    place = cover.leaves.centre_m + moved
+    centres = []
+    for position in ((-4.0, 0.0, 40.0), (5.0, -3.0, 42.0)):
+        where = pose((2.0, -3.0, 25.0), position)
+        picture = render(scene, camera(), where, seed=1, noise_dn=0.0, vignetting=0.0, exposure=exposure)
+        weight = np.clip(picture.astype(float).mean(axis=2) - 200.0, 0.0, None)
+        v, u = np.mgrid[0:320, 0:480]
+        centres.append(np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum())
+        np.testing.assert_allclose(centres[-1], project(camera(), where, place)[0], atol=0.15)
+        hit = intersect(scene, camera(), where, project(camera(), where, place), exposure=exposure)
+        np.testing.assert_allclose(hit, place, atol=1e-9)
+        assert visible(scene, where, cover.leaves.centre_m).all()
+        foot = where.position_world_m + (cover.leaves.centre_m - where.position_world_m) * (
+            (where.position_world_m[2] - 1.0) / (where.position_world_m[2] - 9.0)
+        )
+        assert not visible(scene, where, foot).any()
+    assert np.linalg.norm(centres[0] - centres[1]) > 100.0
+
+
+def test_water_differs_between_exposures_and_the_ground_does_not() -> None:
+    where = pose((0.0, 0.0, 0.0), (0.0, 0.0, 40.0))
+
+    def pictures(material: Material) -> list[np.ndarray]:
+        scene = flat_scene(material, no_cover())
+        return [
+            render(scene, camera(), where, seed=0, noise_dn=0.0, exposure=n).astype(float)[..., 1] for n in range(3)
+        ]
+
+    road, water, grass = pictures(Material.ROAD), pictures(Material.WATER), pictures(Material.GRASS)
+    assert np.array_equal(road[0], road[1])
+    for a, b in ((0, 1), (1, 2)):
+        texture = [w - cv2.GaussianBlur(w, (0, 0), 20.0) for w in (water[a], water[b])]
+        assert abs(np.corrcoef(texture[0].ravel(), texture[1].ravel())[0, 1]) < 0.1
+        assert 0.0 < np.abs(grass[a] - grass[b]).mean() < np.abs(grass[a] - np.roll(grass[b], 9, axis=0)).mean()
+    # blades move by less than a pixel: a photograph of grass still looks like the other
+    assert np.corrcoef(grass[0].ravel(), grass[1].ravel())[0, 1] > 0.7
+    assert water[0].std() > 1.0
+
+
+def test_water_glitters_towards_the_sun() -> None:
+    """The sun stands in the south, 53° high: the water's mirror image of it is seen looking north by 37°."""
+    scene = flat_scene(Material.WATER, no_cover())
+    towards, away = (
+        render(scene, camera(), pose((tilt, 0.0, 0.0), (0.0, 0.0, 12.0)), seed=0, noise_dn=0.0, exposure=2)
+        for tilt in (37.0, -37.0)
+    )
+    glints = [float(np.mean(picture.min(axis=2) > 200)) for picture in (towards, away)]
+    assert max(glints) > 0.01
+    assert min(glints) < 0.1 * max(glints)
+
+
+def test_a_thin_wire_dims_the_pixels_it_crosses_by_its_width() -> None:
+    grower = Grower(CoverPlan(), 3)
+    grower.line(np.array([[-8.0, 0.0, 9.0], [8.0, 0.0, 9.0]]), 0.01, (0.0, 0.0, 0.0))
+    scene = flat_scene(Material.PAINT, grower.cover(np.array([0.0, -0.6, 0.8])))
+    where = pose((0.0, 0.0, 0.0), (0.0, 0.0, 41.0))
+    with_wire, without = (
+        (render(s, camera(), where, seed=0, noise_dn=0.0, vignetting=0.0, blur_px=0.0).astype(float) / 255.0) ** 2
+        for s in (scene, replace(scene, cover=no_cover()))
+    )
+    lost = (without - with_wire)[:, 200:280, 1] / without[:, 200:280, 1]
+    assert lost.sum(axis=0).mean() == pytest.approx(0.02 / (32.0 / 700.0), rel=0.1)
+    assert np.count_nonzero(lost.mean(axis=1) > 0.01) <= 2
+
+
+@pytest.fixture(scope="module", name="covered")
+def _covered() -> Scene:
+    plan = CoverPlan(hedges=2, fences=1, wood_trees=8, pond_radius_m=5.0)
+    return make_covered_scene(5, 70.0, 0.2, 5.0, 2, 20, finest_wavelength_m=0.15, plan=plan)
+
+
+def test_with_cover_threads_change_nothing_and_exposures_do(covered: Scene) -> None:
+    where = pose((3.0, 2.0, 60.0), (0.0, 0.0, 45.0))
+    one = render(covered, camera(203, 117, 300.0), where, seed=9, threads=1, exposure=3)
+    assert np.array_equal(one, render(covered, camera(203, 117, 300.0), where, seed=9, threads=5, exposure=3))
+    assert not np.array_equal(one, render(covered, camera(203, 117, 300.0), where, seed=9, threads=1, exposure=4))
+
+
+def test_with_cover_the_hit_is_seen_and_on_the_surface(covered: Scene) -> None:
+    where = pose((10.0, 5.0, 20.0), (0.0, 0.0, 45.0))
+    pixel = np.random.default_rng(1).uniform([0, 0], [479, 319], (4000, 2))
+    hit = intersect(covered, camera(focal=400.0), where, pixel)
+    np.testing.assert_allclose(project(camera(focal=400.0), where, hit), pixel, atol=1e-7)
+    assert visible(covered, where, hit).all()
+    above = hit[:, 2] - covered.height(hit[:, :2])
+    assert above.min() > -1e-9
+    assert 0.02 < np.mean(above > 0.1) < 0.6

@@ -9,10 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photogram.files.npz_json import fingerprint
 from photogram.files.photographs.images import read_pixels, read_tags
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.frames import map_from_geodetic
-from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, simulate
+from photogram.simulation.simulated_survey import (
+    SimulatedSurvey,
+    SurveyPlan,
+    canopy_plan,
+    render_photographs,
+    simulate,
+    truth_surface,
+    whole_survey_plan,
+)
 from photogram.simulation.survey_files import shuffled_names, write_survey_folder
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M
 
@@ -109,3 +118,31 @@ def test_foreign_photographs_keep_their_tags_and_lose_their_marks(tmp_path: Path
     assert "sim_0001.JPG" in (tmp_path / "marks.csv").read_text()
     for name in ("marks.csv", "control.txt", "check.txt"):
         assert "sim_0002.JPG" not in (tmp_path / name).read_text()
+
+
+def test_a_survey_with_canopy_is_written_as_any_other_and_moves(tmp_path: Path) -> None:
+    plan = replace(
+        canopy_plan(200), strips=1, photographs_per_strip=2, trees=30, buildings=2, cell_m=0.25, control_points=2,
+        check_points=1,
+    )  # fmt: skip
+    survey = simulate(plan, 1)
+    pictures = dict(render_photographs(survey))
+    write_survey_folder(tmp_path, survey, pictures.items())
+    for name, picture in pictures.items():
+        stored = read_pixels(tmp_path / "photographs" / name)
+        assert stored.shape == (150, 200, 3)
+        assert np.abs(stored.astype(float) - picture).mean() < 6.0
+    plain = simulate(replace(whole_survey_plan(200), strips=1, photographs_per_strip=2, control_points=2), 1)
+    assert all(
+        np.array_equal(a.position_world_m, b.position_world_m)
+        for a, b in zip(survey.truth.poses, plain.truth.poses, strict=True)
+    )
+    record = json.loads((tmp_path / "truth.json").read_text())
+    assert record["made_from"] == fingerprint(plan, 1) != fingerprint(replace(plan, trees=31), 1)
+    assert fingerprint(canopy_plan(), 1) != fingerprint(whole_survey_plan(), 1)
+    top = (
+        truth_surface(survey, 0.5).values
+        - truth_surface(replace(survey, scene=replace(survey.scene, cover=None)), 0.5).values
+    )
+    assert 0.01 < np.nanmean(top > 0.5) < 0.5
+    assert np.nanmin(top) >= 0.0
