@@ -142,7 +142,7 @@ def _oriented(points: _Points, levels: Iterable[Float32Array]) -> _Points:
     for index, level in enumerate(levels):
         own, layer, pixel, sigma = _octave(points, index)
         angle = np.empty((len(own), _ORIENTATIONS), dtype=np.float32)
-        orientations(level, layer, pixel, sigma, angle)
+        orientations(level, layer, pixel, sigma, float(sigma.max(initial=0.0)), angle)
         row, column = np.nonzero(np.isfinite(angle))
         key_points = points.only(own[row])
         key_points.table[:, 3] = angle[row, column]
@@ -156,7 +156,8 @@ def _described(points: _Points, levels: Iterable[Float32Array]) -> ByteArray:
     for index, level in enumerate(levels):
         own, layer, pixel, sigma = _octave(points, index)
         described = np.empty((len(own), 128), dtype=np.uint8)
-        descriptors(level, layer, pixel, sigma, points.table[own, 3].astype(np.float32), described)
+        angle = points.table[own, 3].astype(np.float32)
+        descriptors(level, layer, pixel, sigma, float(sigma.max(initial=0.0)), angle, described)
         descriptor[own] = described
     return descriptor
 

@@ -54,12 +54,14 @@ def _gather(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def orientations(
-    level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, angle_deg: Float32Array
-) -> None:
+    level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, largest_px: float,
+    angle_deg: Float32Array,
+) -> None:  # fmt: skip
     """Fill ``angle_deg`` (N, A) with the orientations of key points on the levels (3, H, W), NaN where there are no
-    more; ``sigma_px`` (N,) is their scale in pixels of the level."""
+    more; ``sigma_px`` (N,) is their scale in pixels of the level, ``largest_px`` the
+    largest of them."""
     height, width = level.shape[1], level.shape[2]
-    longest = 2 * int(np.ceil(4.5 * sigma_px.max())) + 3 if len(sigma_px) else 3
+    longest = 2 * int(np.ceil(4.5 * largest_px)) + 3
     room, weight = np.empty((3, longest**2), dtype=np.float32), np.empty(longest, dtype=np.float32)
     raw, smooth = np.empty(_DIRECTIONS, dtype=np.float32), np.empty(_DIRECTIONS, dtype=np.float32)
     for n in range(len(layer)):
@@ -74,7 +76,8 @@ def orientations(
             _gather(picture, y, start, stop, factor, beside, room[0, count:], room[1, count:], room[2, count:])
             count += stop - start
         _polar(room[0, :count], room[1, :count])
-        raw[:] = 0.0
+        for i in range(_DIRECTIONS):
+            raw[i] = 0.0
         for i in range(count):
             direction = int(np.rint(room[1, i] * Float32(_DIRECTIONS / 360.0)))
             direction = direction - _DIRECTIONS if direction >= _DIRECTIONS else direction
@@ -85,7 +88,6 @@ def orientations(
             two = raw[(i - 2) % _DIRECTIONS] + raw[(i + 2) % _DIRECTIONS]
             smooth[i] = two * Float32(1.0 / 16.0) + one * Float32(4.0 / 16.0) + raw[i] * Float32(6.0 / 16.0)
             highest = max(highest, smooth[i])
-        angle_deg[n] = np.nan
         count = 0
         for i in range(_DIRECTIONS):
             before, here, after = smooth[(i - 1) % _DIRECTIONS], smooth[i], smooth[(i + 1) % _DIRECTIONS]
@@ -94,6 +96,8 @@ def orientations(
                 turned = Float32(360.0 - 360.0 / _DIRECTIONS * peak)
                 angle_deg[n, count] = 0.0 if turned >= 360.0 else turned
                 count += 1
+        for i in range(count, angle_deg.shape[1]):
+            angle_deg[n, i] = np.nan
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
@@ -193,17 +197,18 @@ def _histogram(
     _polar(length, angle)
     _bins(length, room[2, :count], angle, turned, at[:count])
     _cells(row, column, cosine, sine, length, at[:count])
-    cell[:] = 0.0
+    for n in range(len(cell)):
+        cell[n] = 0.0
     _add(length, angle, row, column, at[:count], cell)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def descriptors(
-    level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, angle_deg: Float32Array,
-    descriptor: ByteArray,
+    level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, largest_px: float,
+    angle_deg: Float32Array, descriptor: ByteArray,
 ) -> None:  # fmt: skip
     """Fill ``descriptor`` (N, 128) with SIFT descriptors of key points on the levels (3, H, W); see orientations."""
-    longest = 2 * int(np.ceil(10.7 * sigma_px.max())) + 5 if len(sigma_px) else 5
+    longest = 2 * int(np.ceil(10.7 * largest_px)) + 5
     room, weight = np.empty((5, longest**2), dtype=np.float32), np.empty(longest, dtype=np.float32)
     at = np.empty(longest**2, dtype=np.int32)
     cell = np.empty(_SIDE * _SIDE * _DEEP, dtype=np.float32)

@@ -25,7 +25,6 @@ _GIVEN_SIGMA = 1.0  # of the doubled picture as it is
 _EDGE_RATIO = 10.0  # of the principal curvatures, at most (Lowe 2004, sec. 4.1)
 _STEPS = 5  # of the place's refinement
 _BORDER = 5  # px, in which nothing is looked for
-_STRIP = 1024  # px, the rows of which the fastest memory holds; a multiple of 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,54 +116,40 @@ def _mark(value: Float32Array, high: Float32Array, low: Float32Array, least: flo
 
 
 @njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
-def _extrema_of_strip(
-    level: Float32Array, outer: Float32Array, left: int, least: float, found: Int32Array, count: int,
-    room: Float32Array, marked: ByteArray,
-) -> int:  # fmt: skip
-    """Add to ``found`` (N, 3) the extrema of the columns from ``left`` on, as many as ``room`` (3, 5, 4, S) holds."""
+def _extrema(
+    level: Float32Array, outer: Float32Array, least: float, room: Float32Array, marked: ByteArray, found: Int32Array
+) -> int:
+    """Fill ``found`` (N, 3) with level, row, column of the extrema of an octave; return their number, which may be more
+    than there is room for. ``room`` (3, 5, 4, W) and ``marked``, W zeros and as many more as make eights, are for what
+    is counted on the way."""
     height, width = level.shape[1], level.shape[2]
-    stop = min(left + len(marked), width - _BORDER + 1)
-    wide = stop - left
     difference, high, low = room[0], room[1], room[2]
+    top, bottom = difference[0, 3], difference[1, 3]
     eight = marked.view(np.uint64)
-    marked[:] = 0
+    count = 0
     for y in range(_BORDER - 1, height - _BORDER + 1):
         slot = y % 3
         for k in range(LEVELS + 2):
-            upper = level[k, y, left:stop] if k < LEVELS else outer[k - LEVELS + 1, y, left:stop]
-            lower = outer[0, y, left:stop] if k == 0 else (
-                level[k - 1, y, left:stop] if k <= LEVELS else outer[1, y, left:stop]
-            )  # fmt: skip
-            _row_of_difference(upper, lower, difference[k, slot, :wide], high[k, slot, :wide], low[k, slot, :wide])
-        if y < _BORDER + 1:
-            continue
-        for k in range(LEVELS + 2):
+            upper = level[k, y] if k < LEVELS else outer[k - LEVELS + 1, y]
+            below = level[k - 1, y] if k <= LEVELS else outer[1, y]
+            lower = outer[0, y] if k == 0 else below
+            _row_of_difference(upper, lower, difference[k, slot], high[k, slot], low[k, slot])
             _greatest(high[k, 0], high[k, 1], high[k, 2], high[k, 3])
             _least(low[k, 0], low[k, 1], low[k, 2], low[k, 3])
+        if y < _BORDER + 1:
+            continue
         for k in range(LEVELS):
-            top, bottom = difference[0, 3], difference[1, 3]
             _greatest(high[k, 3], high[k + 1, 3], high[k + 2, 3], top)
             _least(low[k, 3], low[k + 1, 3], low[k + 2, 3], bottom)
-            _mark(difference[k + 1, (y - 1) % 3, :wide], top, bottom, least, marked)
-            for start in range(0, wide, 8):
-                if not eight[start // 8]:
+            _mark(difference[k + 1, (y - 1) % 3], top, bottom, least, marked)
+            for start in range(len(eight)):
+                if eight[start] == 0:
                     continue
-                for x in range(max(start, 1), min(start + 8, wide - 1)):
-                    if marked[x]:
+                for x in range(max(8 * start, _BORDER), min(8 * start + 8, width - _BORDER)):
+                    if marked[x] != 0:
                         if count < len(found):
-                            found[count, 0], found[count, 1], found[count, 2] = k + 1, y - 1, left + x
+                            found[count, 0], found[count, 1], found[count, 2] = k + 1, y - 1, x
                         count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _extrema(level: Float32Array, outer: Float32Array, least: float, found: Int32Array) -> int:
-    """Fill ``found`` (N, 3) with level, row, column of the extrema of an octave; return their number, which may be more
-    than there is room for."""
-    room, marked = np.zeros((3, LEVELS + 2, 4, _STRIP), dtype=np.float32), np.zeros(_STRIP, dtype=np.uint8)
-    count = 0
-    for left in range(_BORDER - 1, level.shape[2] - _BORDER - 1, _STRIP - 2):
-        count = _extrema_of_strip(level, outer, left, least, found, count, room, marked)
     return count
 
 
@@ -183,11 +168,12 @@ def _difference(level: Float32Array, outer: Float32Array, k: int, y: int, x: int
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _refined(level: Float32Array, outer: Float32Array, contrast: float, found: Int32Array, place: FloatArray) -> None:
     """Move extrema (N, 3) to the pixel of the parabola's extremum (Brown & Lowe 2002), and fill ``place`` (N, 4): scale
-    and row and column there, and response; NaN where there is none, it has too little contrast, or lies on an edge."""
+    and row and column there, and response; the scale is NaN where there is none, its contrast is too small, or it lies
+    on an edge."""
     height, width = level.shape[1], level.shape[2]
     cube = np.empty((3, 3, 3))
     for n in range(len(found)):
-        place[n] = np.nan
+        place[n, 0] = np.nan
         k, y, x = found[n]
         for _ in range(_STEPS):
             for i in range(3):
@@ -218,7 +204,7 @@ def _refined(level: Float32Array, outer: Float32Array, contrast: float, found: I
                     place[n, 0], place[n, 1], place[n, 2], place[n, 3] = k + ds, y + dy, x + dx, response
                     found[n, 0], found[n, 1], found[n, 2] = k, y, x
                 break
-            if not max(abs(dx), abs(dy), abs(ds)) < 1e6:
+            if not (abs(dx) < 1e6 and abs(dy) < 1e6 and abs(ds) < 1e6):
                 break
             k, y, x = k + round(ds), y + round(dy), x + round(dx)
             within = _BORDER <= x < width - _BORDER and _BORDER <= y < height - _BORDER
@@ -239,13 +225,15 @@ class Extrema:
 def extrema(octave: Octave, contrast: float) -> Extrema:
     """Return the extrema of an octave that have at least the ``contrast``, on grey values of 0 to 1, every one once."""
     least = float(np.floor(0.5 * contrast / LEVELS * 255.0))
-    room = octave.level[0].size // 50 + 100
+    _, height, width = octave.level.shape
+    rows, marked = np.zeros((3, LEVELS + 2, 4, width), dtype=np.float32), np.zeros(width + -width % 8, dtype=np.uint8)
+    most = height * width // 50 + 100
     while True:
-        found = np.empty((room, 3), dtype=np.int32)
-        count = _extrema(octave.level, octave.outer, least, found)
-        if count <= room:
+        found = np.empty((most, 3), dtype=np.int32)
+        count = _extrema(octave.level, octave.outer, least, rows, marked, found)
+        if count <= most:
             break
-        room = count
+        most = count
     found = found[:count]
     place = np.empty((count, 4))
     _refined(octave.level, octave.outer, contrast, found, place)
