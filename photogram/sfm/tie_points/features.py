@@ -184,7 +184,7 @@ def _spread(
     return np.asarray(chosen[np.lexsort((table[chosen, 3], table[chosen, 0], table[chosen, 1]))])
 
 
-HELD_PX = 6_000_000
+HELD_PX = 3_000_000
 """Pixels of a picture, at most, whose scale space is held until its key points are described."""
 
 BYTES_PER_PIXEL = 260
