@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -170,6 +171,22 @@ def test_the_same_picture_gives_the_same_key_points(picture: np.ndarray) -> None
     one, other = (find_features("same", picture, settings) for _ in range(2))
     for name in ("pixel", "size_px", "angle_rad", "descriptor", "colour"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_the_number_of_threads_changes_nothing(picture: np.ndarray) -> None:
+    settings = FeatureSettings(maximum=900, tile_px=300)
+    before = cv2.getNumThreads()
+    results = []
+    try:
+        for threads in (1, 3):
+            cv2.setNumThreads(threads)
+            with ThreadPoolExecutor(threads) as workers:
+                results += workers.map(lambda _: find_features("same", picture, settings), range(threads))
+    finally:
+        cv2.setNumThreads(before)
+    for other in results[1:]:
+        for name in ("pixel", "size_px", "angle_rad", "descriptor"):
+            np.testing.assert_array_equal(getattr(results[0], name), getattr(other, name))
 
 
 def test_key_points_spread_over_a_picture_whose_texture_does_not() -> None:
