@@ -176,7 +176,7 @@ def test_the_same_picture_gives_the_same_key_points(picture: np.ndarray) -> None
 def test_the_number_of_threads_changes_nothing(picture: np.ndarray) -> None:
     settings = FeatureSettings(maximum=900, tile_px=300)
     before = cv2.getNumThreads()
-    results = []
+    results: list[Features] = []
     try:
         for threads in (1, 3):
             cv2.setNumThreads(threads)
