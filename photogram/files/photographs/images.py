@@ -162,7 +162,7 @@ def read_pixels(path: Path | str, size_px: tuple[int, int] | None = None, sha256
     path = Path(path)
     picture = _open(path, size_px, sha256)
     _decode(path, picture)
-    return np.array(picture.convert("RGB"))
+    return np.array(picture if picture.mode == "RGB" else picture.convert("RGB"))
 
 
 def read_grey(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:

@@ -11,6 +11,7 @@ first octave at full size: a quarter of the work.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -19,9 +20,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray
+from photogram.arrays import ByteArray, Float32Array, Int32Array
 from photogram.errors import ImageError, check_range
 from photogram.machine import memory_bytes
+from photogram.sfm.tie_points.gradient_histograms import descriptors, orientations
+from photogram.sfm.tie_points.scale_space import extrema, octaves
 from photogram.survey import Features
 
 
@@ -89,31 +92,80 @@ def _tiles(grey: ByteArray, settings: FeatureSettings) -> list[_Tile]:
     return tiles
 
 
-_COLUMNS = 6  # u, v, size, angle in degrees, response, octave
+_ORIENTATIONS = 18  # of a key point, at most: every other one of 36 directions
 
 
-def _detect(sift: cv2.SIFT, tile: _Tile, settings: FeatureSettings) -> NDArray[np.float64]:
-    """Return the key points (N, 6) that a tile answers for, in pixels of the photograph."""
-    found = [
-        (k.pt[0] + tile.u0, k.pt[1] + tile.v0, k.size, k.angle, k.response, k.octave)
-        for k in sift.detect(tile.grey, None)
-    ]
-    table = np.array(found, dtype=np.float64).reshape(-1, _COLUMNS)
-    return table[tile.answers_for(table) & (table[:, 2] < settings.overlap_px)]
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Extrema of the scale space, or key points: ``table`` (N, 5) of u, v, size, angle in degrees and response, in
+    pixels of the picture; ``origin`` (N, 5) number of the tile and the octave, level, row and column there."""
+
+    table: NDArray[np.float64]
+    origin: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def only(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> _Points:
+        return _Points(self.table[which], self.origin[which])
 
 
-def _describe(sift: cv2.SIFT, tile: _Tile, table: NDArray[np.float64]) -> ByteArray:
-    """Return RootSIFT descriptors (N, 128) as bytes of key points (N, 6) in a tile."""
-    if not len(table):
-        return np.zeros((0, 128), dtype=np.uint8)
-    points = [
-        cv2.KeyPoint(u - tile.u0, v - tile.v0, size, angle, response, int(octave))
-        for u, v, size, angle, response, octave in table.tolist()
-    ]
-    kept, descriptor = sift.compute(tile.grey, points)
-    if len(kept) != len(points):
-        raise AssertionError("SIFT dropped key points of its own detection")
-    share = descriptor / np.maximum(descriptor.sum(axis=1, keepdims=True), 1e-9)
+def _joined(parts: list[_Points]) -> _Points:
+    return _Points(np.concatenate([p.table for p in parts]), np.concatenate([p.origin for p in parts]))
+
+
+def _detected(number: int, tile: _Tile, settings: FeatureSettings, levels: list[Float32Array] | None) -> _Points:
+    """Return the extrema that a tile answers for, their angles zero; append what they lie on to ``levels``."""
+    parts = [_Points(np.zeros((0, 5)), np.zeros((0, 5), dtype=np.int32))]
+    for index, octave in enumerate(octaves(tile.grey, settings.overlap_px)):
+        found = extrema(octave, settings.contrast_threshold)
+        u, v, size, response = found.place.T
+        table = np.column_stack([u + tile.u0, v + tile.v0, size, np.zeros_like(u), response])
+        where = np.broadcast_to(np.array([number, index], dtype=np.int32), (len(u), 2))
+        points = _Points(table, np.column_stack([where, found.level, found.pixel]))
+        parts.append(points.only(tile.answers_for(table) & (size < settings.overlap_px)))
+        if levels is not None:
+            levels.append(octave.level)
+    return _joined(parts)
+
+
+def _octave(points: _Points, index: int) -> tuple[NDArray[np.int64], Int32Array, Int32Array, Float32Array]:
+    """Return which points (K,) lie in an octave, and the level (K,), pixel (K, 2) and scale (K,) of each there."""
+    own = np.flatnonzero(points.origin[:, 1] == index)
+    layer, pixel = (np.ascontiguousarray(points.origin[own, columns]) for columns in (2, slice(3, 5)))
+    return own, layer, pixel, (points.table[own, 2] / 2**index).astype(np.float32)
+
+
+def _oriented(points: _Points, levels: Iterable[Float32Array]) -> _Points:
+    """Return the key points that become of extrema of one tile, one for every orientation."""
+    parts = [points.only(np.zeros(0, dtype=np.int64))]
+    for index, level in enumerate(levels):
+        own, layer, pixel, sigma = _octave(points, index)
+        angle = np.empty((len(own), _ORIENTATIONS), dtype=np.float32)
+        orientations(level, layer, pixel, sigma, float(sigma.max(initial=0.0)), angle)
+        row, column = np.nonzero(np.isfinite(angle))
+        key_points = points.only(own[row])
+        key_points.table[:, 3] = angle[row, column]
+        parts.append(key_points)
+    return _joined(parts)
+
+
+def _described(points: _Points, levels: Iterable[Float32Array]) -> ByteArray:
+    """Return the SIFT descriptors (N, 128) of key points of one tile."""
+    descriptor = np.zeros((len(points), 128), dtype=np.uint8)
+    for index, level in enumerate(levels):
+        own, layer, pixel, sigma = _octave(points, index)
+        described = np.empty((len(own), 128), dtype=np.uint8)
+        angle = points.table[own, 3].astype(np.float32)
+        descriptors(level, layer, pixel, sigma, float(sigma.max(initial=0.0)), angle, described)
+        descriptor[own] = described
+    return descriptor
+
+
+def _roots(descriptor: ByteArray) -> ByteArray:
+    """Return RootSIFT descriptors (N, 128) as bytes."""
+    total = descriptor.sum(axis=1, keepdims=True, dtype=np.float32)
+    share = descriptor / np.maximum(total, np.float32(1e-9))
     return np.asarray(np.clip(np.round(512.0 * np.sqrt(share)), 0, 255), dtype=np.uint8)
 
 
@@ -131,6 +183,9 @@ def _spread(
     chosen = order[np.lexsort((order, -strength[order], rank))[: settings.maximum]]
     return np.asarray(chosen[np.lexsort((table[chosen, 3], table[chosen, 0], table[chosen, 1]))])
 
+
+HELD_PX = 3_000_000
+"""Pixels of a picture, at most, whose scale space is held until its key points are described."""
 
 BYTES_PER_PIXEL = 260
 """Memory that SIFT takes for each pixel of a tile, of the photograph at full size where it is not doubled."""
@@ -184,20 +239,34 @@ def find_features(name: str, pixels: ByteArray, settings: FeatureSettings, reduc
 def _found(
     name: str, grey: ByteArray, settings: FeatureSettings, halved: bool
 ) -> tuple[NDArray[np.float64], ByteArray]:
-    """Return key points (N, 6) and descriptors (N, 128) of a picture, in its own pixels."""
+    """Return key points (N, 5), as _Points, and descriptors (N, 128) of a picture, in its own pixels."""
     height, width = grey.shape
-    sift = cv2.SIFT.create(contrastThreshold=settings.contrast_threshold, enable_precise_upscale=True)
     tiles = _tiles(grey, settings)
-    table = np.concatenate([_detect(sift, tile, settings) for tile in tiles])
-    if len(table) < 8:
+    # those of a picture too large to hold are made again for what is wanted of them
+    held: list[list[Float32Array]] | None = [[] for _ in tiles] if grey.size <= HELD_PX else None
+    every = _joined([_detected(n, t, settings, None if held is None else held[n]) for n, t in enumerate(tiles)])
+
+    def levels(number: int) -> Iterable[Float32Array]:
+        if held is not None:
+            return held[number]
+        return (o.level for o in octaves(tiles[number].grey, settings.overlap_px, inner_only=True))
+
+    def wanted(points: _Points) -> _Points:
+        size, response = points.table[:, 2], points.table[:, 4]
+        strength = response * np.minimum(size, LASTING_PX) ** 2 if halved else response
+        return points.only(_spread(points.table, strength, width, height, settings))
+
+    # several orientations of one point only take the places of weaker ones: no other point can come to be wanted
+    every = wanted(every)
+    every = _joined([_oriented(every.only(every.origin[:, 0] == n), levels(n)) for n in range(len(tiles))])
+    if len(every) < 8:
         raise ImageError(
-            f"{name}: only {len(table)} key points found in {width} x {height} px: the photograph is blank, "
+            f"{name}: only {len(every)} key points found in {width} x {height} px: the photograph is blank, "
             "blurred or black; remove it, or lower features.contrast_threshold"
         )
-    strength = table[:, 4] * np.minimum(table[:, 2], LASTING_PX) ** 2 if halved else table[:, 4]
-    table = table[_spread(table, strength, width, height, settings)]
-    descriptor = np.zeros((len(table), 128), dtype=np.uint8)
-    for tile in tiles:
-        own = tile.answers_for(table)
-        descriptor[own] = _describe(sift, tile, table[own])
-    return table, descriptor
+    every = wanted(every)
+    descriptor = np.zeros((len(every), 128), dtype=np.uint8)
+    for n in range(len(tiles)):
+        own = every.origin[:, 0] == n
+        descriptor[own] = _described(every.only(own), levels(n))
+    return every.table, _roots(descriptor)

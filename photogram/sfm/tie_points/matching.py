@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, undistort
-from photogram.compilation import njit
 from photogram.errors import check_range
 from photogram.projection import SIDEWAYS
+from photogram.sfm.tie_points.nearest_descriptors import nearest_descriptors
 from photogram.survey import Features, Matches
 
 
@@ -30,53 +30,15 @@ class MatchingSettings:
         check_range("minimum_inliers", self.minimum_inliers, 8)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _two_smallest(score: NDArray[np.float32], index: IntArray, value: NDArray[np.float32]) -> None:
-    """For each row of ``score``: the column of the smallest entry, and the two smallest entries."""
-    for i in range(score.shape[0]):
-        best, second, column = np.float32(np.inf), np.float32(np.inf), 0
-        for j in range(score.shape[1]):
-            s = score[i, j]
-            if s < second:
-                if s < best:
-                    second, best, column = best, s, j
-                else:
-                    second = s
-        index[i], value[i, 0], value[i, 1] = column, best, second
-
-
-def _two_nearest(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[IntArray, NDArray[np.float32]]:
-    """Return for each row of ``first`` the nearest row of ``second`` and the squared distances (N, 2) to its two
-    nearest.
-
-    Descriptors are whole numbers up to 255, so every product is exact in float32 and the result is the same on any
-    machine.
-    """
-    nearest = np.empty(len(first), dtype=np.int64)
-    distance = np.empty((len(first), 2), dtype=np.float32)
-    norm = np.einsum("ij,ij->i", second, second)
-    doubled = np.ascontiguousarray(-2.0 * second.T)
-    for start in range(0, len(first), 1024):
-        rows = slice(start, start + 1024)
-        score = first[rows] @ doubled
-        score += norm
-        _two_smallest(score, nearest[rows], distance[rows])
-    distance += np.einsum("ij,ij->i", first, first)[:, None]
-    return nearest, distance
-
-
 def candidate_matches(first: Features, second: Features, settings: MatchingSettings) -> IntArray:
     """Match descriptors by ratio test, mutually: returns the indices (M, 2) of candidate matches."""
     if len(first) < 2 or len(second) < 2:
         return np.zeros((0, 2), dtype=np.int64)
-    a, b = first.descriptor.astype(np.float32), second.descriptor.astype(np.float32)
-    forward, distance = _two_nearest(a, b)
-    distinct = np.flatnonzero(distance[:, 0] < settings.ratio**2 * distance[:, 1])
-    if not len(distinct):
-        return np.zeros((0, 2), dtype=np.int64)
-    backward, _ = _two_nearest(b[forward[distinct]], a)
-    mutual = distinct[backward == distinct]
-    return np.column_stack([mutual, forward[mutual]]).astype(np.int64)
+    near = nearest_descriptors(first.descriptor, second.descriptor)
+    distinct = near.distance[:, 0] < settings.ratio**2 * near.distance[:, 1]
+    mutual = near.back[near.nearest] == np.arange(len(first))
+    matched = np.flatnonzero(distinct & mutual)
+    return np.column_stack([matched, near.nearest[matched]])
 
 
 def verified_matches(

@@ -1,0 +1,180 @@
+"""The nearest descriptors of two photographs, both ways, from one table of their dot products.
+
+The table is made tile by tile and read while it is in the cache; nothing of it is kept but the two smallest distances
+of every row and the smallest of every column. Distances are whole numbers of 24 bits, so that distance and place fit
+into one 32-bit number, whose minimum is the nearest, the first of those equally near.
+
+Where the processor multiplies bytes (byte_distances), it does; elsewhere the products come from BLAS in single
+precision, which holds these whole numbers exactly. The result is the same on any machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
+from photogram.compilation import njit
+from photogram.sfm.tie_points.byte_distances import WIDE, distances_of_tile, usable_tiles
+
+Uint32Array = NDArray[np.uint32]
+
+LONGEST = 128
+"""Bytes of a descriptor, at most: squared distances stay below FAR."""
+
+FAR = 1 << 23
+"""Added to the squared distances of descriptors that fill up the last tile."""
+
+_PLACES = 256  # panels of columns whose number goes with a distance
+_NONE = (1 << 32) - 1
+_BLOCK = 80 * 12  # rows of the table that BLAS makes at once
+
+_TILES = usable_tiles()
+_TILE = (*_TILES, WIDE)[0]
+_HEIGHT, _WIDTH = _TILE.rows, _TILE.columns
+_read_tile_of_bytes = distances_of_tile(_TILE)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestDescriptors:
+    """Of the descriptors of two photographs: for each of the first the ``nearest`` (N,) of the second, with the squared
+    ``distance`` (N, 2) to its two nearest; for each of the second the nearest ``back`` (M,) of the first. Of those
+    equally near the first one."""
+
+    nearest: IntArray
+    distance: Float32Array
+    back: IntArray
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _read_tile(
+    product: Float32Array, corner: tuple[int, int], start: int, place: int, norm: Uint32Array, norms: Uint32Array,
+    best: Uint32Array, second: Uint32Array, back: Int32Array, least: Uint32Array,
+) -> None:  # fmt: skip
+    """Take a tile of a table of products into account, as distances_of_tile does; row 0 of the table is ``start``."""
+    top, left = corner
+    column = np.empty(_WIDTH, dtype=np.uint32)
+    column[:] = _NONE
+    for r in range(len(best)):
+        products, own_norm, smallest, next_smallest = product[top + r], norm[top + r], best[r], second[r]
+        for c in range(_WIDTH):
+            doubled = np.uint32(np.int32(products[left + c]) << 9)
+            distance = np.uint32(own_norm + norms[left + c] - doubled)
+            here = np.uint32(distance + place)
+            larger = max(here, smallest[c])
+            next_smallest[c] = min(larger, next_smallest[c])
+            smallest[c] = min(here, smallest[c])
+            column[c] = min(np.uint32(distance + r), column[c])
+    for c in range(_WIDTH):
+        distance = column[c] >> 8
+        if distance < least[left + c]:
+            back[left + c] = start + top + (column[c] & 255)
+            least[left + c] = distance
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _close_row(start: int, best: Uint32Array, second: Uint32Array, nearest: Int32Array, distance: Int32Array) -> None:
+    """Compare the two smallest distances of a row, ``start`` columns from the left, with those found before."""
+    at, smallest, next_smallest = 0, _NONE, _NONE
+    for c in range(_WIDTH):
+        if best[c] < smallest:
+            at, smallest, next_smallest = c, best[c], smallest
+        elif best[c] < next_smallest:
+            next_smallest = best[c]
+        if second[c] < next_smallest:
+            next_smallest = second[c]
+    near, next_near = smallest >> 8, next_smallest >> 8
+    if near < distance[0]:
+        nearest[0] = start + (smallest & 255) * _WIDTH + at
+        distance[1] = min(distance[0], next_near)
+        distance[0] = near
+    elif near < distance[1]:
+        distance[1] = near
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _nearest_by_bytes(
+    first: NDArray[np.int8], second: ByteArray, norm: Uint32Array, norms: Uint32Array,
+    nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,
+) -> None:  # fmt: skip
+    """Fill ``nearest`` (N,), ``distance`` (N, 2), ``back`` and ``least`` (M,) from signed bytes (N, 4 G) and unsigned
+    bytes (M / columns, G, 4 columns) in the tile's order, N and M whole tiles."""
+    height, width, groups = _HEIGHT, _WIDTH, first.shape[1] // 4
+    best, lower = np.empty((height, width), dtype=np.uint32), np.empty((height, width), dtype=np.uint32)
+    for left in range(0, len(second), _PLACES):
+        for top in range(0, len(first), height):
+            best[:] = _NONE
+            lower[:] = _NONE
+            for panel in range(left, min(left + _PLACES, len(second))):
+                own = 4 * width * panel  # bytes of the arrays of columns to the left
+                _read_tile_of_bytes(
+                    first.ctypes.data + top * 4 * groups, second.ctypes.data + own * groups, groups,
+                    norm.ctypes.data + 4 * top, norms.ctypes.data + own, panel - left, top,
+                    best.ctypes.data, lower.ctypes.data, back.ctypes.data + own, least.ctypes.data + own,
+                )  # fmt: skip
+            for r in range(height):
+                _close_row(left * width, best[r], lower[r], nearest[top + r : top + r + 1], distance[top + r])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _nearest_in_rows(
+    product: Float32Array, start: int, norm: Uint32Array, norms: Uint32Array,
+    nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,
+) -> None:  # fmt: skip
+    """Fill as _nearest_by_bytes for the rows from ``start`` on, whose products with all columns are there."""
+    height, width = _HEIGHT, _WIDTH
+    best, lower = np.empty((height, width), dtype=np.uint32), np.empty((height, width), dtype=np.uint32)
+    for left in range(0, product.shape[1], _PLACES * width):
+        right = min(left + _PLACES * width, product.shape[1])
+        for top in range(0, len(product), height):
+            best[:] = _NONE
+            lower[:] = _NONE
+            for place in range((right - left) // width):
+                corner = top, left + place * width
+                _read_tile(product, corner, start, place, norm, norms, best, lower, back, least)
+            for r in range(height):
+                _close_row(left, best[r], lower[r], nearest[top + r : top + r + 1], distance[top + r])
+
+
+def _padded(descriptor: ByteArray, tile: int) -> tuple[ByteArray, IntArray]:
+    """Return descriptors of whole tiles and groups of four bytes, and their squared norms, those that fill up FAR."""
+    n, size = descriptor.shape
+    whole = np.zeros((-(-n // tile) * tile, -(-size // 4) * 4), dtype=np.uint8)
+    whole[:n, :size] = descriptor
+    norm = np.full(len(whole), FAR, dtype=np.int64)
+    norm[:n] = np.einsum("ij,ij->i", descriptor, descriptor, dtype=np.int64)
+    return whole, norm
+
+
+def nearest_descriptors(first: ByteArray, second: ByteArray, *, by_bytes: bool = bool(_TILES)) -> NearestDescriptors:
+    """Return the nearest descriptors of two photographs, rows of ``first`` (N, D) and ``second`` (M, D), both ways.
+
+    ``by_bytes``: with the processor's own products of bytes, where it has them. Raises ValueError where the descriptors
+    are longer than LONGEST, or there are fewer than two in one of the photographs.
+    """
+    if first.shape[1] != second.shape[1] or first.shape[1] > LONGEST or min(len(first), len(second)) < 2:
+        raise ValueError(f"descriptors of {first.shape} and {second.shape}")
+    (a, norm), (b, norms) = _padded(first, _HEIGHT), _padded(second, _WIDTH)
+    shifted = (norm << 8).astype(np.uint32)
+    nearest, distance = np.zeros(len(a), dtype=np.int32), np.full((len(a), 2), _NONE >> 8, dtype=np.int32)
+    back, least = np.zeros(len(b), dtype=np.int32), np.full(len(b), _NONE >> 8, dtype=np.uint32)
+    if by_bytes:
+        # a signed byte is an unsigned one less 128, so that a · b is 128 times the sum of b more than their product
+        norms = norms - 256 * b.sum(axis=1, dtype=np.int64)
+        panels = b.reshape(-1, _TILE.lanes, b.shape[1] // 4, 4).transpose(0, 2, 1, 3).reshape(len(b) // _WIDTH, -1)
+        _nearest_by_bytes(
+            (a ^ 128).view(np.int8), np.ascontiguousarray(panels), shifted, (norms << 8).astype(np.uint32),
+            nearest, distance, back, least,
+        )  # fmt: skip
+    else:
+        rows, columns = a.astype(np.float32), np.ascontiguousarray(b.T, dtype=np.float32)
+        for start in range(0, len(rows), _BLOCK):
+            own = slice(start, start + _BLOCK)
+            _nearest_in_rows(
+                rows[own] @ columns, start, shifted[own], (norms << 8).astype(np.uint32),
+                nearest[own], distance[own], back, least,
+            )  # fmt: skip
+    n, m = len(first), len(second)
+    return NearestDescriptors(nearest[:n].astype(np.int64), distance[:n].astype(np.float32), back[:m].astype(np.int64))
