@@ -11,10 +11,12 @@ from typing import Protocol
 from rich.markup import escape
 
 from photogram.cli.events import EventLines
+from photogram.cli.screen.cost_table import cost_line
 from photogram.cli.screen.findings_table import findings_table, has_errors, verdict
 from photogram.cli.screen.report_tables import show_report
 from photogram.cli.screen.terminal import bars, console, steps
 from photogram.cli.screen.watching import Quiet, Terminal, Told, say_warning
+from photogram.pipeline.costs.forecast import Forecast
 from photogram.pipeline.stages.report_files import PAGE
 from photogram.pipeline.store.stage import Watcher
 from photogram.project.findings import Finding
@@ -29,6 +31,9 @@ class Voice(Protocol):
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:
         """Say what the validation has found; notes are left out."""
+
+    def forecast(self, predicted: Forecast) -> None:
+        """Say what the work will take, before it begins."""
 
     def preparing(self, title: str) -> AbstractContextManager[Step]:
         """Show work before the stages, piece by piece."""
@@ -55,6 +60,11 @@ def say_results(survey: Project) -> None:
 
 class Spoken:
     """Tables and bars on the terminal."""
+
+    def forecast(self, predicted: Forecast) -> None:
+        """Print one line."""
+        if predicted.stages:
+            console.print(cost_line(predicted), soft_wrap=True)
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:
         """Print errors and warnings as a table."""
@@ -86,6 +96,9 @@ class Spoken:
 
 class Brief:
     """Warnings, errors and one line of the result."""
+
+    def forecast(self, predicted: Forecast) -> None:
+        """Say nothing."""
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:  # noqa: ARG002
         """Print a line for each error and each warning."""
@@ -121,6 +134,9 @@ class InEvents:
 
     def __init__(self, lines: EventLines) -> None:
         self._lines = lines
+
+    def forecast(self, predicted: Forecast) -> None:
+        """Say nothing: the first event tells the seconds left."""
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:  # noqa: ARG002
         """Write an event for each error and each warning."""

@@ -19,7 +19,6 @@ from photogram.cli.screen.time_left import TimeLeft
 from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.project.project import Project
 
 PREPARED = ("dense",)
 """Stages whose first pieces only prepare the work: pictures are made smaller."""
@@ -28,42 +27,6 @@ LEAST_PAUSE_S = 0.5
 """Between two events of progress."""
 
 UP_TO_DATE = "up to date"
-
-
-COARSE_CELLS = 0.3
-"""Share of the dense matching where the project asks for a cell size, which is coarser than the photographs' own."""
-
-
-def stage_weights(survey: Project, until: str | None = None) -> dict[str, float]:
-    """Return the weights of the stages up to ``until``, in order; what a survey does not ask for weighs nothing.
-
-    They are seconds, on two cores, fitted to surveys of 3 to 41 photographs of 0.5 to 115 megapixels, and right to a
-    factor of three: what matters is how the stages of one survey compare.
-    """
-    photographs = len(survey.photographs)
-    cameras = [survey.cameras[photograph.camera] for photograph in survey.photographs]
-    megapixels = sum(camera.width_px * camera.height_px for camera in cameras) / 1e6
-    dense = 1.4 * megapixels * (1.0 if survey.surface.cell_m is None else COARSE_CELLS) * survey.dense.enabled
-    weights = {
-        "photographs": 0.02 * photographs,
-        "features": 0.15 * photographs + 0.07 * megapixels,
-        "pairs": 0.01 * photographs,
-        "matches": 0.6 * photographs,
-        "tie_points": 0.01 * photographs,
-        "orientation": 0.1 * photographs,
-        "transfer": 0.1 * photographs + 0.03 * megapixels,
-        "intersection": 0.01 * photographs,
-        "adjustment": 1.0 + 0.3 * photographs,
-        "dense": dense,
-        "surface": 0.5 + 0.03 * dense,
-        "relief": 0.1 + 0.01 * dense,
-        "orthophoto": 0.3 * megapixels * survey.orthophoto.enabled,
-        "comparison": 1.5 if survey.reference is not None else 0.0,
-        "results": 6.0 + 0.2 * photographs + 0.03 * megapixels,
-    }
-    names = list(weights)
-    last = len(names) if until is None else names.index(until) + 1
-    return {name: weights[name] for name in names[:last]}
 
 
 class Terminal:

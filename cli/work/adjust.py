@@ -11,8 +11,7 @@ from photogram.cli.events import EventLines
 from photogram.cli.screen.findings_table import has_errors
 from photogram.cli.screen.terminal import console
 from photogram.cli.screen.voices import voice_of
-from photogram.cli.screen.watching import stage_weights
-from photogram.pipeline.input_validation import validate_project
+from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages.report_files import print_report
 from photogram.project.project import Project
@@ -39,11 +38,13 @@ def run(
     voice = voice_of(quiet, lines)
     survey = load_project(project, photographs)
     if check:
-        findings = validate_project(survey)
-        voice.findings(findings, f"Validation of {survey.path}")
-        if has_errors(findings):
+        checked = checked_project(survey)
+        voice.findings(checked.findings, f"Validation of {survey.path}")
+        if has_errors(checked.findings):
             raise typer.Exit(1)
-    with voice.watching(stage_weights(survey, until)) as watcher:
+    predicted = predicted_costs(survey, checked.tags if check else tags_of(survey), start, until)
+    voice.forecast(predicted)
+    with voice.watching(predicted.seconds_by_stage) as watcher:
         report = run_pipeline(survey, watcher=watcher, start=start, until=until)
     silent = quiet or lines is not None
     if report and pdf and silent:

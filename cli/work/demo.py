@@ -10,7 +10,7 @@ from photogram.cli.events import EventLines
 from photogram.cli.screen.report_tables import show_judgement, show_report
 from photogram.cli.screen.terminal import console
 from photogram.cli.screen.voices import say_results, voice_of
-from photogram.cli.screen.watching import stage_weights
+from photogram.pipeline.input_validation import predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.report.judgement import judge
 from photogram.simulation.demonstration import write_demonstration
@@ -23,7 +23,9 @@ def run(folder: Path, seed: int, dense: bool, *, quiet: bool = False, lines: Eve
     with voice.preparing("Simulated survey") as step:
         path = write_demonstration(folder, seed, step, dense=dense)
     survey = load_project(path)
-    with voice.watching(stage_weights(survey)) as watcher:
+    predicted = predicted_costs(survey, tags_of(survey))
+    voice.forecast(predicted)
+    with voice.watching(predicted.seconds_by_stage) as watcher:
         report = run_pipeline(survey, watcher=watcher)
     if quiet or lines is not None:
         voice.result(survey, report)
