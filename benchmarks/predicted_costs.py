@@ -9,7 +9,8 @@ into folders that are removed again. `factor`: measured over predicted. The last
 time without what kernels took to compile, which is predicted and printed apart, memory the most of any stage, disk what
 is left in the folders of work and results.
 
-Nothing is kept between the surveys, so that no prediction rests on a measurement of the same survey. `disk` by stage is
+Nothing is kept between the surveys, so that no prediction rests on a measurement of the same survey. `processor`: time of all threads,
+on a machine as fast as the one where the rates were measured and on this one, whatever else it does. `disk` by stage is
 what the stage left in the working folder, for the report what lies among the results.
 """
 
@@ -20,6 +21,7 @@ import json
 import multiprocessing
 import sys
 import tempfile
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -27,11 +29,14 @@ from pathlib import Path
 from photogram.files.npz_json import write_json
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import forecast
-from photogram.pipeline.costs.self_test import measured_speed
+from photogram.pipeline.costs.rates import predicted_seconds
+from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.workload import workload
 from photogram.pipeline.input_validation import tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.store.stage import Silent, Stage
+from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
@@ -44,6 +49,21 @@ AIM = 1.5
 """The factor that a prediction of the whole command is meant to keep."""
 
 
+class ProcessorTime(Silent):
+    """Notes the processor time of each stage, all threads together."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, stage: Stage) -> None:
+        """Start a stage."""
+        self.seconds[stage.name] = -time.process_time()
+
+    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+        """End a stage."""
+        self.seconds[stage.name] += time.process_time()
+
+
 def _project(path: Path, folder: Path) -> Project:
     return replace(load_project(path), work=folder / "work", results=folder / "results")
 
@@ -53,9 +73,12 @@ def _measure(path: Path, folder: Path, workers: int) -> None:
     project = _project(path, folder)
     tags, speed = tags_of(project), measured_speed(workers)
     predicted = forecast(project, tags, speed, workers)
+    watcher = ProcessorTime()
     with ThreadPoolExecutor(workers) as executor:
-        run_pipeline(project, executor=executor)
+        run_pipeline(project, watcher=watcher, executor=executor)
+    plain = predicted_seconds(workload(project, tags), Speed(), 1)
     note = {
+        "processor": {stage: (plain[stage], watcher.seconds[stage]) for stage in STAGE_NAMES},
         "speed": asdict(speed),
         "work": asdict(workload(project, tags)),
         "stages": [asdict(cost) for cost in predicted.stages],
@@ -84,7 +107,9 @@ def show(title: str, folder: Path) -> float:
     print(f"\n{title}")
     for part in ("work", "speed"):
         print("  " + ", ".join(f"{name} {value:.4g}" for name, value in note[part].items()))
-    print(f"{'':14}{'time, s':>18}{'factor':>7}  {'disk, MB':>18}{'factor':>7}  {'memory, MB':>18}{'factor':>7}")
+    print(
+        f"{'':14}{'time, s':>18}{'factor':>7}  {'disk, MB':>18}{'factor':>7}  {'memory, MB':>18}{'factor':>7}  {'processor, s':>18}{'factor':>7}"
+    )
     rows = []
     for stage in STAGE_NAMES:
         said, told = workspace.summary(stage), predicted[stage]
@@ -94,7 +119,11 @@ def show(title: str, folder: Path) -> float:
         disk = (told["disk_bytes"] / 1e6, _bytes(place) / 1e6)
         memory = (told["memory_bytes"] / 1e6, (said["peak_memory_bytes"] or 0) / 1e6)
         rows.append((seconds, disk, memory, (told["compilation_seconds"], compiling)))
-        print(_row(stage, *rows[-1][:3]))
+        processor = note["processor"][stage]
+        print(
+            _row(stage, *rows[-1][:3], (processor[0], processor[1] - compiling))
+            + (f"  compiled for {compiling:.1f} s" if compiling > 0 else "")
+        )
     whole, compilation = ((sum(row[k][0] for row in rows), sum(row[k][1] for row in rows)) for k in (0, 3))
     left = (note["disk_bytes"] / 1e6, (_bytes(folder / "work") + _bytes(folder / "results")) / 1e6)
     most = (max(row[2][0] for row in rows), max(row[2][1] for row in rows))

@@ -65,8 +65,10 @@ def _cached_in(folder: Path | None, function: Function, options: dict[str, Any])
 
 def kernels(rooms: tuple[str, ...]) -> tuple[int, int]:
     """Return how many functions of the modules that have been imported and whose names begin with one of ``rooms`` are
-    compiled for this machine, or kept so from an earlier run, and how many there are."""
+    compiled for this machine, or kept so from an earlier run, and how many there are; those that are always inlined are
+    seldom compiled by themselves, and left out."""
     own = [kernel for kernel in _kept if kernel.py_func.__module__.startswith(rooms)]
+    own = [kernel for kernel in own if kernel.targetoptions.get("inline", "never") != "always"]
     return sum(_is_compiled(kernel) for kernel in own), len(own)
 
 

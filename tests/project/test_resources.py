@@ -148,9 +148,10 @@ def test_memory_grows_with_photographs_picture_size_cells_and_workers(strip: Pro
     assert memory_bytes(many) > 10 * memory_bytes(sparse)
     large = replace(sparse, cameras=(replace(sparse.cameras[0], width_px=4000, height_px=3000),))
     assert memory_bytes(replace(large, quality="low")) < memory_bytes(large)
-    two, four, eight = (memory_bytes(strip, workers) for workers in (2, 4, 8))
-    assert eight - four == pytest.approx(2 * (four - two))
-    assert four > two
+    usual = replace(strip, surface=SurfaceSettings(cell_m=0.02))
+    two, four, eight = (memory_bytes(usual, workers) for workers in (2, 4, 8))
+    assert eight - four == pytest.approx(2 * (four - two), rel=0.3)
+    assert four > 1.1 * two
     fine = replace(strip, surface=SurfaceSettings(cell_m=0.004))
     assert memory_bytes(fine) > 2 * memory_bytes(strip)
 

@@ -68,14 +68,15 @@ RATES = (
 CONSTANT_S: Mapping[str, float] = {
     "photographs": 0.05, "features": 0.05, "pairs": 0.02, "matches": 0.02, "tie_points": 0.02, "orientation": 0.1,
     "transfer": 0.02, "intersection": 0.03, "adjustment": 0.3, "dense": 0.1, "surface": 0.15, "relief": 0.05,
-    "orthophoto": 0.2, "comparison": 0.0, "results": 5.0,
+    "orthophoto": 0.2, "comparison": 0.0, "results": 7.0,
 }  # fmt: skip
 """Seconds of a stage whatever the survey: the report draws its figures, kernels are loaded."""
 
 COMPILATION_S: Mapping[str, tuple[float, tuple[str, ...]]] = {
-    "pairs": (0.8, ("photogram.sfm",)),
-    "orientation": (9.2, ("photogram.triangulation", "photogram.projection", "photogram.camera")),
-    "adjustment": (16.5, ("photogram.factors", "photogram.adjustment", "photogram.quality")),
+    "pairs": (0.8, ("photogram.sfm.tie_points.pairs", "photogram.sfm.tie_points.matching")),
+    "orientation": (9.2, ("photogram.triangulation", "photogram.projection")),
+    "transfer": (3.0, ("photogram.sfm.tie_points.guided_matching",)),
+    "adjustment": (16.5, ("photogram.factors",)),
     "dense": (27.0, ("photogram.surface.dense",)),
     "surface": (1.0, ("photogram.surface.dsm",)),
     "orthophoto": (24.0, ("photogram.surface.ortho",)),

@@ -53,8 +53,8 @@ PICTURE_BYTES, SCRATCH_BYTES, CLOSED_BYTES = 2.9, 4.0, 16.0
 """On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.9, and before that; and for a cell of the
 surface while it is closed for it: heights and standard deviations, before and after."""
 
-PROGRAM_BYTES = 370e6
-"""In memory for the program with its libraries, before it does anything."""
+PROGRAM_BYTES = 540e6
+"""In memory for the program with its libraries and kernels, before it does anything."""
 
 MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 600.0
 """In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
@@ -65,8 +65,11 @@ TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 54.0
 """In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
 report. Measured on seven million cells, lines included; the report holds the relative standard deviations besides."""
 
-LIBRARIES_BYTES, FIGURES_BYTES = 300e6, 100e6
+LIBRARIES_BYTES, FIGURES_BYTES = 50e6, 140e6
 """In memory for GTSAM, GDAL and compiled kernels once they are loaded, and for figures."""
+
+MATCHED_CELL_BYTES = 1200.0
+"""The same for a cell, where all cells together are fewer than those of a block."""
 
 PAIR_BYTES = 4800.0
 """In memory for a key point of two photographs that are compared: descriptors as floats, and 1024 rows of products."""
@@ -78,7 +81,7 @@ photographs at 0.79 to 0.82."""
 MATCH_BYTES, TIE_POINT_BYTES, ADJUSTED_BYTES = 5.0, 15.0, 35.0
 """On disk for a key point: what matching, tie points and the adjustment write."""
 
-REPORT_DISK_BYTES = 8e6
+REPORT_DISK_BYTES = 14e6
 """On disk for the report, its figures and pictures."""
 
 SPARE = 1.5
@@ -254,11 +257,12 @@ def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dic
         (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled,
     )
     # more photographs than the least are held where memory is to spare
-    held = TILE_BYTES * workers + 3.0 * LEAST_HELD * largest_px
+    held = 3.0 * min(LEAST_HELD, len(project.photographs)) * largest_px
     lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
-    matching = workers * (MATCHING_BYTES + BYTES_PER_PX * largest_px) * dense
+    matching = min(workers * MATCHING_BYTES, MATCHED_CELL_BYTES * cells) + BYTES_PER_PX * workers * largest_px
+    tiles = min(workers * TILE_BYTES, MATCHED_CELL_BYTES * (size.orthophoto_cells + cells))
     report = REPORT_BYTES * cells * dense
-    orthophoto = (4.0 * cells + lattice + held) * project.orthophoto.enabled
+    orthophoto = (4.0 * cells + lattice + held + tiles) * project.orthophoto.enabled
     pieces_and_rasters: dict[str, tuple[float, float, str]] = {
         "photographs": (3.0 * workers * largest_px, 0.0, fewer),
         "features": (one * max(1.0, workers / 2), 0.0, fewer),
@@ -269,8 +273,8 @@ def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dic
         "transfer": (LIBRARIES_BYTES + block + 4.0 * workers * largest_px, 0.0, fewer),
         "intersection": (0.0, 0.0, fewer),
         "adjustment": (LIBRARIES_BYTES + block, 0.0, fewer),
-        "dense": (LIBRARIES_BYTES + matching, 0.0, "set dense.enabled to false"),
-        "surface": (LIBRARIES_BYTES + TILE_BYTES * workers * dense, 0.0, coarser),
+        "dense": (LIBRARIES_BYTES + matching * dense, 0.0, "set dense.enabled to false"),
+        "surface": (LIBRARIES_BYTES + tiles * dense, 0.0, coarser),
         "relief": (LIBRARIES_BYTES, relief, coarser),
         "orthophoto": (LIBRARIES_BYTES + orthophoto, 0.0, "set orthophoto.enabled to false"),
         "comparison": (0.0, 0.0, fewer),
