@@ -9,9 +9,9 @@ into folders that are removed again. `factor`: measured over predicted. The last
 time without what kernels took to compile, which is predicted and printed apart, memory the most of any stage, disk what
 is left in the folders of work and results.
 
-Nothing is kept between the surveys, so that no prediction rests on a measurement of the same survey. `processor`: time of all threads,
-on a machine as fast as the one where the rates were measured and on this one, whatever else it does. `disk` by stage is
-what the stage left in the working folder, for the report what lies among the results.
+Nothing is kept between the surveys, so that no prediction rests on a measurement of the same survey. `processor`: time
+of all threads, on a machine as fast as the one where the rates were measured and on this one, whatever else it does.
+`disk` by stage is what the stage left in the working folder, for the report what lies among the results.
 """
 
 from __future__ import annotations
@@ -107,9 +107,8 @@ def show(title: str, folder: Path) -> float:
     print(f"\n{title}")
     for part in ("work", "speed"):
         print("  " + ", ".join(f"{name} {value:.4g}" for name, value in note[part].items()))
-    print(
-        f"{'':14}{'time, s':>18}{'factor':>7}  {'disk, MB':>18}{'factor':>7}  {'memory, MB':>18}{'factor':>7}  {'processor, s':>18}{'factor':>7}"
-    )
+    headings = ("time, s", "disk, MB", "memory, MB", "processor, s")
+    print(" " * 14 + "  ".join(f"{heading:>18}{'factor':>7}" for heading in headings))
     rows = []
     for stage in STAGE_NAMES:
         said, told = workspace.summary(stage), predicted[stage]

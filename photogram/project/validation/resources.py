@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.camera import rotation_from_gimbal
+from photogram.camera import Camera, rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.findings import Finding
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
+from photogram.sfm.tie_points.features import picture_scale
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, round_cell_m
 from photogram.surface.ortho.orthophoto import LEAST_HELD
@@ -39,6 +40,9 @@ BYTES_PER_PX = 12
 BYTES_PER_TILE_PX = 240
 """Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
 tiles of 800 and of 1728 px."""
+
+AT_ONCE = 0.7
+"""Share of the workers that hold the most at the same time while key points are looked for."""
 
 MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 8.0 / 3.0, 23.0
 """On disk for a cell of the surface: what the matching writes of it, what its coarser levels hold meanwhile, and what
@@ -78,8 +82,9 @@ ALLOCATED_SHARE = 0.8
 """Of what a stage held at its peak in small pieces, the share that stays with the process; measured on a survey of 18
 photographs at 0.79 to 0.82."""
 
-MATCH_BYTES, TIE_POINT_BYTES, ADJUSTED_BYTES = 5.0, 15.0, 35.0
-"""On disk for a key point: what matching, tie points and the adjustment write."""
+MATCH_BYTES, TIE_POINT_BYTES, ADJUSTED_BYTES = 10.0, 25.0, 65.0
+"""On disk for a key point: what matching, tie points and the adjustment write; measured at half of it over a beach, and
+at twice over ground with texture everywhere and much overlap."""
 
 REPORT_DISK_BYTES = 14e6
 """On disk for the report, its figures and pictures."""
@@ -238,6 +243,16 @@ def kept_disk_bytes(project: Project, size: SurfaceSize) -> dict[str, float]:
     return {**kept, "results": copied + REPORT_DISK_BYTES + 2.0 * ADJUSTED_BYTES * key_points}
 
 
+def _tile_px(project: Project, camera: Camera) -> float:
+    """Return how many pixels the largest tile has in which key points of a photograph are looked for."""
+    features = project.features
+    scale = picture_scale(camera.width_px * camera.height_px, features, REDUCTIONS[project.quality])
+    sides = [side / scale for side in (camera.width_px, camera.height_px)]
+    tiles = [max(1.0, np.ceil(side / features.tile_px)) for side in sides]
+    beyond = [features.overlap_px * min(count - 1.0, 2.0) for count in tiles]
+    return float(np.prod([side / count + more for side, count, more in zip(sides, tiles, beyond, strict=True)]))
+
+
 def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dict[str, tuple[float, str]]:
     """Return about the most that the process holds in each stage, in bytes, the program included, and what lowers it.
 
@@ -246,8 +261,9 @@ def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dic
     """
     fewer, coarser = "lower features.maximum or quality", "choose a larger surface.cell_m"
     largest_px = max(c.width_px * c.height_px for c in project.cameras)
-    tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
-    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, largest_px / REDUCTIONS[project.quality] ** 2)
+    one = max(
+        BYTES_PER_PX * c.width_px * c.height_px + BYTES_PER_TILE_PX * _tile_px(project, c) for c in project.cameras
+    )
     key_points = len(project.photographs) * project.features.maximum
     block = key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)
     cells, dense = size.surface_cells, project.dense.enabled
@@ -265,7 +281,7 @@ def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dic
     orthophoto = (4.0 * cells + lattice + held + tiles) * project.orthophoto.enabled
     pieces_and_rasters: dict[str, tuple[float, float, str]] = {
         "photographs": (3.0 * workers * largest_px, 0.0, fewer),
-        "features": (one * max(1.0, workers / 2), 0.0, fewer),
+        "features": (one * max(1.0, AT_ONCE * workers), 0.0, fewer),
         "pairs": (0.0, 0.0, fewer),
         "matches": (PAIR_BYTES * workers * project.features.maximum, 0.0, fewer),
         "tie_points": (block, 0.0, fewer),
