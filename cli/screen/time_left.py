@@ -53,7 +53,8 @@ class TimeLeft:
     """Estimates the time left of a command.
 
     ``predicted`` are the seconds that each stage is expected to take, in the order of the stages; empty where nothing
-    is known. ``clock`` returns seconds. ``prepared`` are stages whose first pieces only prepare the work.
+    is known. ``clock`` returns seconds. ``prepared`` are stages whose first pieces tell nothing
+    of the rest.
     """
 
     def __init__(

@@ -20,8 +20,9 @@ from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.stage import Stage
 from photogram.pipeline.store.stage_summary import StageSummary
 
-PREPARED = ("dense",)
-"""Stages whose first pieces only prepare the work: pictures are made smaller."""
+PREPARED = ("dense", "results")
+"""Stages whose first pieces tell nothing of the rest: pictures are made smaller before heights are matched, and the
+steps of the report are as unlike as a table and all its figures."""
 
 LEAST_PAUSE_S = 0.5
 """Between two events of progress."""

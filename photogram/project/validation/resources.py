@@ -323,7 +323,8 @@ def machine_needs(project: Project, tags: Sequence[PhotographTags | None], worke
     memory, remedy = max(stage_memory_bytes(project, size, workers).values())
     coarser = "choose a larger surface.cell_m or orthophoto.cell_m"
     lower = coarser if surface > sparse else "lower features.maximum"
-    return MachineNeeds(int(sparse + surface), int(memory), lower, remedy)
+    disk = max(sparse + surface, sum(kept_disk_bytes(project, size).values()))
+    return MachineNeeds(int(disk), int(memory), lower, remedy)
 
 
 def gigabytes(count: int) -> str:
