@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.errors import FrameError
+from photogram.errors import PhotogramError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.measured_block import measured_block, photograph_note, survey_frame
 from photogram.project.measured_positions import known_position
@@ -87,7 +87,7 @@ def expected_pairs(project: Project, tags: Sequence[PhotographTags | None]) -> i
     count, settings = len(project.photographs), project.pairs
     try:
         photographs = _positioned(project, tags) if count > 1 else None
-    except FrameError:  # the geometry's own check says so
+    except PhotogramError:  # the checks say what is wrong
         photographs = None
     if photographs is None:
         return count * (count - 1) // 2 if count <= EXHAUSTIVE else min(settings.retrieved, count - 1) * count * 3 // 4
