@@ -21,6 +21,7 @@ from photogram.project.validation.resources import (
     MATCHED_BYTES,
     RASTER_BYTES,
     SurfaceSize,
+    kept_disk_bytes,
     machine_findings,
     machine_needs,
     sparse_disk_bytes,
@@ -102,7 +103,10 @@ def test_stages_that_are_switched_off_need_nothing(strip: Project) -> None:
     )  # fmt: skip
     size = surface_size(off, NO_TAGS)
     assert (size.surface_cells, size.orthophoto_cells) == (0.0, 0.0)
-    assert machine_needs(off, NO_TAGS).disk_bytes == int(sparse_disk_bytes(off))
+    kept = kept_disk_bytes(off, size)
+    assert kept["dense"] == kept["surface"] == kept["relief"] == kept["orthophoto"] == 0.0
+    assert machine_needs(off, NO_TAGS).disk_bytes == int(max(sparse_disk_bytes(off), sum(kept.values())))
+    assert all(kept[stage] <= more for stage, more in kept_disk_bytes(strip, surface_size(strip, NO_TAGS)).items())
     whole, matched = (surface_disk_bytes(p, surface_size(p, NO_TAGS)) for p in (strip, replace(off, dense=strip.dense)))
     assert 0 < matched < whole
     with_terrain = replace(strip, terrain=TerrainSettings(enabled=True))
