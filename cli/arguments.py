@@ -15,3 +15,8 @@ Photographs = Annotated[
 Pdf = Annotated[
     bool, typer.Option("--pdf", help="Also print report.pdf (needs an installed Chromium, Chrome or Edge).")
 ]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings, errors and the result in one line.")]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", help="Print events for programs instead: one JSON object per line (see schema events)."),
+]

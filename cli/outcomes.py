@@ -100,6 +100,13 @@ def say_outcome(cause: BaseException, command: str | None, verbosity: int) -> in
     return FAILED
 
 
+def in_words(cause: BaseException) -> str:
+    """Return what a program is told of what a command raised."""
+    if isinstance(cause, KeyboardInterrupt):
+        return "interrupted"
+    return _fixable(cause) or f"a defect of photogram ({type(cause).__name__}: {cause})"
+
+
 def _fixable(cause: BaseException) -> str | None:
     """Return the message of an error that the user or the machine can fix, None of any other."""
     if isinstance(cause, PhotogramError):

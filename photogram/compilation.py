@@ -11,15 +11,20 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from numba import config
 from numba import njit as numba_njit  # noqa: TID251 - here it is wrapped
+from numba.core import event
 
 Function = Callable[..., Any]
+
+_kept: list[Any] = []  # every function whose compiled code is to be kept, as numba's dispatcher
 
 
 def njit(**options: Any) -> Callable[[Function], Any]:  # noqa: ANN401 - numba's own options
@@ -31,6 +36,8 @@ def njit(**options: Any) -> Callable[[Function], Any]:  # noqa: ANN401 - numba's
             # without a home numba would make a folder called ~ where the command runs
             found = _cached(function, options) if os.path.isabs(os.path.expanduser("~")) else None
             found = found or _cached_in(temporary_folder(), function, options)
+        if found is not None:
+            _kept.append(found)
         return found or numba_njit(**{**options, "cache": False})(function)
 
     return compiled
@@ -54,6 +61,42 @@ def _cached_in(folder: Path | None, function: Function, options: dict[str, Any])
         return _cached(function, options)
     finally:
         config.CACHE_DIR = usual
+
+
+def kernels(rooms: tuple[str, ...]) -> tuple[int, int]:
+    """Return how many functions of the modules that have been imported and whose names begin with one of ``rooms`` are
+    compiled for this machine, or kept so from an earlier run, and how many there are; those that are always inlined are
+    seldom compiled by themselves, and left out."""
+    own = [kernel for kernel in _kept if kernel.py_func.__module__.startswith(rooms)]
+    own = [kernel for kernel in own if kernel.targetoptions.get("inline", "never") != "always"]
+    return sum(_is_compiled(kernel) for kernel in own), len(own)
+
+
+def _is_compiled(kernel: Any) -> bool:  # noqa: ANN401 - numba carries no types
+    if kernel.signatures:
+        return True
+    # numba has no other way to ask for what it keeps without loading all of it
+    kept = kernel._cache._cache_file._load_index()
+    return bool(kept)
+
+
+@dataclass
+class CompileTime:
+    """The seconds that were spent compiling functions."""
+
+    seconds: float = 0.0
+
+
+@contextmanager
+def compile_time() -> Iterator[CompileTime]:
+    """Measure how long functions are compiled during the block; what is kept from an earlier run takes no time."""
+    found = CompileTime()
+
+    def note(seconds: float) -> None:
+        found.seconds = seconds
+
+    with event.install_timer("numba:compile", note):
+        yield found
 
 
 @cache

@@ -8,6 +8,7 @@ from math import ceil
 from pathlib import Path
 
 _CGROUP = Path("/sys/fs/cgroup")
+_AVAILABLE = Path("/proc/meminfo")
 _MEMBERSHIP = Path("/proc/self/cgroup")
 
 
@@ -25,6 +26,15 @@ def memory_bytes() -> int:
     """Return the memory that this process may take: the machine's, or less where a control group limits it."""
     whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return min([whole, *_memory_limits()])
+
+
+def free_memory_bytes() -> int:
+    """Return the memory that this process may take and that nothing else holds now, where the system tells (Linux);
+    else as ``memory_bytes``."""
+    with suppress(OSError, ValueError, LookupError):
+        told = dict(line.split(":", 1) for line in _AVAILABLE.read_text().splitlines())
+        return min(memory_bytes(), 1024 * int(told["MemAvailable"].split()[0]))
+    return memory_bytes()
 
 
 def _groups(controller: str) -> list[Path]:

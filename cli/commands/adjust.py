@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
-from photogram.cli.arguments import Pdf, Photographs, ProjectFile
+from photogram.cli.arguments import AsJson, Pdf, Photographs, ProjectFile, QuietOption
 from photogram.cli.beforehand import check_project_file
 from photogram.pipeline.stage_names import StageName
 
@@ -29,6 +29,8 @@ def adjust(
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")
     ] = True,
+    quiet: QuietOption = False,
+    as_json: AsJson = False,
 ) -> None:
     """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
 
@@ -36,7 +38,20 @@ def adjust(
     pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
     dense, surface, relief, orthophoto, comparison and results.
     """
-    check_project_file(project)
-    from photogram.cli.work.adjust import run
+    from photogram.cli.events import event_lines
 
-    run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)
+    with event_lines(as_json) as lines:
+        check_project_file(project)
+        from photogram.cli.work.adjust import run
+
+        run(
+            project,
+            photographs,
+            start=start,
+            until=until,
+            pdf=pdf,
+            strict=strict,
+            check=check,
+            quiet=quiet,
+            lines=lines,
+        )

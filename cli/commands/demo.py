@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.arguments import AsJson, QuietOption
 
 
 @app.command()
@@ -17,8 +18,13 @@ def demo(
     dense: Annotated[
         bool, typer.Option("--dense", help="Also produce a dense surface and an orthophoto (90 s longer).")
     ] = False,
+    quiet: QuietOption = False,
+    as_json: AsJson = False,
 ) -> None:
     """Render a small simulated survey, process it, and compare the result with the truth."""
-    from photogram.cli.work.demo import run
+    from photogram.cli.events import event_lines
 
-    run(folder, seed, dense)
+    with event_lines(as_json) as lines:
+        from photogram.cli.work.demo import run
+
+        run(folder, seed, dense, quiet=quiet, lines=lines)

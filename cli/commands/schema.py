@@ -8,14 +8,17 @@ import typer
 
 from photogram.cli.app import app
 
-DocumentName = Literal["report"]
+DocumentName = Literal["report", "events"]
 
 
 @app.command()
 def schema(
-    document: Annotated[DocumentName, typer.Argument(help="File: report, for report.json.", show_default=False)],
+    document: Annotated[
+        DocumentName,
+        typer.Argument(help="Document: report, for report.json; events, for a line of --json.", show_default=False),
+    ],
 ) -> None:
-    """Print the JSON Schema of report.json: its keys, their types and units."""
+    """Print the JSON Schema of report.json or of the events of --json: keys, their types and units."""
     from photogram.cli.work.schema import run
 
     run(document)

@@ -2,45 +2,24 @@
 
 from __future__ import annotations
 
-import os
-import shlex
 from pathlib import Path
 
 import typer
 from rich.markup import escape
 
-from photogram.cli.screen.findings_table import findings_table, has_errors, verdict
-from photogram.cli.screen.report_tables import show_report
-from photogram.cli.screen.terminal import bars, console
-from photogram.cli.screen.watching import Terminal, stage_weights
-from photogram.pipeline.input_validation import validate_project
+from photogram.cli.events import EventLines
+from photogram.cli.screen.findings_table import has_errors
+from photogram.cli.screen.terminal import console
+from photogram.cli.screen.voices import voice_of
+from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.pipeline.stages.report_files import PAGE, print_report
+from photogram.pipeline.stages.report_files import print_report
 from photogram.project.project import Project
 
 
 def say_printed(survey: Project) -> None:
     """Print the report as PDF and say where it is."""
     console.print(f"Printed: {escape(str(print_report(survey)))}", soft_wrap=True)
-
-
-def say_results(survey: Project) -> None:
-    """Say where the report is, and how to see the survey in 3-D."""
-    results = os.path.relpath(survey.results)
-    shown = results if not results.startswith("..") else str(survey.results)
-    console.print(f"Report: {escape(os.path.join(shown, PAGE))}", soft_wrap=True)
-    console.print(f"3-D view: photogram view {escape(shlex.quote(shown))} --open", soft_wrap=True)
-
-
-def _stop_at_errors(survey: Project) -> None:
-    """Validate the project and print errors and warnings; leave with exit code 1 where there are errors."""
-    findings = [finding for finding in validate_project(survey) if finding.severity != "note"]
-    if findings:
-        console.print(findings_table(findings, f"Validation of {survey.path}"))
-    if has_errors(findings):
-        console.print(verdict(findings))
-        console.print("Nothing was processed; --no-check processes in spite of errors.")
-        raise typer.Exit(1)
 
 
 def run(
@@ -52,19 +31,26 @@ def run(
     pdf: bool,
     strict: bool,
     check: bool,
+    quiet: bool = False,
+    lines: EventLines | None = None,
 ) -> None:
-    """Process a survey and show the essentials of its report."""
+    """Process a survey and show the essentials of its report; with ``lines`` in events."""
+    voice = voice_of(quiet, lines)
     survey = load_project(project, photographs)
     if check:
-        _stop_at_errors(survey)
-    with bars() as progress:
-        report = run_pipeline(
-            survey, watcher=Terminal(progress, stage_weights(survey, until)), start=start, until=until
-        )
-    if report:
-        show_report(report)
-        say_results(survey)
-        if pdf:
-            say_printed(survey)
-        if strict and report["blunders"]:
+        checked = checked_project(survey)
+        voice.findings(checked.findings, f"Validation of {survey.path}")
+        if has_errors(checked.findings):
             raise typer.Exit(1)
+    predicted = predicted_costs(survey, checked.tags if check else tags_of(survey), start, until)
+    voice.forecast(predicted)
+    with voice.watching(predicted.seconds_by_stage) as watcher:
+        report = run_pipeline(survey, watcher=watcher, start=start, until=until)
+    silent = quiet or lines is not None
+    if report and pdf and silent:
+        print_report(survey)
+    voice.result(survey, report)
+    if report and pdf and not silent:
+        say_printed(survey)
+    if report and strict and report["blunders"]:
+        raise typer.Exit(1)

@@ -6,15 +6,35 @@ from pathlib import Path
 
 import typer
 
+from photogram.cli.screen.cost_table import cost_table
 from photogram.cli.screen.findings_table import findings_table, has_errors, verdict
 from photogram.cli.screen.terminal import console
-from photogram.pipeline.input_validation import validate_project_file
+from photogram.errors import ProjectError
+from photogram.machine import cores
+from photogram.pipeline.costs.forecast import Forecast
+from photogram.pipeline.input_validation import checked_project, predicted_costs, validate_project_file
+from photogram.pipeline.pipeline import load_project
+from photogram.project.findings import Findings
+
+
+def _checked(project: Path, photographs: Path | None) -> tuple[Findings, Forecast | None]:
+    """Return what is found wrong with a project, and what it will take where nothing stops it."""
+    try:
+        survey = load_project(project, photographs)
+    except ProjectError:  # its errors are found again, and all others with them
+        return validate_project_file(project, photographs), None
+    checked = checked_project(survey)
+    if has_errors(checked.findings):
+        return checked.findings, None
+    return checked.findings, predicted_costs(survey, checked.tags)
 
 
 def run(project: Path, photographs: Path | None) -> None:
     """Validate a project and show what was found; leave with exit code 1 where there are errors."""
-    findings = validate_project_file(project, photographs)
+    findings, predicted = _checked(project, photographs)
     console.print(findings_table(findings, f"Validation of {project}"))
+    if predicted is not None:
+        console.print(cost_table(predicted, cores()) if predicted.stages else "All results are up to date.")
     console.print(verdict(findings))
     if has_errors(findings):
         raise typer.Exit(1)

@@ -6,10 +6,18 @@ import json
 from collections.abc import Callable
 
 import typer
+from pydantic import TypeAdapter
 
-from photogram.report.record.json_schema import report_schema
+from photogram.cli.events import Event
+from photogram.report.record.json_schema import report_schema, schema_of
 
-SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {"report": report_schema}
+
+def event_schema() -> dict[str, object]:
+    """Return the JSON Schema of a line of ``--json``."""
+    return schema_of(TypeAdapter(Event))
+
+
+SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {"report": report_schema, "events": event_schema}
 """By the name of the document."""
 
 

@@ -8,7 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from photogram.cli.screen.terminal import bars, console
-from photogram.cli.screen.watching import Terminal, stage_weights
+from photogram.cli.screen.watching import Terminal
+from photogram.pipeline.input_validation import predicted_costs, tags_of
 from photogram.pipeline.pair_study import study_pair, write_study
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.ransac_study import RansacStudy, Residual, needed_iterations
@@ -45,7 +46,8 @@ def run(
     """Run RANSAC with many settings on one pair of photographs; show its inliers, and write them and pictures."""
     survey = load_project(project, photographs)
     with bars() as progress:
-        run_pipeline(survey, watcher=Terminal(progress, stage_weights(survey, "matches")), until="matches")
+        predicted = predicted_costs(survey, tags_of(survey), until="matches")
+        run_pipeline(survey, watcher=Terminal(progress, predicted.seconds_by_stage), until="matches")
     study = study_pair(survey, pair or (), ratio, counts, sizes, limits_px, seed, residual)
     pictures = f"{escape(study.first)} and {escape(study.second)}"
     console.print(f"{pictures}: {study.result.points} candidate matches at ratio {ratio:g}, {residual} distance")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
@@ -16,14 +17,20 @@ from photogram.errors import ProjectError
 from photogram.files.atomic import unwritable
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.headers import PhotographHeader, read_headers
+from photogram.files.photographs.tags import PhotographTags
 from photogram.files.stage_folders import earlier_folders
-from photogram.machine import cores, memory_bytes
-from photogram.pipeline.pipeline import STAGES, load_project
+from photogram.machine import cores, free_memory_bytes
+from photogram.pipeline.costs.forecast import Forecast, forecast
+from photogram.pipeline.costs.self_test import Speed, measured_speed
+from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
 from photogram.wording import some
+
+TESTED = frozenset({"features", "matches", "dense", "orthophoto"})
+"""Stages whose time depends on the machine so much that it is tested before."""
 
 
 def _free_disk_bytes(folder: Path) -> int:
@@ -56,9 +63,22 @@ def _copies(
     return find_copies(paths, [header.tags for header in headers], cameras, executor)
 
 
+@dataclass(frozen=True)
+class CheckedProject:
+    """What the check of a project has found, and the tags of its photographs, None where one cannot be read."""
+
+    findings: Findings
+    tags: tuple[PhotographTags | None, ...]
+
+
 def validate_project(project: Project) -> Findings:
-    """Return everything that can be known to be wrong with a project that has been read: errors, then warnings, then
-    notes.
+    """Return everything that can be known to be wrong with a project that has been read, as ``checked_project``."""
+    return checked_project(project).findings
+
+
+def checked_project(project: Project) -> CheckedProject:
+    """Return everything that can be known to be wrong with a project that has been read, errors, then warnings, then
+    notes, and the tags.
 
     Reads the headers of the photographs and asks the machine for its memory and free disk; nothing is decoded but
     photographs suspected to be there twice. Raises OSError where the disk cannot be asked.
@@ -68,8 +88,30 @@ def validate_project(project: Project) -> Findings:
         headers = read_headers(paths, executor)
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
-    survey = check_survey(project, headers, copies, free_disk_bytes, memory_bytes(), cores())
-    return Findings(by_severity([*folder_findings(project), *survey]))
+    survey = check_survey(project, headers, copies, free_disk_bytes, free_memory_bytes(), cores())
+    findings = Findings(by_severity([*folder_findings(project), *survey]))
+    return CheckedProject(findings, tuple(header.tags for header in headers))
+
+
+def tags_of(project: Project) -> tuple[PhotographTags | None, ...]:
+    """Return the tags of a project's photographs, None where one cannot be read."""
+    with ThreadPoolExecutor(cores()) as executor:
+        headers = read_headers([p.path for p in project.photographs], executor)
+    return tuple(header.tags for header in headers)
+
+
+def predicted_costs(
+    project: Project, tags: Sequence[PhotographTags | None], start: str | None = None, until: str | None = None
+) -> Forecast:
+    """Return what ``run_pipeline`` will take on this machine, for what is not there yet; ``tags`` are those of
+    ``project.photographs``.
+
+    Tests the machine for two or three seconds where stages remain that are worth it. Raises WorkspaceError where there
+    is no such stage.
+    """
+    remaining = remaining_stages(project, start, until)
+    speed = measured_speed() if TESTED.intersection(remaining) else Speed()
+    return forecast(project, tags, speed, cores(), remaining)
 
 
 def validate_project_file(project: Path | str, photographs: Path | str | None = None) -> Findings:

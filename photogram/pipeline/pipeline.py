@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import overload
 
 from photogram import __version__
+from photogram.compilation import compile_time
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
@@ -250,6 +251,40 @@ def is_up_to_date(run: Run, name: str) -> bool:
     return True
 
 
+def remaining_stages(project: Project, start: str | None = None, until: str | None = None) -> tuple[str, ...]:
+    """Return the names of the stages that ``run_pipeline`` would run, in their order.
+
+    Reads the photographs whole where an earlier run has left anything, for their checksums. A stage counts as to be run
+    where one that it needs is, even if that should come to the same result. Raises WorkspaceError where there is no
+    such stage.
+    """
+    names = [stage.name for stage in STAGES]
+    first = len(names) if start is None else names.index(stage_named(start).name)
+    last = len(names) - 1 if until is None else names.index(stage_named(until).name)
+    workspace = Workspace(project.work)
+    marks, remaining = dict[str, str](), list[str]()
+    with ThreadPoolExecutor(1) as unused:
+        run = Run(project, workspace, unused)
+        for number, stage in enumerate(STAGES[: last + 1]):
+            mark = _mark_if_present(run, stage, marks) if number < first else None
+            if mark is None:
+                remaining.append(stage.name)
+            else:
+                marks[stage.name] = mark
+    return tuple(remaining)
+
+
+def _mark_if_present(run: Run, stage: Stage, marks: Mapping[str, str]) -> str | None:
+    """Return the fingerprint of a stage whose result is there as it should be, None of any other."""
+    try:
+        if not marks.keys() >= set(stage.needs) or run.workspace.mark(stage.name) is None:
+            return None
+        mark = _fingerprint(run, stage, marks)
+        return mark if _present(run, stage, mark) else None
+    except (PhotogramError, OSError):
+        return None  # the run says so, and what to do
+
+
 @contextmanager
 def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run]:
     """Open a project's workspace, hold its lock, and give access to what its stages have written.
@@ -384,9 +419,13 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
         run.workspace.discard(stage.name)
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark, watcher.warn)
-    with journalled(folder), peak_memory() as peak:
+    with journalled(folder), peak_memory() as peak, compile_time() as compiled:
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
-    measured: StageSummary = {"seconds": round(seconds, 3), "peak_memory_bytes": peak.bytes}
+    measured: StageSummary = {
+        "seconds": round(seconds, 3),
+        "compilation_seconds": round(compiled.seconds, 3),
+        "peak_memory_bytes": peak.bytes,
+    }
     run.workspace.finish(stage.name, mark, {**measured, **summary})
     watcher.end(stage, seconds, summary)

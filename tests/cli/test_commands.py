@@ -41,11 +41,11 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         ((), ["init", "check", "adjust", "compare", "demo", "study", "view", "--version"]),
         (("init",), ["PHOTOGRAPHS", "--control", "--check", "--marks", "--crs", "--project", "--picture-size"]),
         (("check",), ["PROJECT", "--photographs"]),
-        (("adjust",), ["PROJECT", "--photographs", "--from", "--until"]),
+        (("adjust",), ["PROJECT", "--photographs", "--from", "--until", "--quiet", "--json"]),
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
         (("demo",), ["FOLDER", "--seed"]),
         (("study",), ["ransac"]),
-        (("schema",), ["report"]),
+        (("schema",), ["report", "events"]),
         (("study", "ransac"), ["PROJECT", "--pair", "--iterations", "--sample-sizes", "--thresholds", "--seed"]),
     ],
 )

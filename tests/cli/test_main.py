@@ -222,6 +222,7 @@ def test_an_interruption_says_what_is_kept(survey: Path) -> None:
     command = [*COMMAND, "adjust", str(survey / "project.yaml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
+        assert process.stdout.readline().startswith("About ")
         assert "Photographs" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=120)

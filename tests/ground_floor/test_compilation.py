@@ -70,3 +70,27 @@ def test_a_user_without_a_home_gets_no_folder_called_tilde(tmp_path: Path) -> No
     code = f"import os, pwd\npwd.getpwuid = {{}}.__getitem__\nos.chdir({str(tmp_path)!r})\n{START}"
     start(code.replace('("InTreeCacheLocator", "UserWideCacheLocator")', '("InTreeCacheLocator",)'), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [f"photogram-{os.getuid()}"]
+
+
+COUNTED = """
+import numpy as np
+from photogram.compilation import compile_time, kernels
+from photogram.surface.ortho.resampling import catmull_rom
+rooms = ("photogram.surface.ortho.resampling",)
+before, there = kernels(rooms)
+with compile_time() as spent:
+    catmull_rom(0.5, np.zeros(4))
+after, _ = kernels(rooms)
+print(before, after, there, spent.seconds > 0.001, kernels(("photogram.nowhere",)))
+"""
+
+
+def test_what_is_compiled_is_known_before_it_is_used(tmp_path: Path) -> None:
+    first = start(COUNTED, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kept")).split()
+    assert int(first[0]) == 0
+    assert int(first[1]) >= 1
+    assert int(first[2]) >= int(first[1])
+    assert first[3:] == ["True", "(0,", "0)"]
+    second = start(COUNTED, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kept")).split()
+    assert second[0] == second[1] == first[1]  # found there, before it is asked for
+    assert second[3] == "False"

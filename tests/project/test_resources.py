@@ -21,6 +21,7 @@ from photogram.project.validation.resources import (
     MATCHED_BYTES,
     RASTER_BYTES,
     SurfaceSize,
+    kept_disk_bytes,
     machine_findings,
     machine_needs,
     sparse_disk_bytes,
@@ -102,7 +103,10 @@ def test_stages_that_are_switched_off_need_nothing(strip: Project) -> None:
     )  # fmt: skip
     size = surface_size(off, NO_TAGS)
     assert (size.surface_cells, size.orthophoto_cells) == (0.0, 0.0)
-    assert machine_needs(off, NO_TAGS).disk_bytes == int(sparse_disk_bytes(off))
+    kept = kept_disk_bytes(off, size)
+    assert kept["dense"] == kept["surface"] == kept["relief"] == kept["orthophoto"] == 0.0
+    assert machine_needs(off, NO_TAGS).disk_bytes == int(max(sparse_disk_bytes(off), sum(kept.values())))
+    assert all(kept[stage] <= more for stage, more in kept_disk_bytes(strip, surface_size(strip, NO_TAGS)).items())
     whole, matched = (surface_disk_bytes(p, surface_size(p, NO_TAGS)) for p in (strip, replace(off, dense=strip.dense)))
     assert 0 < matched < whole
     with_terrain = replace(strip, terrain=TerrainSettings(enabled=True))
@@ -148,9 +152,10 @@ def test_memory_grows_with_photographs_picture_size_cells_and_workers(strip: Pro
     assert memory_bytes(many) > 10 * memory_bytes(sparse)
     large = replace(sparse, cameras=(replace(sparse.cameras[0], width_px=4000, height_px=3000),))
     assert memory_bytes(replace(large, quality="low")) < memory_bytes(large)
-    two, four, eight = (memory_bytes(strip, workers) for workers in (2, 4, 8))
-    assert eight - four == pytest.approx(2 * (four - two))
-    assert four > two
+    usual = replace(strip, surface=SurfaceSettings(cell_m=0.02))
+    two, four, eight = (memory_bytes(usual, workers) for workers in (2, 4, 8))
+    assert eight - four == pytest.approx(2 * (four - two), rel=0.3)
+    assert four > 1.1 * two
     fine = replace(strip, surface=SurfaceSettings(cell_m=0.004))
     assert memory_bytes(fine) > 2 * memory_bytes(strip)
 
@@ -163,7 +168,7 @@ def test_remedies_fit_what_fills_disk_and_memory(strip: Project) -> None:
     ):
         needs = machine_needs(project, NO_TAGS)
         found = machine_findings(project, needs, needs.disk_bytes - 1, needs.memory_bytes - 1)
-        assert [(f.severity, f.where) for f in found] == [("error", "disk"), ("warning", "memory")]
+        assert [(f.severity, f.where) for f in found] == [("warning", "disk"), ("warning", "memory")]
         assert disk in found[0].remedy
         assert memory in found[1].remedy
         assert machine_findings(project, needs, 2 * needs.disk_bytes, needs.memory_bytes) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -15,6 +16,7 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
+from photogram.arrays import Float32Array
 from photogram.crs import NO_CRS, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
@@ -91,8 +93,7 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
         raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from fault
     if not np.isfinite([*transform[:6], scale, offset]).all() or np.abs(transform[:6]).max() > LARGEST_COORDINATE_M:
         raise FrameError(f"raster {path}: its affine {tuple(transform)[:6]} is damaged: export it again as GeoTIFF")
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32)
+    values = _scaled(band, scale, offset)
     values[np.isinf(values)] = np.nan  # as many programs write a cell without data
     cell_m = _cell_size(path, transform, *values.shape)
     if not crs and local:
@@ -107,6 +108,15 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     except FrameError as fault:
         raise FrameError(f"raster {path}: {fault}") from fault
     return Raster(values, float(transform.c), float(transform.f), cell_m), name
+
+
+def _scaled(band: np.ma.MaskedArray[Any, Any], scale: float, offset: float) -> Float32Array:
+    """Return the values of a band, NaN where it has no data; those of floats that nothing scales are taken as they
+    are."""
+    if band.dtype == np.float32 and scale == 1.0 and offset == 0.0:
+        return np.asarray(band.filled(np.nan))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32))
 
 
 def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -25,7 +27,8 @@ from photogram.files.clouds.dense_points import (
 from photogram.files.clouds.points import NO_DATE
 from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
-from photogram.grid import MapGrid
+from photogram.grid import MapGrid, Window
+from photogram.machine import cores
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
@@ -84,6 +87,9 @@ MAXIMUM_PICTURE_PX = 1800
 DROWNS = 3.0
 """A datum known so many times worse in height than the shape hides it: figures then show the relative sigma."""
 
+CHUNKS_AHEAD = 2
+"""Parts of the dense cloud that wait to be written, for each thread that makes them."""
+
 SEEN_BY = 3
 """A cell that so many photographs show counts for the completeness."""
 
@@ -135,7 +141,8 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
 def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
     classified = run.workspace.has("relief", "dtm_source.tif")
     terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
-    for window in layers.grid.tiles(CHUNK_CELLS):
+
+    def chunk(window: Window) -> DensePoints:
         height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
         colour = np.zeros((*window.shape, 3), np.uint8)
         if picture is not None:
@@ -146,7 +153,16 @@ def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | No
         if terrain is not None:
             classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
         points = points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
-        yield replace(points, position_map_m=site.map_m(points.position_map_m))
+        return replace(points, position_map_m=site.map_m(points.position_map_m))
+
+    with ThreadPoolExecutor(cores()) as workers:
+        ahead = deque[Future[DensePoints]]()
+        for window in layers.grid.tiles(CHUNK_CELLS):
+            ahead.append(workers.submit(chunk, window))
+            if len(ahead) > CHUNKS_AHEAD * cores():
+                yield ahead.popleft().result()
+        while ahead:
+            yield ahead.popleft().result()
 
 
 def orthophoto_picture(run: Run) -> OrthophotoPicture | None:

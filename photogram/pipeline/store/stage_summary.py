@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 
 
 class StageSummary(TypedDict, total=False):
-    """What a stage says of itself. Each stage gives some of the keys, named with each; the first five are of all.
+    """What a stage says of itself. Each stage gives some of the keys, named with each; the first six are of all.
 
     A watcher is told them as the stage made them, before anything is stored; where the stage was done before, as they
     are stored.
@@ -23,6 +23,8 @@ class StageSummary(TypedDict, total=False):
     """Format of the files, as stored."""
     seconds: float
     """Time that it took, as stored, s."""
+    compilation_seconds: float
+    """Part of it in which kernels were compiled, as stored, s; 0 but for a first run on a machine."""
     peak_memory_bytes: int | None
     """Highest memory of the process, as stored; None where the system cannot tell."""
 

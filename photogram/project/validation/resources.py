@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.camera import rotation_from_gimbal
+from photogram.camera import Camera, rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.project.findings import Finding, Severity
+from photogram.project.findings import Finding
 from photogram.project.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
+from photogram.sfm.tie_points.features import picture_scale
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, round_cell_m
 from photogram.surface.ortho.orthophoto import LEAST_HELD
@@ -40,6 +41,9 @@ BYTES_PER_TILE_PX = 240
 """Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
 tiles of 800 and of 1728 px."""
 
+AT_ONCE = 0.7
+"""Share of the workers that hold the most at the same time while key points are looked for."""
+
 MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 8.0 / 3.0, 23.0
 """On disk for a cell of the surface: what the matching writes of it, what its coarser levels hold meanwhile, and what
 the surface is made of."""
@@ -53,8 +57,8 @@ PICTURE_BYTES, SCRATCH_BYTES, CLOSED_BYTES = 2.9, 4.0, 16.0
 """On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.9, and before that; and for a cell of the
 surface while it is closed for it: heights and standard deviations, before and after."""
 
-PROGRAM_BYTES = 370e6
-"""In memory for the program with its libraries, before it does anything."""
+PROGRAM_BYTES = 540e6
+"""In memory for the program with its libraries and kernels, before it does anything."""
 
 MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 600.0
 """In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
@@ -64,6 +68,29 @@ values and messages, counted."""
 TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 54.0
 """In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
 report. Measured on seven million cells, lines included; the report holds the relative standard deviations besides."""
+
+LIBRARIES_BYTES, FIGURES_BYTES = 50e6, 140e6
+"""In memory for GTSAM, GDAL and compiled kernels once they are loaded, and for figures."""
+
+MATCHED_CELL_BYTES = 1200.0
+"""The same for a cell, where all cells together are fewer than those of a block."""
+
+PAIR_BYTES = 4800.0
+"""In memory for a key point of two photographs that are compared: descriptors as floats, and 1024 rows of products."""
+
+ALLOCATED_SHARE = 0.8
+"""Of what a stage held at its peak in small pieces, the share that stays with the process; measured on a survey of 18
+photographs at 0.79 to 0.82."""
+
+MATCH_BYTES, TIE_POINT_BYTES, ADJUSTED_BYTES = 10.0, 25.0, 65.0
+"""On disk for a key point: what matching, tie points and the adjustment write; measured at half of it over a beach, and
+at twice over ground with texture everywhere and much overlap."""
+
+REPORT_DISK_BYTES = 14e6
+"""On disk for the report, its figures and pictures."""
+
+SPARE = 1.5
+"""How far a prediction may be off: less free disk than so many times what is predicted is warned of."""
 
 USUAL_RAYS = 4.0
 """Photographs that show a place, taken where nothing says how high they were flown."""
@@ -77,12 +104,13 @@ _REACH = 2.0  # in flying heights, as far as ground is looked for that a photogr
 
 @dataclass(frozen=True)
 class SurfaceSize:
-    """About how many cells the dense surface and the orthophoto have, 0 where they are not made, and how many ground
-    sampling distances a cell of the surface is wide."""
+    """About how many cells the dense surface and the orthophoto have, 0 where they are not made, how many ground
+    sampling distances a cell of the surface is wide, and which share of the cells photographs show."""
 
     surface_cells: float
     orthophoto_cells: float
     cell_gsd: float
+    covered_share: float = 1.0
 
 
 def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> SurfaceSize:
@@ -100,12 +128,13 @@ def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> Sur
     if survey is not None:
         known = survey.positioned & np.isfinite(survey.flying_height_m)
     if survey is None or 2 * np.count_nonzero(known) < len(known):
-        return _sized(project, _pixels(project) / USUAL_RAYS, None)
+        return _sized(project, _pixels(project) / USUAL_RAYS, None, 1.0)
     gsd_m = float(np.median(survey.flying_height_m[known] / focal_px[known]))
-    return _sized(project, _seen_area_m2(project, survey, known) / gsd_m**2, gsd_m)
+    area_m2, share = _seen_area_m2(project, survey, known)
+    return _sized(project, area_m2 / gsd_m**2, gsd_m, share)
 
 
-def _sized(project: Project, area_gsd2: float, gsd_m: float | None) -> SurfaceSize:
+def _sized(project: Project, area_gsd2: float, gsd_m: float | None, covered_share: float) -> SurfaceSize:
     """Return the size for a ground of so many squares of the ground sampling distance, itself None if not known."""
     surface_gsd, picture_gsd = CELL_GSD, 1.0
     if gsd_m is not None:
@@ -117,6 +146,7 @@ def _sized(project: Project, area_gsd2: float, gsd_m: float | None) -> SurfaceSi
         area_gsd2 / surface_gsd**2 if made else 0.0,
         area_gsd2 / picture_gsd**2 if project.orthophoto.enabled else 0.0,
         surface_gsd,
+        covered_share,
     )
 
 
@@ -126,9 +156,9 @@ def _pixels(project: Project) -> float:
     return float(sum(camera.width_px * camera.height_px for camera in cameras))
 
 
-def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bool_]) -> float:
+def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the area of the rectangle, along the axes of the world, around all ground that MINIMUM_RAYS photographs
-    show, in m²."""
+    show, in m², and the share of it that they show."""
     corners = np.array([_footprint_m(project, survey, i) for i in np.flatnonzero(known).tolist()])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     flying_m = float(np.median(survey.flying_height_m[known]))
@@ -141,7 +171,10 @@ def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bo
         cv2.fillConvexPoly(shown, cv2.convexHull(corner - first), (1,))
         count[first[1] : last[1], first[0] : last[0]] += shown
     row, column = np.nonzero(count >= MINIMUM_RAYS)
-    return float(np.ptp(row) * np.ptp(column)) * node_m**2 if len(row) else 0.0
+    if not len(row):
+        return 0.0, 1.0
+    nodes = (np.ptp(row) + 1) * (np.ptp(column) + 1)
+    return float(np.ptp(row) * np.ptp(column)) * node_m**2, len(row) / float(nodes)
 
 
 def _footprint_m(project: Project, survey: MeasuredSurvey, photograph: int) -> FloatArray:
@@ -189,28 +222,87 @@ def _reduced_bytes(project: Project, size: SurfaceSize) -> float:
     return _pixels(project) * float(reduced + (finest == 0))
 
 
-def _memory_needs(project: Project, size: SurfaceSize, workers: int) -> list[tuple[float, str]]:
-    """Return what the stages need in memory beside the program itself, in bytes, and what lowers it."""
+def kept_disk_bytes(project: Project, size: SurfaceSize) -> dict[str, float]:
+    """Return about how much the stages leave on disk, in the working folder and, the stage `results`, beside it."""
+    dense, cells, picture = project.dense.enabled, size.surface_cells, size.orthophoto_cells
+    key_points = len(project.photographs) * project.features.maximum
+    relief = RELIEF_BYTES * (project.terrain.enabled + project.contours.enabled)
+    shown = picture * size.covered_share
+    kept = {
+        "features": BYTES_PER_KEY_POINT * key_points,
+        "matches": MATCH_BYTES * key_points,
+        "tie_points": TIE_POINT_BYTES * key_points,
+        "transfer": TIE_POINT_BYTES * key_points,
+        "adjustment": ADJUSTED_BYTES * key_points,
+        "dense": cells * MATCHED_BYTES if dense else 0.0,
+        "surface": cells * (RASTER_BYTES + LAYER_BYTES * dense),
+        "relief": cells * relief,
+        "orthophoto": shown * PICTURE_BYTES,
+    }
+    copied = kept["relief"] + kept["orthophoto"] + cells * (RASTER_BYTES + POINT_BYTES * dense)
+    return {**kept, "results": copied + REPORT_DISK_BYTES + 2.0 * ADJUSTED_BYTES * key_points}
+
+
+def _tile_px(project: Project, camera: Camera) -> float:
+    """Return how many pixels the largest tile has in which key points of a photograph are looked for."""
+    features = project.features
+    scale = picture_scale(camera.width_px * camera.height_px, features, REDUCTIONS[project.quality])
+    sides = [side / scale for side in (camera.width_px, camera.height_px)]
+    tiles = [max(1.0, np.ceil(side / features.tile_px)) for side in sides]
+    beyond = [features.overlap_px * min(count - 1.0, 2.0) for count in tiles]
+    return float(np.prod([side / count + more for side, count, more in zip(sides, tiles, beyond, strict=True)]))
+
+
+def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dict[str, tuple[float, str]]:
+    """Return about the most that the process holds in each stage, in bytes, the program included, and what lowers it.
+
+    What a stage takes in small pieces stays with the process (ALLOCATED_SHARE of it) and serves the next stages; whole
+    rasters come on top of that and are given back.
+    """
     fewer, coarser = "lower features.maximum or quality", "choose a larger surface.cell_m"
     largest_px = max(c.width_px * c.height_px for c in project.cameras)
-    tile_px = (project.features.tile_px + 2 * project.features.overlap_px) ** 2
-    one = BYTES_PER_PX * largest_px + BYTES_PER_TILE_PX * min(tile_px, largest_px / REDUCTIONS[project.quality] ** 2)
+    one = max(
+        BYTES_PER_PX * c.width_px * c.height_px + BYTES_PER_TILE_PX * _tile_px(project, c) for c in project.cameras
+    )
     key_points = len(project.photographs) * project.features.maximum
-    needs = [(one, fewer), (key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3), fewer)]
-    cells = size.surface_cells
-    if project.dense.enabled:
-        needs.append((workers * (MATCHING_BYTES + BYTES_PER_PX * largest_px), "set dense.enabled to false"))
-        needs.append((REPORT_BYTES * cells, coarser))
-    if project.terrain.enabled:
-        needs.append((TERRAIN_BYTES * cells, coarser))
-    if project.contours.enabled:
-        needs.append((4.0 * cells + CONTOUR_BYTES * min(cells, CONTOURED_CELLS), coarser))
-    if project.orthophoto.enabled:
-        # more photographs than the least are held where memory is to spare
-        held = TILE_BYTES * workers + 3.0 * LEAST_HELD * largest_px
-        lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
-        needs.append((4.0 * cells + lattice + held, "set orthophoto.enabled to false"))
-    return needs
+    block = key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)
+    cells, dense = size.surface_cells, project.dense.enabled
+    contoured = cells / np.ceil(np.sqrt(max(cells, 1.0) / CONTOURED_CELLS)) ** 2  # blocks of cells beyond that
+    relief = cells * max(
+        TERRAIN_BYTES * project.terrain.enabled,
+        (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled,
+    )
+    # more photographs than the least are held where memory is to spare
+    held = 3.0 * min(LEAST_HELD, len(project.photographs)) * largest_px
+    lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
+    matching = min(workers * MATCHING_BYTES, MATCHED_CELL_BYTES * cells) + BYTES_PER_PX * workers * largest_px
+    tiles = min(workers * TILE_BYTES, MATCHED_CELL_BYTES * (size.orthophoto_cells + cells))
+    report = REPORT_BYTES * cells * dense
+    orthophoto = (4.0 * cells + lattice + held + tiles) * project.orthophoto.enabled
+    pieces_and_rasters: dict[str, tuple[float, float, str]] = {
+        "photographs": (3.0 * workers * largest_px, 0.0, fewer),
+        "features": (one * max(1.0, AT_ONCE * workers), 0.0, fewer),
+        "pairs": (0.0, 0.0, fewer),
+        "matches": (PAIR_BYTES * workers * project.features.maximum, 0.0, fewer),
+        "tie_points": (block, 0.0, fewer),
+        "orientation": (LIBRARIES_BYTES + block, 0.0, fewer),
+        "transfer": (LIBRARIES_BYTES + block + 4.0 * workers * largest_px, 0.0, fewer),
+        "intersection": (0.0, 0.0, fewer),
+        "adjustment": (LIBRARIES_BYTES + block, 0.0, fewer),
+        "dense": (LIBRARIES_BYTES + matching * dense, 0.0, "set dense.enabled to false"),
+        "surface": (LIBRARIES_BYTES + tiles * dense, 0.0, coarser),
+        "relief": (LIBRARIES_BYTES, relief, coarser),
+        "orthophoto": (LIBRARIES_BYTES + orthophoto, 0.0, "set orthophoto.enabled to false"),
+        "comparison": (0.0, 0.0, fewer),
+        "results": (LIBRARIES_BYTES + FIGURES_BYTES, report, coarser),
+    }
+    found, stays, lower = dict[str, tuple[float, str]](), 0.0, fewer
+    for stage, (pieces, rasters, remedy) in pieces_and_rasters.items():
+        taken = max(pieces, stays + rasters)
+        lower = remedy if max(pieces, rasters) > stays else lower
+        found[stage] = (PROGRAM_BYTES + taken, lower)
+        stays = max(stays, ALLOCATED_SHARE * taken)
+    return found
 
 
 @dataclass(frozen=True)
@@ -228,10 +320,11 @@ def machine_needs(project: Project, tags: Sequence[PhotographTags | None], worke
     ``project.photographs``."""
     size = surface_size(project, tags)
     sparse, surface = sparse_disk_bytes(project), surface_disk_bytes(project, size)
-    memory, remedy = max(_memory_needs(project, size, workers))
+    memory, remedy = max(stage_memory_bytes(project, size, workers).values())
     coarser = "choose a larger surface.cell_m or orthophoto.cell_m"
     lower = coarser if surface > sparse else "lower features.maximum"
-    return MachineNeeds(int(sparse + surface), int(PROGRAM_BYTES + memory), lower, remedy)
+    disk = max(sparse + surface, sum(kept_disk_bytes(project, size).values()))
+    return MachineNeeds(int(disk), int(memory), lower, remedy)
 
 
 def gigabytes(count: int) -> str:
@@ -244,13 +337,12 @@ def machine_findings(
 ) -> list[Finding]:
     """Return whether the disk of the working folder and the memory will do, None where they are not known."""
     findings = []
-    if free_disk_bytes is not None and free_disk_bytes < 2 * needs.disk_bytes:
+    if free_disk_bytes is not None and free_disk_bytes < SPARE * needs.disk_bytes:
         text = f"{gigabytes(free_disk_bytes)} free for {project.work}, about {gigabytes(needs.disk_bytes)} are needed"
-        severity: Severity = "error" if free_disk_bytes < needs.disk_bytes else "warning"
         remedy = f"free some space, give another folder under work, or {needs.disk_remedy}"
-        findings.append(Finding(severity, "disk", text, remedy))
+        findings.append(Finding("warning", "disk", text, remedy))
     if memory_bytes is not None and memory_bytes < needs.memory_bytes:
-        text = f"{gigabytes(memory_bytes)} of memory, about {gigabytes(needs.memory_bytes)} are needed"
+        text = f"{gigabytes(memory_bytes)} of memory free, about {gigabytes(needs.memory_bytes)} are needed"
         remedy = f"{needs.memory_remedy}, or use a machine with more memory"
         findings.append(Finding("warning", "memory", text, remedy))
     return findings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
@@ -26,6 +27,11 @@ def report_types() -> TypeAdapter[Report]:
     return TypeAdapter(Report)
 
 
+def schema_of(types: TypeAdapter[Any]) -> dict[str, object]:
+    """Return the JSON Schema (draft 2020-12) of documents of such types."""
+    return {"$schema": DIALECT, **types.json_schema(schema_generator=_WithoutTitles)}
+
+
 def report_schema() -> dict[str, object]:
-    """Return the JSON Schema (draft 2020-12) of report.json."""
-    return {"$schema": DIALECT, **report_types().json_schema(schema_generator=_WithoutTitles)}
+    """Return the JSON Schema of report.json."""
+    return schema_of(report_types())

@@ -1,0 +1,106 @@
+"""How much work a survey is, from project and tags alone: pixels, key points, pairs, observations, cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogram.errors import PhotogramError
+from photogram.files.photographs.tags import PhotographTags
+from photogram.project.measured_block import measured_block, photograph_note, survey_frame
+from photogram.project.measured_positions import known_position
+from photogram.project.measured_survey import gnss_positions
+from photogram.project.project import Project
+from photogram.project.schema import REDUCTIONS
+from photogram.project.validation.resources import surface_size
+from photogram.sfm.tie_points.features import picture_scale
+from photogram.sfm.tie_points.pairs import select_pairs
+from photogram.survey import Photograph
+
+KEY_POINTS_PER_MPX = 6000.0
+"""Key points that a megapixel of the picture which SIFT is given shows at most, on ground with texture."""
+
+OBSERVATIONS_PER_KEY_POINT = 0.35
+"""Observations of tie points after the transfer: 0.15 over a beach, 0.6 over a town with 80 % overlap."""
+
+EXHAUSTIVE = 30
+"""So few photographs without positions are matched all with all."""
+
+SPARSE_CELLS_PER_POINT = 1.5
+"""Cells of a surface that is interpolated between tie points, for each of them."""
+
+TIE_POINTS_PER_OBSERVATION = 0.3
+
+
+@dataclass(frozen=True)
+class Workload:
+    """How much there is to do; megapixels, megacells of the surface that photographs show, and megapixels of the
+    orthophoto; ``raster_mcells`` are those of the rectangle around the surface."""
+
+    photographs: int
+    megapixels: float
+    searched_megapixels: float
+    key_points: float
+    pairs: float
+    observations: float
+    dense_mcells: float
+    raster_mcells: float
+    orthophoto_mpx: float
+    terrain: bool = False
+    contours: bool = True
+    comparison: bool = False
+
+
+def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workload:
+    """Return how much work a survey is; ``tags`` are those of ``project.photographs``."""
+    cameras = [project.cameras[p.camera] for p in project.photographs]
+    pixels = np.array([float(c.width_px * c.height_px) for c in cameras])
+    reduction = REDUCTIONS[project.quality]
+    scale = np.array([picture_scale(int(n), project.features, reduction) for n in pixels])
+    searched = pixels / scale**2 / 1e6
+    key_points = float(np.minimum(project.features.maximum, KEY_POINTS_PER_MPX * searched).sum())
+    observations = OBSERVATIONS_PER_KEY_POINT * key_points
+    size = surface_size(project, tags)
+    dense = project.dense.enabled
+    cells = size.surface_cells if dense else SPARSE_CELLS_PER_POINT * TIE_POINTS_PER_OBSERVATION * observations
+    return Workload(
+        photographs=len(cameras),
+        megapixels=float(pixels.sum()) / 1e6,
+        searched_megapixels=float(searched.sum()),
+        key_points=key_points,
+        pairs=float(expected_pairs(project, tags)),
+        observations=observations,
+        dense_mcells=size.covered_share * size.surface_cells / 1e6 if dense else 0.0,
+        raster_mcells=cells / 1e6,
+        orthophoto_mpx=size.covered_share * size.orthophoto_cells / 1e6,
+        terrain=project.terrain.enabled,
+        contours=project.contours.enabled,
+        comparison=project.reference is not None,
+    )
+
+
+def expected_pairs(project: Project, tags: Sequence[PhotographTags | None]) -> int:
+    """Return how many pairs of photographs will be matched: those that the stage selects by the positions, or about as
+    many as it selects by what photographs look like, where one has none."""
+    count, settings = len(project.photographs), project.pairs
+    try:
+        photographs = _positioned(project, tags) if count > 1 else None
+    except PhotogramError:  # the checks say what is wrong
+        photographs = None
+    if photographs is None:
+        return count * (count - 1) // 2 if count <= EXHAUSTIVE else min(settings.retrieved, count - 1) * count * 3 // 4
+    return len(select_pairs(photographs, project.cameras, settings, similar=None))
+
+
+def _positioned(project: Project, tags: Sequence[PhotographTags | None]) -> tuple[Photograph, ...] | None:
+    """Return the photographs as measured, None where one has no position."""
+    position = gnss_positions(project, tags)
+    if not np.isfinite(position).all():
+        return None
+    notes = [
+        photograph_note(photograph, tag, known_position(photograph, tag, place))
+        for photograph, tag, place in zip(project.photographs, tags, position, strict=True)
+    ]
+    return measured_block(project, notes, survey_frame(project, notes)).photographs

@@ -1,0 +1,72 @@
+"""From work to seconds: rates, workers, the speed of the machine, and what is not asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from photogram.pipeline.costs.rates import (
+    COMPILATION_S,
+    CONSTANT_S,
+    RATES,
+    amounts,
+    compilation_seconds,
+    predicted_seconds,
+)
+from photogram.pipeline.costs.self_test import Speed
+from photogram.pipeline.costs.workload import Workload
+from photogram.pipeline.stage_names import STAGE_NAMES
+
+WORK = Workload(
+    photographs=20, megapixels=240.0, searched_megapixels=60.0, key_points=2e5, pairs=150.0, observations=7e4,
+    dense_mcells=8.0, raster_mcells=12.0, orthophoto_mpx=30.0, comparison=True,
+)  # fmt: skip
+
+
+def rate(stage: str, part: str) -> float:
+    """Return the seconds of a unit in the table."""
+    (found,) = [r.seconds for r in RATES if (r.stage, r.part) == (stage, part)]
+    return found
+
+
+def test_every_stage_costs_something() -> None:
+    assert tuple(CONSTANT_S) == STAGE_NAMES
+    assert {r.stage for r in RATES} == set(STAGE_NAMES)
+    assert all(r.seconds > 0 for r in RATES)
+    assert set(COMPILATION_S) <= set(STAGE_NAMES)
+
+
+def test_seconds_are_rate_times_amount_shared_among_the_workers() -> None:
+    for workers in (1, 2, 8):
+        dense = predicted_seconds(WORK, Speed(), workers)["dense"] - CONSTANT_S["dense"]
+        expected = (8.0 * rate("dense", "dense_mcells") + 240.0 * rate("dense", "megapixels")) / workers
+        assert dense == pytest.approx(expected)
+    one, eight = (predicted_seconds(WORK, Speed(), workers)["adjustment"] for workers in (1, 8))
+    assert one == eight  # of one block
+
+
+def test_twice_the_pairs_of_twice_the_key_points_are_eight_times_the_products() -> None:
+    more = replace(WORK, pairs=2 * WORK.pairs, key_points=2 * WORK.key_points)
+    assert amounts(more)["products"] == pytest.approx(8 * amounts(WORK)["products"])
+    assert amounts(WORK)["products"] == pytest.approx(150.0)  # 10⁴ by 10⁴ each: 10⁸
+
+
+def test_a_slower_part_of_the_machine_slows_what_resembles_it() -> None:
+    usual, slow = (predicted_seconds(WORK, speed, 2) for speed in (Speed(), Speed(dense=3.0)))
+    assert slow["dense"] > 2.5 * usual["dense"]
+    assert all(slow[stage] == usual[stage] for stage in STAGE_NAMES if stage != "dense")
+    slow = predicted_seconds(WORK, Speed(2.0, 2.0, 2.0, 2.0), 2)
+    assert all(slow[stage] == pytest.approx(2 * usual[stage]) for stage in STAGE_NAMES)
+
+
+def test_what_is_not_asked_for_takes_no_time_and_is_not_compiled() -> None:
+    bare = replace(WORK, dense_mcells=0.0, orthophoto_mpx=0.0, comparison=False, contours=False)
+    seconds = predicted_seconds(bare, Speed(), 2)
+    assert [stage for stage in STAGE_NAMES if not seconds[stage]] == ["dense", "relief", "orthophoto", "comparison"]
+    nothing = dict.fromkeys(COMPILATION_S, 0.0)
+    assert "dense" not in compilation_seconds(bare, nothing, Speed())
+    assert compilation_seconds(WORK, nothing, Speed())["dense"] == COMPILATION_S["dense"][0]
+    half = compilation_seconds(WORK, dict.fromkeys(COMPILATION_S, 0.5), Speed(plain=2.0))
+    assert half["dense"] == pytest.approx(COMPILATION_S["dense"][0])
+    assert sum(compilation_seconds(WORK, dict.fromkeys(COMPILATION_S, 1.0), Speed()).values()) == 0.0

@@ -1,0 +1,74 @@
+"""The amount of work, counted from project and tags, against what the stages themselves find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from photogram.files.photographs.images import read_tags
+from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.costs.workload import expected_pairs, workload
+from photogram.pipeline.pipeline import load_project, open_run
+from photogram.project.project import Project
+
+Survey = tuple[Project, tuple[PhotographTags | None, ...]]
+
+
+@pytest.fixture
+def small(pristine_survey: Path) -> Survey:
+    """Four photographs of 400 × 300 px with their tags."""
+    project = load_project(pristine_survey / "project.yaml")
+    return project, tuple(read_tags(p.path) for p in project.photographs)
+
+
+def test_pixels_key_points_and_pairs_are_counted(small: Survey) -> None:
+    work = workload(*small)
+    assert work.photographs == 4
+    assert work.megapixels == work.searched_megapixels == pytest.approx(0.48)
+    assert work.key_points == pytest.approx(4 * min(800, 6000 * 0.12))
+    assert work.pairs == 6
+    assert work.comparison
+    assert work.dense_mcells > 0
+
+
+def test_pairs_are_those_that_the_stage_selects(finished_survey: Path) -> None:
+    project = load_project(finished_survey / "project.yaml")
+    tags = [read_tags(p.path) for p in project.photographs]
+    with open_run(project) as run:
+        assert expected_pairs(project, tags) == len(run.selected_pairs())
+
+
+def test_cells_are_those_of_the_surface_that_is_made(finished_survey: Path) -> None:
+    project = load_project(finished_survey / "project.yaml")
+    work = workload(project, [read_tags(p.path) for p in project.photographs])
+    with open_run(project) as run:
+        made = run.workspace.summary("dense")
+    assert work.raster_mcells == pytest.approx(made["rows"] * made["columns"] / 1e6, rel=0.5)
+    assert 0.3 * work.raster_mcells < work.dense_mcells <= work.raster_mcells
+
+
+@pytest.mark.parametrize(
+    ("change", "fewer"),
+    [
+        (lambda p: replace(p, quality="medium"), "searched_megapixels"),
+        (lambda p: replace(p, features=replace(p.features, maximum=100)), "key_points"),
+        (lambda p: replace(p, surface=replace(p.surface, cell_m=5.0)), "dense_mcells"),
+        (lambda p: replace(p, dense=replace(p.dense, enabled=False)), "dense_mcells"),
+        (lambda p: replace(p, orthophoto=replace(p.orthophoto, enabled=False)), "orthophoto_mpx"),
+        (lambda p: replace(p, reference=None), "comparison"),
+    ],
+)
+def test_what_is_lowered_lowers_the_work(small: Survey, change: Callable[[Project], Project], fewer: str) -> None:
+    project, tags = small
+    assert getattr(workload(change(project), tags), fewer) < getattr(workload(project, tags), fewer)
+
+
+def test_without_positions_all_or_the_most_similar_are_matched(small: Survey) -> None:
+    project, _ = small
+    nowhere = replace(project.photographs[0], gnss_map_m=None, file_position=None)
+    few, many = (replace(project, photographs=(nowhere,) * n) for n in (20, 200))
+    assert expected_pairs(few, [None] * 20) == 190
+    assert expected_pairs(many, [None] * 200) == pytest.approx(200 * 10 * 0.75, abs=1)
