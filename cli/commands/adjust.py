@@ -29,6 +29,16 @@ def adjust(
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Validate the project first, as photogram check does.")
     ] = True,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Work in N processes of this machine, not in threads."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Work on the Dask cluster of this scheduler, tcp://host:8786 for example."
+        ),
+    ] = None,
 ) -> None:
     """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
 
@@ -36,7 +46,19 @@ def adjust(
     pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
     dense, surface, relief, orthophoto, comparison and results.
     """
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("give --workers or --scheduler, not both", param_hint="'--scheduler'")
     check_project_file(project)
     from photogram.cli.work.adjust import run
 
-    run(project, photographs, start=start, until=until, pdf=pdf, strict=strict, check=check)
+    run(
+        project,
+        photographs,
+        start=start,
+        until=until,
+        pdf=pdf,
+        strict=strict,
+        check=check,
+        workers=workers,
+        scheduler=scheduler,
+    )

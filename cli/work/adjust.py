@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import typer
@@ -16,6 +17,8 @@ from photogram.cli.screen.watching import Terminal, stage_weights
 from photogram.pipeline.input_validation import validate_project
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages.report_files import PAGE, print_report
+from photogram.pipeline.store.cluster import cluster
+from photogram.pipeline.store.pools import Pool, ProcessPool
 from photogram.project.project import Project
 
 
@@ -43,6 +46,13 @@ def _stop_at_errors(survey: Project) -> None:
         raise typer.Exit(1)
 
 
+def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager[Pool | None]:
+    """Return the processes that are asked for, None where the work is done in threads."""
+    if scheduler is not None:
+        return cluster(scheduler)
+    return nullcontext() if workers is None else ProcessPool(workers)
+
+
 def run(
     project: Path,
     photographs: Path | None,
@@ -52,15 +62,16 @@ def run(
     pdf: bool,
     strict: bool,
     check: bool,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> None:
     """Process a survey and show the essentials of its report."""
     survey = load_project(project, photographs)
     if check:
         _stop_at_errors(survey)
-    with bars() as progress:
-        report = run_pipeline(
-            survey, watcher=Terminal(progress, stage_weights(survey, until)), start=start, until=until
-        )
+    with _pool(workers, scheduler) as pool, bars() as progress:
+        watcher = Terminal(progress, stage_weights(survey, until))
+        report = run_pipeline(survey, watcher=watcher, start=start, until=until, pool=pool)
     if report:
         show_report(report)
         say_results(survey)
