@@ -61,6 +61,9 @@ class DamagedStageError(WorkspaceError):
         super().__init__(f"{path}: {what}: run photogram adjust, which runs the stage {stage} again")
         self.stage, self.path, self.what = stage, path, what
 
+    def __reduce__(self) -> tuple[type[DamagedStageError], tuple[str, Path, str]]:
+        return type(self), (self.stage, self.path, self.what)
+
 
 class ReportError(PhotogramError, OSError):
     """The report cannot be made or printed."""
@@ -72,6 +75,9 @@ class SettingError(PhotogramError, ValueError):
     def __init__(self, key: str, text: str) -> None:
         super().__init__(f"{key}: {text}")
         self.key, self.text = key, text
+
+    def __reduce__(self) -> tuple[type[SettingError], tuple[str, str]]:
+        return type(self), (self.key, self.text)
 
 
 def check_range(key: str, value: float, low: float, high: float = math.inf) -> None:

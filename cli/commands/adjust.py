@@ -31,6 +31,16 @@ def adjust(
     ] = True,
     quiet: QuietOption = False,
     as_json: AsJson = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Work in N processes of this machine, not in threads."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Work on the Dask cluster of this scheduler, tcp://host:8786 for example."
+        ),
+    ] = None,
 ) -> None:
     """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
 
@@ -38,6 +48,8 @@ def adjust(
     pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
     dense, surface, relief, orthophoto, comparison and results.
     """
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("give --workers or --scheduler, not both", param_hint="'--scheduler'")
     from photogram.cli.events import event_lines
 
     with event_lines(as_json) as lines:
@@ -54,4 +66,6 @@ def adjust(
             check=check,
             quiet=quiet,
             lines=lines,
+            workers=workers,
+            scheduler=scheduler,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import typer
@@ -14,12 +15,21 @@ from photogram.cli.screen.voices import voice_of
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages.report_files import print_report
+from photogram.pipeline.store.cluster import cluster
+from photogram.pipeline.store.pools import Pool, ProcessPool
 from photogram.project.project import Project
 
 
 def say_printed(survey: Project) -> None:
     """Print the report as PDF and say where it is."""
     console.print(f"Printed: {escape(str(print_report(survey)))}", soft_wrap=True)
+
+
+def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager[Pool | None]:
+    """Return the processes that are asked for, None where the work is done in threads."""
+    if scheduler is not None:
+        return cluster(scheduler)
+    return nullcontext() if workers is None else ProcessPool(workers)
 
 
 def run(
@@ -33,6 +43,8 @@ def run(
     check: bool,
     quiet: bool = False,
     lines: EventLines | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> None:
     """Process a survey and show the essentials of its report; with ``lines`` in events."""
     voice = voice_of(quiet, lines)
@@ -44,8 +56,8 @@ def run(
             raise typer.Exit(1)
     predicted = predicted_costs(survey, checked.tags if check else tags_of(survey), start, until)
     voice.forecast(predicted)
-    with voice.watching(predicted.seconds_by_stage) as watcher:
-        report = run_pipeline(survey, watcher=watcher, start=start, until=until)
+    with _pool(workers, scheduler) as pool, voice.watching(predicted.seconds_by_stage) as watcher:
+        report = run_pipeline(survey, watcher=watcher, start=start, until=until, pool=pool)
     silent = quiet or lines is not None
     if report and pdf and silent:
         print_report(survey)

@@ -50,11 +50,13 @@ from photogram.pipeline.store.dependence import (
     photographs_settings,
 )
 from photogram.pipeline.store.memory import peak_memory
+from photogram.pipeline.store.pools import Pool
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.work_orders import check_pool, ordered
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
@@ -286,14 +288,17 @@ def _mark_if_present(run: Run, stage: Stage, marks: Mapping[str, str]) -> str | 
 
 
 @contextmanager
-def open_run(project: Project, executor: Executor | None = None) -> Iterator[Run]:
+def open_run(project: Project, executor: Executor | None = None, pool: Pool | None = None) -> Iterator[Run]:
     """Open a project's workspace, hold its lock, and give access to what its stages have written.
 
-    Raises WorkspaceError when another process works there.
+    ``executor`` runs threads, ``pool`` processes that do pieces of stages. Raises WorkspaceError when another process
+    works there, or one of the pool cannot.
     """
     workspace = Workspace(project.work)
     with workspace.locked(), ThreadPoolExecutor(cores()) as own:
-        yield Run(project, workspace, executor or own)
+        run = Run(project, workspace, executor or own, pool)
+        check_pool(run)
+        yield run
 
 
 @overload
@@ -304,6 +309,7 @@ def run_pipeline(
     start: str | None = ...,
     until: None = ...,
     executor: Executor | None = ...,
+    pool: Pool | None = ...,
 ) -> Report: ...
 
 
@@ -315,6 +321,7 @@ def run_pipeline(
     start: str | None = ...,
     until: str | None,
     executor: Executor | None = ...,
+    pool: Pool | None = ...,
 ) -> Report | None: ...
 
 
@@ -325,17 +332,19 @@ def run_pipeline(
     start: str | None = None,
     until: str | None = None,
     executor: Executor | None = None,
+    pool: Pool | None = None,
 ) -> Report | None:
     """Bring a project to its results, doing only what is not done yet; returns what report.json holds.
 
     ``start`` repeats that stage and all after it, ``until`` ends after that stage (and returns None unless it is the
-    last). Raises a PhotogramError that says what the user can fix.
+    last). ``pool`` are processes that do pieces of the stages, on this machine or others, in place of threads. Raises a
+    PhotogramError that says what the user can fix.
     """
     watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]
     first = len(names) if start is None else names.index(stage_named(start).name)
     last = names.index(stage_named(until).name) if until else len(names) - 1
-    with open_run(project, executor) as run:
+    with open_run(project, executor, pool) as run:
         make_folder(project.results)  # what cannot be written must show before hours of work
         reason = unwritable(project.results)
         if reason:
@@ -419,13 +428,14 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
         run.workspace.discard(stage.name)
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark, watcher.warn)
-    with journalled(folder), peak_memory() as peak, compile_time() as compiled:
+    with journalled(folder), peak_memory() as peak, compile_time() as compiled, ordered(run, folder):
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
+    highest = None if peak.bytes is None else max(peak.bytes, run.taken_memory())
     measured: StageSummary = {
         "seconds": round(seconds, 3),
         "compilation_seconds": round(compiled.seconds, 3),
-        "peak_memory_bytes": peak.bytes,
+        "peak_memory_bytes": highest,
     }
     run.workspace.finish(stage.name, mark, {**measured, **summary})
     watcher.end(stage, seconds, summary)

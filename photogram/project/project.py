@@ -213,6 +213,8 @@ class Project:
     """Names and targets of the report."""
     warnings: tuple[Finding, ...] = ()
     """What is doubtful in the file or the files it names."""
+    photographs_folder: Path | None = None
+    """Folder of the photographs that was given in place of the file's own, None without one."""
 
     @property
     def product_crs(self) -> str:
@@ -349,6 +351,7 @@ def read_project(
         datum=datum,
         distances=_distances(file, [p.name for p in listed]),
         warnings=document.warnings,
+        photographs_folder=photographs_folder,
         **{name: _given(section) for name, section in settings.items()},
     )
 

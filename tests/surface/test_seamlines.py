@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from photogram.errors import ProjectError
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.stages.orthophoto import HeldPhotographs, edited_seams, make_orthophoto
+from photogram.pipeline.stages.orthophoto import edited_seams, make_orthophoto
+from photogram.pipeline.stages.orthophoto_pieces import HeldPhotographs
 from photogram.pipeline.store.run import Run
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.ortho.resampling import add_cubic, catmull_rom

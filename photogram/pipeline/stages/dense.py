@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, as_completed
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.surface_frame import fitted_frame
+from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame
+from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -78,59 +78,80 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     site = fitted_frame(run) if settings.enabled else ""
     if isinstance(site, str):
         return {}
-    block = site.block()
-    frame, views = block.frame, Views.of(block)
-    points = site.cloud().position_map_m
-    known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
-    cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
-    grid = survey_grid(frame, known, views, cell_m, MINIMUM_RAYS)
-    levels = plan_levels(known, views, grid)
-    reductions = tuple(sorted({level.reduction for level in levels}))
-    pictures = ReducedPictures(folder / "pictures", lambda view: run.grey(int(views.photograph[view])), reductions)
-    for done, _ in enumerate(run.executor.map(pictures.make, range(len(views)))):
-        progress(done + 1, len(views), "reduced pictures")
-    scene = Scene(frame, views, pictures)
-    names = [*(f"level{n}" for n in range(len(levels) - 1)), "heights"]
-    stores = [BlockFiles(folder / name, level.grid, BLOCK_CELLS) for name, level in zip(names, levels, strict=True)]
+    dense = _Matching.of(run, site, folder)
+    levels, pictures, stores, views = dense.levels, dense.pictures, dense.stores, dense.scene.views
+    for done, _ in enumerate(each(run, folder, _PICTURES, range(len(views)), state=dense), 1):
+        progress(done, len(views), "reduced pictures")
     total, done = sum(len(store.windows) for store in stores), 0
-    for number in range(len(levels)):
-        for _ in _matched(run.executor, scene, known, levels, stores, number, settings):
+    for number, level in enumerate(levels):
+        blocks = [(number, block) for block in stores[number].windows]
+        for _ in each(run, folder, _BLOCKS, blocks, state=dense):
             done += 1
-            progress(done, total, f"cells of {levels[number].grid.cell_m:g} m")
+            progress(done, total, f"cells of {level.grid.cell_m:g} m")
     shutil.rmtree(pictures.folder)
     for store in stores[:-1]:
         shutil.rmtree(store.folder)
-    note = {"side": BLOCK_CELLS, "base_map_m": frame.origin_map_m[2], "flying_height_m": known.flying_height_m}
+    grid, base_map_m = levels[-1].grid, dense.scene.frame.origin_map_m[2]
+    note = {"side": BLOCK_CELLS, "base_map_m": base_map_m, "flying_height_m": dense.known.flying_height_m}
     write_json(folder / "grid.json", {**asdict(grid), **note})
     return {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "levels": len(levels)}
 
 
-def _matched(
-    executor: Executor,
-    scene: Scene,
-    known: KnownGround,
-    levels: tuple[Level, ...],
-    stores: list[BlockFiles],
-    number: int,
-    settings: DenseSettings,
-) -> Iterator[Window]:
-    """Match all blocks of a level that are not there yet, and yield each when it is."""
-    level, store, last = levels[number], stores[number], number == len(levels) - 1
-    base = scene.frame.origin_map_m[2]
+@dataclass(frozen=True, eq=False)
+class _Matching:
+    """What every block of every level is matched from."""
 
-    def match(block: Window) -> Window:
-        if not store.has(block):
-            outer = level.grid.around_window(block, MARGIN_CELLS)
-            prior = first_prior(known, level, outer, base)
-            if number:
-                prior = _around_coarser(stores[number - 1], level, outer, prior, widely=not last)
-            found = match_block(scene, level, block, prior, settings, last=last)
-            store.write(block, {k: v for k, v in asdict(found).items() if last or k in ("height_m", "correlation")})
-        return block
+    settings: DenseSettings
+    scene: Scene
+    known: KnownGround
+    levels: tuple[Level, ...]
+    stores: list[BlockFiles]
+    pictures: ReducedPictures
 
-    futures = [executor.submit(match, block) for block in store.windows]
-    for future in as_completed(futures):
-        yield future.result()
+    @staticmethod
+    def of(run: Run, site: SurfaceFrame, folder: Path) -> _Matching:
+        """Return it from the adjustment."""
+        settings: DenseSettings = run.project.dense
+        block = site.block()
+        frame, views = block.frame, Views.of(block)
+        points = site.cloud().position_map_m
+        known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
+        cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
+        levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
+        reductions = tuple(sorted({level.reduction for level in levels}))
+        pictures = ReducedPictures(folder / "pictures", lambda view: run.grey(int(views.photograph[view])), reductions)
+        names = [*(f"level{n}" for n in range(len(levels) - 1)), "heights"]
+        stores = [BlockFiles(folder / name, level.grid, BLOCK_CELLS) for name, level in zip(names, levels, strict=True)]
+        return _Matching(settings, Scene(frame, views, pictures), known, levels, stores, pictures)
+
+    @staticmethod
+    def read(run: Run, folder: Path) -> _Matching:
+        """Return it in another process than the one that began the stage, which has looked at the frame."""
+        site = fitted_frame(run)
+        assert not isinstance(site, str)
+        return _Matching.of(run, site, folder)
+
+
+def _make_pictures(dense: _Matching, view: int) -> None:
+    dense.pictures.make(view)
+
+
+def _match(dense: _Matching, item: tuple[int, Window]) -> None:
+    """Match a block of a level, given by its number, unless it is there."""
+    number, block = item
+    level, store, last = dense.levels[number], dense.stores[number], number == len(dense.levels) - 1
+    if store.has(block):
+        return
+    outer = level.grid.around_window(block, MARGIN_CELLS)
+    prior = first_prior(dense.known, level, outer, dense.scene.frame.origin_map_m[2])
+    if number:
+        prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
+    found = match_block(dense.scene, level, block, prior, dense.settings, last=last)
+    store.write(block, {k: v for k, v in asdict(found).items() if last or k in ("height_m", "correlation")})
+
+
+_PICTURES = Kind(_Matching.read, _make_pictures)
+_BLOCKS = Kind(_Matching.read, _match)
 
 
 def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, widely: bool) -> Prior:

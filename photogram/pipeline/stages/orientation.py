@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from photogram.adjustment.oriented_subset import part_of_block
-from photogram.files.npz_json import write_json, write_record
+from photogram.camera import Camera, Pose
+from photogram.files.atomic import make_folder
+from photogram.files.npz_json import read_record, write_json, write_record
 from photogram.pipeline.stages.tie_points import orientation_thresholds, transfer_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import PLACED_BY, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
-from photogram.sfm.tie_points.guided_matching import Found, cut_patches, transfer_to, with_found
+from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
 
@@ -67,6 +71,53 @@ def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
 
 
+@dataclass(frozen=True, eq=False)
+class _Transfer:
+    """What is searched for in every photograph, and what the photographs are."""
+
+    run: Run
+    tie_points: TiePoints
+    patches: Patches
+    cameras: Sequence[Camera]
+    poses: Sequence[Pose | None]
+
+    @staticmethod
+    def of(run: Run, orientation: Orientation, tie_points: TiePoints, patches: Patches | None = None) -> _Transfer:
+        """Return it for oriented tie points; the windows around them are cut out where they are not given."""
+        calibrated = orientation.calibrated(run.project.cameras)
+        position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
+        patches = patches or cut_patches(tie_points, position, run.grey)
+        cameras = [calibrated[p.camera] for p in run.project.photographs]
+        return _Transfer(run, tie_points, patches, cameras, orientation.poses)
+
+    def write(self, folder: Path) -> None:
+        """Write what cannot be read from earlier stages, for other processes."""
+        make_folder(folder / _WINDOWS)
+        write_record(folder / _WINDOWS / "tie_points.npz", self.tie_points)
+        write_record(folder / _WINDOWS / "patches.npz", self.patches)
+
+    @staticmethod
+    def read(run: Run, folder: Path) -> _Transfer:
+        """Return what another process wrote."""
+        tie_points = read_record(folder / _WINDOWS / "tie_points.npz", TiePoints)
+        return _Transfer.of(run, run.orientation(), tie_points, read_record(folder / _WINDOWS / "patches.npz", Patches))
+
+
+_WINDOWS = "windows"
+
+
+def _search(transfer: _Transfer, index: int) -> Found:
+    """Search one photograph."""
+    run = transfer.run
+    return transfer_to(
+        index, transfer.tie_points, transfer.patches, transfer.cameras, transfer.poses, run.grey(index),
+        transfer_thresholds(run.project),
+    )  # fmt: skip
+
+
+_SEARCHED = Kind(_Transfer.read, _search)
+
+
 def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Measure tie points in the further photographs that show them.
 
@@ -77,21 +128,16 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
         write_record(folder / "tie_points.npz", joined)
         return {"tie_points": len(joined), "transferred": 0}
     tie_points = _oriented_tie_points(run, orientation)
-    calibrated = orientation.calibrated(project.cameras)
-    cameras = [calibrated[p.camera] for p in project.photographs]
-    position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
-    progress(0, len(cameras), "windows")
-    patches = cut_patches(tie_points, position, run.grey)
-
-    settings = transfer_thresholds(project)
-
-    def search(index: int) -> Found:
-        return transfer_to(index, tie_points, patches, cameras, orientation.poses, run.grey(index), settings)
-
+    progress(0, len(run.names), "windows")
+    transfer = _Transfer.of(run, orientation, tie_points)
+    if run.pool is not None:
+        transfer.write(folder)
     found = []
-    for index, places in enumerate(run.executor.map(search, range(len(cameras)))):
+    for index, places in enumerate(each(run, folder, _SEARCHED, range(len(run.names)), state=transfer)):
         found.append(places)
-        progress(index + 1, len(cameras), run.names[index])
+        progress(index + 1, len(run.names), run.names[index])
+    if run.pool is not None:
+        shutil.rmtree(folder / _WINDOWS)
     whole = with_found(tie_points, found, project.adjustment.tie_point_sigma_px)
     write_record(folder / "tie_points.npz", whole)
     return {

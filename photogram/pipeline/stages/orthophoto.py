@@ -3,11 +3,8 @@ rim and its seams."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
@@ -19,8 +16,15 @@ from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.files.npz_json import read_json, write_json
 from photogram.grid import MapGrid, Window
-from photogram.machine import memory_bytes
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
+from photogram.pipeline.stages.orthophoto_pieces import (
+    CLOSED_HEIGHT,
+    CLOSED_SIGMA,
+    HeldPhotographs,
+    looked_at,
+    surface_in,
+    tiles_of,
+)
 from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.run import Run
@@ -30,7 +34,7 @@ from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
 from photogram.surface.dsm import FILLED, HOLE
 from photogram.surface.ortho.closed_surface import close_surface
-from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, ForcedOf, Orthophoto, plan_orthophoto
+from photogram.surface.ortho.orthophoto import TILE_CELLS, ForcedOf, Orthophoto, chosen_orthophoto, rated_looks
 from photogram.surface.ortho.outline import (
     SeamPolygon,
     cells_inside,
@@ -67,37 +71,6 @@ def left_out_reason(poses: Sequence[Pose | None]) -> str:
     )
 
 
-class HeldPhotographs:
-    """Decoded photographs by number, the ``held`` last used ones kept; each is decoded once at a time, whoever asks."""
-
-    def __init__(self, read: Callable[[int], ByteArray], held: int) -> None:
-        self._read, self._held = read, held
-        self._lock = Lock()
-        self._pixels: OrderedDict[int, Future[ByteArray]] = OrderedDict()
-
-    def __call__(self, number: int) -> ByteArray:
-        """Return the pixels (H, W, 3) of a photograph. Raises whatever reading it raises."""
-        with self._lock:
-            mine = number not in self._pixels
-            future = self._pixels.setdefault(number, Future())
-            self._pixels.move_to_end(number)
-            if len(self._pixels) > self._held:
-                self._pixels.popitem(last=False)
-        if mine:
-            try:
-                future.set_result(self._read(number))
-            except BaseException as fault:
-                future.set_exception(fault)
-                raise
-        return future.result()
-
-
-def photographs_held(sizes_px: Sequence[tuple[int, int]]) -> int:
-    """Return how many decoded photographs of these sizes fit into a sixteenth of the memory, LEAST_HELD at least."""
-    largest = max((3 * width * height for width, height in sizes_px), default=1)
-    return max(LEAST_HELD, memory_bytes() // 16 // largest)
-
-
 def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Make the orthophoto on the closed surface and write it as ``orthophoto.tif``, tile by tile, with its rim and its
     seams as ``outline.gpkg``; of photographs that look sideways none, and why in ``left_out.json``."""
@@ -113,19 +86,16 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     block = site.block()
     views = Views.of(block)
     names = [block.photographs[i].name for i in views.photograph]
-    sizes = [(int(width), int(height)) for width, height in views.size_px]
-    pixels_of = HeldPhotographs(
-        lambda view: run.pixels(int(views.photograph[view]), sizes[view]), photographs_held(sizes)
-    )
+    pixels_of = HeldPhotographs.of(run, views)
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "surface without holes")
     with scratch_folder(temporary_name(folder)) as scratch:
         surface = closed_surface_of(run, scratch)
         progress(0, 0, "seams and exposure")
         settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
-        orthophoto = plan_orthophoto(
-            views, block.frame, surface, pixels_of, run.executor, settings, camera=camera, forced=edited
-        )
+        looks = rated_looks(views, block.frame, surface, run.executor, settings, forced=edited)
+        samples = looked_at(run, folder, scratch, looks, pixels_of)
+        orthophoto = chosen_orthophoto(looks, samples, settings, camera)
         grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
         rim = rim_of(seams.looks, seams.label >= 0, blocks)
         if rim is None:
@@ -135,7 +105,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
         def counted() -> Iterator[tuple[Window, ByteArray]]:
             nonlocal inside, shown
             total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
-            for done, (window, rgba) in enumerate(orthophoto.tiles(pixels_of, run.executor), 1):
+            for done, (window, rgba) in enumerate(tiles_of(run, folder, scratch, orthophoto, pixels_of), 1):
                 within = cells_inside(sides, grid, window)
                 rgba[~within] = 0
                 inside += int(np.count_nonzero(within))
@@ -158,7 +128,7 @@ def closed_surface_of(run: Run, scratch: Path) -> Surface:
     whole = None if matching is not None else run.surface()
     grid = matching.grid if matching is not None else MapGrid.of(_given(whole))
     known, sigma = GridFile(scratch / "known.f32", grid), GridFile(scratch / "sigma.f32", grid)
-    height, closed_sigma = GridFile(scratch / "height.f32", grid), GridFile(scratch / "closed_sigma.f32", grid)
+    height, closed_sigma = GridFile(scratch / CLOSED_HEIGHT, grid), GridFile(scratch / CLOSED_SIGMA, grid)
     for file in (known, sigma, height, closed_sigma):
         file.make()
     if matching is not None:
@@ -183,7 +153,7 @@ def closed_surface_of(run: Run, scratch: Path) -> Surface:
         closed_sigma.write(window, sigmas)
 
     close_surface(grid, part, run.executor, write)
-    return Surface(grid, height.read, closed_sigma.read)
+    return surface_in(scratch, grid)
 
 
 def _given(raster: Raster | None) -> Raster:

@@ -14,6 +14,7 @@ from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import check_photograph, read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.store.dependence import placing_fingerprint
+from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import FRAME, MEASURED, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -33,6 +34,18 @@ def _described(project: Project, photograph: ProjectPhotograph, sha256: str) -> 
     check_photograph(photograph.path, (camera.width_px, camera.height_px), sha256)
     tags = read_tags(photograph.path)
     return photograph_note(photograph, tags, measured_position(project, photograph, tags)), tags
+
+
+def _decode(work: StageWork, index: int) -> tuple[PhotographNote, PhotographTags] | str:
+    """Return what ``_described`` returns of a photograph, or what is wrong with it."""
+    run, _ = work
+    try:
+        return _described(run.project, run.project.photographs[index], run.photograph_fingerprints[index])
+    except PhotogramError as fault:
+        return str(fault)
+
+
+_DECODED = Kind(stage_work, _decode)
 
 
 def _withdraw_position(note: PhotographNote) -> None:
@@ -72,17 +85,14 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
     A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
     """
     photographs = run.project.photographs
-    known = zip(photographs, run.photograph_fingerprints, strict=True)
-    futures = [run.executor.submit(_described, run.project, photograph, sha256) for photograph, sha256 in known]
     notes, tags, faults = list[PhotographNote](), list[PhotographTags](), list[str]()
-    for done, future in enumerate(futures, 1):
-        try:
-            note, own = future.result()
-            notes.append(note)
-            tags.append(own)
-        except PhotogramError as fault:
-            faults.append(str(fault))
-        progress(done, len(futures), photographs[done - 1].name)
+    for done, found in enumerate(each(run, folder, _DECODED, range(len(photographs))), 1):
+        if isinstance(found, str):
+            faults.append(found)
+        else:
+            notes.append(found[0])
+            tags.append(found[1])
+        progress(done, len(photographs), photographs[done - 1].name)
     if faults:
         raise ImageError("\n".join(faults))
     times = [None if note["time"] is None else datetime.fromisoformat(note["time"]) for note in notes]

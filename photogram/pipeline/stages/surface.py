@@ -18,6 +18,7 @@ from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
+from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -122,31 +123,21 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     grid = heights.grid
     histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
     least = least_correlation_of(np.asarray(histogram))
-    cloud = site.cloud().position_map_m
-    spacing_m, shape = _SHARED_SPACING_SHARE * heights.flying_height_m, site.shape()
-    shared = [shared_error(cloud, site.precision().cameras_m2, grid, spacing_m)]
-    if shape is not None:
-        shared.append(shared_error(shape.place_map_m, shape.covariance_m2, grid, spacing_m, NEAREST_PLACES))
     gap_m = run.project.surface.maximum_gap_m
     reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
 
-    def tile(window: Window) -> tuple[Window, _Tile]:
-        return window, _tile(heights, shared, window, least, reach)
-
-    counts = np.zeros(3, np.int64)
-    layers = folder / "tiles"
-    store = BlockFiles(layers, grid, TILE_CELLS)
-    windows = store.windows
-    for done, (window, made) in enumerate(run.executor.map(tile, windows), 1):
-        store.write(window, vars(made))
-        counts += np.bincount(made.source.ravel(), minlength=3)
-        progress(done, len(windows), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
+    modelling = _Modelling.of(heights, site, folder)
+    store, counts = modelling.store, np.zeros(3, np.int64)
+    tiles = [(window, least, reach) for window in store.windows]
+    for done, count in enumerate(each(run, folder, _TILES, tiles, state=modelling), 1):
+        counts += count
+        progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     crs, plan, note = site.crs, site.plan, site.note
     for name, layer, of, description in (
         ("dsm.tif", "height", crs, HEIGHT),
         ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
         ("dsm_sigma.tif", "sigma", plan, SIGMA),
-        *([] if shape is None else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
+        *([] if len(modelling.shared) == 1 else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
     ):
         write_cog(folder / name, grid, of, _layer(store, layer), description=description, note=note)
     write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES, note=note)
@@ -158,6 +149,44 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
         "measured_of_grid": int(counts[MEASURED]), "filled_of_grid": int(counts[FILLED]),
         "least_correlation": round(least, 3),
     }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Modelling:
+    """What every tile of the surface is made from: matched heights, and the errors that neighbours share, with the
+    datum's part and, where they are known, without."""
+
+    heights: MatchedHeights
+    shared: list[SharedError]
+    store: BlockFiles
+
+    @staticmethod
+    def of(heights: MatchedHeights, site: SurfaceFrame, folder: Path) -> _Modelling:
+        """Return it from the adjustment."""
+        grid, shape = heights.grid, site.shape()
+        spacing_m = _SHARED_SPACING_SHARE * heights.flying_height_m
+        shared = [shared_error(site.cloud().position_map_m, site.precision().cameras_m2, grid, spacing_m)]
+        if shape is not None:
+            shared.append(shared_error(shape.place_map_m, shape.covariance_m2, grid, spacing_m, NEAREST_PLACES))
+        return _Modelling(heights, shared, BlockFiles(folder / "tiles", grid, TILE_CELLS))
+
+    @staticmethod
+    def read(run: Run, folder: Path) -> _Modelling:
+        """Return it in another process than the one that began the stage, which has looked at the frame."""
+        site = fitted_frame(run)
+        assert not isinstance(site, str)
+        return _Modelling.of(MatchedHeights.of(run), site, folder)
+
+
+def _make_tile(modelling: _Modelling, item: tuple[Window, float, int]) -> NDArray[np.int64]:
+    """Make and write a tile of the surface; returns how many cells are of each of SOURCES."""
+    window, least, reach = item
+    made = _tile(modelling.heights, modelling.shared, window, least, reach)
+    modelling.store.write(window, vars(made))
+    return np.bincount(made.source.ravel(), minlength=3)
+
+
+_TILES = Kind(_Modelling.read, _make_tile)
 
 
 def surface_layers(run: Run) -> BlockFiles:

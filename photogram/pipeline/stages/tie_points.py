@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from threading import BoundedSemaphore
 
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import ImageError
 from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
+from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
@@ -59,29 +59,31 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
 
     As many photographs at once as there are workers and as the memory holds.
     """
-    project = run.project
-    reduction = REDUCTIONS[project.quality]
-    largest = max(camera.width_px * camera.height_px for camera in project.cameras)
-    room = BoundedSemaphore(photographs_at_once(largest // reduction**2))
-
-    def detect(index: int) -> int:
-        path = folder / f"{index:05d}.npz"
-        if not path.is_file():
-            with room:
-                found = find_features(run.names[index], run.pixels(index), project.features, reduction)
-            write_record(path, found)
-        return len(read_record(path, Features))
-
+    largest = max(camera.width_px * camera.height_px for camera in run.project.cameras)
+    at_once = photographs_at_once(largest // REDUCTIONS[run.project.quality] ** 2)
     counts = []
-    for index, count in enumerate(run.executor.map(detect, range(len(run.names)))):
+    for index, count in enumerate(each(run, folder, _DETECTED, range(len(run.names)), at_once=at_once)):
         counts.append(count)
         progress(index + 1, len(run.names), run.names[index])
     return {"key_points": counts}
 
 
-def select_photograph_pairs(run: Run) -> SelectedPairs:
+def _detect(work: StageWork, index: int) -> int:
+    """Find the key points of a photograph, unless that is done; returns their number."""
+    run, folder = work
+    path = folder / f"{index:05d}.npz"
+    if not path.is_file():
+        reduction = REDUCTIONS[run.project.quality]
+        write_record(path, find_features(run.names[index], run.pixels(index), run.project.features, reduction))
+    return len(read_record(path, Features))
+
+
+_DETECTED = Kind(stage_work, _detect)
+
+
+def select_photograph_pairs(run: Run, folder: Path) -> SelectedPairs:
     """Select the pairs of photographs to match; where positions are missing, by what the photographs show, and where
-    flying heights are too small, as some pairs show that are matched to find out."""
+    flying heights are too small, as some pairs show that are matched to find out. ``folder`` is the stage's."""
     block, settings = run.block(), run.project.pairs
     used = [i for i, note in enumerate(run.notes()) if note.get("copy_of") is None]
     photographs = [block.photographs[i] for i in used]
@@ -92,8 +94,7 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
 
     def verified(pairs: Pairs) -> list[bool]:
         with threadpool_limits(1, "blas"):
-            found = run.executor.map(lambda pair: _matched(run, (used[pair[0]], used[pair[1]]))[1].any(), pairs)
-            return [bool(good) for good in found]
+            return list(each(run, folder, _VERIFIED, [(used[i], used[j]) for i, j in pairs]))
 
     selected = with_ground_depth(photographs, block.cameras, settings, selected, verified)
     return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
@@ -101,7 +102,7 @@ def select_photograph_pairs(run: Run) -> SelectedPairs:
 
 def choose_pairs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Select the pairs of photographs to match."""
-    selected = select_photograph_pairs(run)
+    selected = select_photograph_pairs(run, folder)
     write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
     progress(1, 1, f"{len(selected)} pairs")
     return {
@@ -118,21 +119,32 @@ def _matched(run: Run, pair: tuple[int, int]) -> tuple[Matches, BoolArray]:
     return match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
 
 
+def _verified(work: StageWork, pair: tuple[int, int]) -> bool:
+    """Return whether any match of a pair of photographs is verified."""
+    return bool(_matched(work[0], pair)[1].any())
+
+
+_VERIFIED = Kind(stage_work, _verified)
+
+
+def _match(work: StageWork, pair: tuple[int, int]) -> bool:
+    """Match and verify a pair of photographs, unless that is done; returns whether any match is verified."""
+    run, folder = work
+    path = folder / f"{pair[0]:05d}-{pair[1]:05d}.npz"
+    if not path.is_file():
+        matches, good = _matched(run, pair)
+        write_arrays(path, {"index": matches.index, "verified": good})
+    return bool(read_arrays(path)["verified"].any())
+
+
+_MATCHED = Kind(stage_work, _match)
+
+
 def match_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    pairs = run.selected_pairs()
-
-    def match(pair: tuple[int, int]) -> bool:
-        i, j = pair
-        path = folder / f"{i:05d}-{j:05d}.npz"
-        if not path.is_file():
-            matches, good = _matched(run, pair)
-            write_arrays(path, {"index": matches.index, "verified": good})
-        return bool(read_arrays(path)["verified"].any())
-
-    verified = 0
+    pairs, verified = run.selected_pairs(), 0
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
-        for done, ((i, j), found) in enumerate(zip(pairs, run.executor.map(match, pairs), strict=True)):
+        for done, ((i, j), found) in enumerate(zip(pairs, each(run, folder, _MATCHED, pairs), strict=True)):
             verified += found
             progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
     write_json(folder / "pairs.json", pairs)

@@ -24,15 +24,16 @@ def _lifetime_peak() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT
 
 
-def _high_water() -> int | None:
-    """Return the resident set's high-water mark, which a reset brings down, None where the system has none."""
+def highest_memory() -> int | None:
+    """Return the most memory that the process held since the last reset, in bytes, None where the system has no such
+    mark."""
     with suppress(OSError, ValueError, IndexError):
         line = next((s for s in _STATUS.read_text().splitlines() if s.startswith("VmHWM:")), "")
         return int(line.split()[1]) * 1024
     return None
 
 
-def _reset() -> bool:
+def reset_highest_memory() -> bool:
     """Bring the high-water mark down to the present; False where the system cannot."""
     try:
         _RESET.write_text("5")
@@ -47,12 +48,12 @@ def peak_memory() -> Iterator[Peak]:
 
     On Linux the system's high-water mark is reset before. Elsewhere only a peak above all earlier ones can be told.
     """
-    found, before, reset = Peak(), _lifetime_peak(), _reset()
+    found, before, reset = Peak(), _lifetime_peak(), reset_highest_memory()
     try:
         yield found
     finally:
         after = _lifetime_peak()
         if reset:
-            found.bytes = _high_water()
+            found.bytes = highest_memory()
         elif after > before:
             found.bytes = after

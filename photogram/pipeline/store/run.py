@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, r
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
+from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.stored_results import (
     ADJUSTED,
     COVARIANCES,
@@ -61,11 +63,16 @@ def _note_types() -> TypeAdapter[list[PhotographNote]]:
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a project: the project, its workspace, and the executor for parallel work."""
+    """One run of a project: the project, its workspace, the executor of threads for parallel work, and the ``pool`` of
+    processes that do pieces of it, where there is one; ``orders`` are what they are told of the stages at work, by the
+    stage's partial folder."""
 
     project: Project
     workspace: Workspace
     executor: Executor
+    pool: Pool | None = None
+    orders: dict[Path, WorkOrder] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _memory: list[int] = field(default_factory=list, init=False, repr=False, compare=False)
     _blocks: dict[str, Block] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
@@ -74,6 +81,15 @@ class Run:
         # with workers of its own, since one of the executor's may be the first to ask
         with ThreadPoolExecutor(cores()) as workers:
             return tuple(workers.map(file_fingerprint, [p.path for p in self.project.photographs]))
+
+    def note_memory(self, highest: int | None) -> None:
+        """Note the most memory, in bytes, that a process of the pool has held in the present stage."""
+        self._memory[:] = [max(highest or 0, *self._memory, 0)]
+
+    def taken_memory(self) -> int:
+        """Return the most memory that was noted since it was asked last, in bytes, 0 where none was."""
+        noted, self._memory[:] = max(self._memory, default=0), []
+        return noted
 
     def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:
         """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_pixels``, and where

@@ -1,14 +1,16 @@
 """The files of a stage and their checksums: taken when a file is written, compared when it is read.
 
 While a stage works, its checksums stand in JOURNAL, a line for each file, written before the file takes its name; so
-what a run that was killed has left can be told from what is damaged. When the stage is complete they go to its note.
+what a run that was killed has left can be told from what is damaged. Every process of a pool keeps a journal of its
+own, since two machines cannot append to one file. When the stage is complete the checksums go to its note.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +21,7 @@ from photogram.files.atomic import observed, remove_leftovers
 from photogram.files.stage_folders import MARKER, NOTE, faults_of
 
 JOURNAL = "files.sha256"
+_JOURNALS = re.compile(r"files(-.+)?\.sha256")
 
 
 @dataclass(frozen=True)
@@ -76,27 +79,41 @@ def looks_unchanged(path: Path, known: StageFile) -> bool:
 
 
 def files_below(folder: Path) -> Iterator[str]:
-    """Yield the names of everything but folders below ``folder``, with ``/``, without note and journal at its top.
+    """Yield the names of everything but folders below ``folder``, with ``/``, without note and journals at its top.
     Links are not followed."""
     for place, folders, names in os.walk(folder):
         inner = Path(place).relative_to(folder)
         links = [name for name in folders if (Path(place) / name).is_symlink()]
         for name in sorted([*names, *links]):
             written = (inner / name).as_posix()
-            if written not in (NOTE, JOURNAL):
+            if written != NOTE and not (inner == Path() and _JOURNALS.fullmatch(name)):
                 yield written
 
 
+def own_journal(process: str) -> str:
+    """Return the name of the journal of one process of a pool."""
+    return f"files-{process}.sha256"
+
+
+def journals(folder: Path) -> list[Path]:
+    """Return the journals of a partial folder."""
+    return sorted(path for path in folder.iterdir() if _JOURNALS.fullmatch(path.name))
+
+
 @contextmanager
-def journalled(folder: Path) -> Iterator[None]:
-    """Note the checksum of every file that is written below the partial folder of a stage while the block runs."""
+def journalled(folder: Path, journal: str = JOURNAL, before: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Note the checksum of every file that is written below the partial folder of a stage while the block runs.
+
+    ``before`` is called before a file takes its name, and keeps it from its place by what it raises.
+    """
     lock = Lock()
 
     def note(temporary: Path, path: Path) -> None:
+        before()
         known = checksum(temporary)
         line = f"{known.sha256} {known.bytes} {path.relative_to(folder).as_posix()}\n".encode()
         with lock:
-            descriptor = os.open(folder / JOURNAL, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
+            descriptor = os.open(folder / journal, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
             try:
                 if os.write(descriptor, line) != len(line):
                     raise OSError(f"the line of {path.name} was not written completely: is the disk full?")
@@ -107,19 +124,26 @@ def journalled(folder: Path) -> Iterator[None]:
         yield
 
 
-def read_journal(folder: Path) -> dict[str, Checksum]:
-    """Return the checksums that the journal of a partial folder notes, of each file the last; what is half a line is
-    none. Raises OSError where it cannot be read."""
-    try:
-        lines = (folder / JOURNAL).read_bytes().split(b"\n")[:-1]
-    except FileNotFoundError:
-        return {}
-    found: dict[str, Checksum] = {}
-    for line in lines:
-        parts = line.decode(errors="replace").split(" ", 2)
-        if len(parts) == 3 and parts[1].isdecimal():
-            found[parts[2]] = Checksum(int(parts[1]), parts[0])
+def read_journal(folder: Path) -> dict[str, set[Checksum]]:
+    """Return the checksums that the journals of a partial folder note, of each file the last of each; what is half a
+    line is none. Raises OSError where one cannot be read."""
+    found: dict[str, set[Checksum]] = {}
+    for journal in journals(folder):
+        own: dict[str, Checksum] = {}
+        for line in journal.read_bytes().split(b"\n")[:-1]:
+            parts = line.decode(errors="replace").split(" ", 2)
+            if len(parts) == 3 and parts[1].isdecimal():
+                own[parts[2]] = Checksum(int(parts[1]), parts[0])
+        for name, known in own.items():
+            found.setdefault(name, set()).add(known)
     return found
+
+
+def remove_all_leftovers(folder: Path) -> None:
+    """Remove from a folder and those below it what processes that were killed have left half written."""
+    for place in [place for place, _, _ in os.walk(folder)]:
+        if os.path.isdir(place):  # else it was a leftover itself
+            remove_leftovers(Path(place))
 
 
 def keep_whole_files(folder: Path) -> list[Path]:
@@ -127,12 +151,10 @@ def keep_whole_files(folder: Path) -> list[Path]:
     return the latter."""
     known, damaged = read_journal(folder), []
     with faults_of(folder):
-        for place in [place for place, _, _ in os.walk(folder)]:
-            if os.path.isdir(place):  # else it was a leftover itself
-                remove_leftovers(Path(place))
+        remove_all_leftovers(folder)
         for name in files_below(folder):
             path = folder / name
-            whole = not path.is_symlink() and path.is_file() and known.get(name) == checksum(path)
+            whole = not path.is_symlink() and path.is_file() and checksum(path) in known.get(name, ())
             if not whole and name != MARKER:
                 damaged.append(path)
         for path in damaged:
@@ -141,13 +163,14 @@ def keep_whole_files(folder: Path) -> list[Path]:
 
 
 def files_of(folder: Path) -> dict[str, StageFile]:
-    """Return the files of a partial folder that is about to be complete, by name; a checksum that the journal has is
-    not taken again. Raises OSError where a file cannot be read."""
+    """Return the files of a partial folder that is about to be complete, by name; a checksum on which the journals
+    agree is not taken again. Raises OSError where a file cannot be read."""
     known, found = read_journal(folder), {}
     for name in files_below(folder):
         path = folder / name
         status = os.lstat(path)
-        noted = known.get(name)
+        agreed = known.get(name, set())
+        noted = next(iter(agreed)) if len(agreed) == 1 else None
         if noted is None or noted.bytes != status.st_size:
             noted = checksum(path)
         found[name] = StageFile(noted.bytes, noted.sha256, status.st_mtime_ns)

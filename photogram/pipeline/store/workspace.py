@@ -31,12 +31,13 @@ from photogram.files.stage_folders import (
     remove_stage_folder,
 )
 from photogram.pipeline.store.stage_files import (
-    JOURNAL,
     StageFile,
     files_of,
     is_unchanged,
+    journals,
     keep_whole_files,
     looks_unchanged,
+    remove_all_leftovers,
 )
 from photogram.pipeline.store.stage_summary import StageSummary, summary_from
 
@@ -180,10 +181,12 @@ class Workspace:
         """Make the partial folder of a stage the complete one, replacing what was there."""
         partial, complete = self.partial(name), self.stage(name)
         with faults_of(partial):
+            remove_all_leftovers(partial)  # of processes of a pool that were lost
             files = {written: known.to_json() for written, known in files_of(partial).items()}
             note = {"stage": name, "fingerprint": mark, "format": FORMAT, **summary, "files": files}
             write_json(partial / NOTE, {**note, "sha256": _seal(note)})
-            (partial / JOURNAL).unlink(missing_ok=True)
+            for journal in journals(partial):
+                journal.unlink()
         # Killed from here on, a partial folder with a finished note remains: the stage is made again, nothing is mixed.
         self.forget(name)
         remove_stage_folder(complete)

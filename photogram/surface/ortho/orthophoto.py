@@ -9,7 +9,7 @@ depends on its place alone, never on the tile in which it is made.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,19 +29,17 @@ from photogram.surface.ortho.colour_balance import (
     WHITE_DN,
     Balance,
     PixelsOf,
-    Places,
     balance_exposure,
-    colours_in,
     highlight_curve,
     joined,
 )
+from photogram.surface.ortho.looks import Looks
 from photogram.surface.ortho.resampling import Tone, add_photograph
 from photogram.surface.ortho.seamlines import (
     SMALLEST_BLOCK,
     Seams,
     block_cells,
     lattice_grid,
-    look,
     rate_blocks,
     seams_of,
 )
@@ -249,30 +247,43 @@ def plan_orthophoto(
     where no photograph is above the surface, or the surface has no height.
     """
     settings = settings or OrthophotoSettings()
+    looks = rated_looks(views, frame, surface, executor, settings, grid=grid, forced=forced)
+    samples = list(executor.map(lambda view: looks.at(view, pixels_of(view)), range(len(views))))
+    return chosen_orthophoto(looks, samples, settings, camera)
+
+
+def rated_looks(
+    views: Views, frame: LocalFrame, surface: Raster | Surface, executor: Executor, settings: OrthophotoSettings, *,
+    grid: MapGrid | None = None, forced: ForcedOf | None = None,
+) -> Looks:  # fmt: skip
+    """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read."""
     terrain = Terrain.under(views, frame, Surface.of(surface) if isinstance(surface, Raster) else surface)
     grid = grid or orthophoto_grid(views, terrain, settings.cell_m)
     wanted = None if forced is None else forced(lattice_grid(grid, block_cells(grid)))
-    lattice = rate_blocks(views, frame, terrain, grid, executor, wanted)
-    places, seen = Places.of(lattice, grid.cell_m), SeenCells(terrain)
+    return Looks.of(views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted))
 
-    def look_at(view: int) -> tuple[IntArray, FloatArray]:
-        picture = pixels_of(view)
-        look(views, frame, terrain, grid, lattice, seen, view, picture)
-        return colours_in(views, lattice, places, view, picture)
 
-    samples = joined(list(executor.map(look_at, range(len(views)))))
-    balance = Balance.none(len(views))
+def chosen_orthophoto(
+    looks: Looks,
+    samples: Sequence[tuple[IntArray, FloatArray]],
+    settings: OrthophotoSettings,
+    camera: NDArray[np.int64] | None,
+) -> Orthophoto:
+    """Choose seams and gains once all photographs were looked at, with the ``samples`` (V,) that ``Looks.at`` gave."""
+    balance = Balance.none(len(looks.views))
     if settings.balance:
-        balance = balance_exposure(samples, np.zeros(len(views), np.int64) if camera is None else camera)
+        cameras = np.zeros(len(looks.views), np.int64) if camera is None else camera
+        balance = balance_exposure(joined(samples), cameras)
     log_gain = balance.log_gain.mean(axis=1)
-    seams = seams_of(lattice, terrain, grid, log_gain)
-    highlights = highlight_curve(lattice, seams.label, log_gain)
+    seams = seams_of(looks.lattice, looks.terrain, looks.grid, log_gain)
+    highlights = highlight_curve(looks.lattice, seams.label, log_gain)
     return Orthophoto(
-        views, frame, terrain, grid, seams, balance, seen, settings.feather_cells, highlights, _plain(seams)
-    )
+        looks.views, looks.frame, looks.terrain, looks.grid, seams, balance, looks.seen, settings.feather_cells,
+        highlights, plain_blocks(seams),
+    )  # fmt: skip
 
 
-def _plain(seams: Seams) -> BoolArray:
+def plain_blocks(seams: Seams) -> BoolArray:
     """Return the blocks (R, C) of one photograph, which shows all of them, among eight of the same."""
     label = seams.label
     same = (maximum_filter(label, 3, mode="nearest") == label) & (minimum_filter(label, 3, mode="nearest") == label)

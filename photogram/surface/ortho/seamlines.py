@@ -91,6 +91,16 @@ class Lattice:
     looks: ByteArray
     """How many photographs (R, C) show the middle of the block."""
 
+    @staticmethod
+    def unseen(
+        block: int, candidate: Int32Array, cost: Float32Array, height: Float32Array, centre: FloatArray,
+        looks: ByteArray,
+    ) -> Lattice:  # fmt: skip
+        """Return a lattice that nobody has looked at."""
+        nothing = np.zeros(candidate.shape, np.uint8)
+        grey = np.zeros((*candidate.shape, SAMPLES**2), np.uint8)
+        return Lattice(block, candidate, cost, height, centre, nothing, nothing.astype(np.bool_), grey, looks)
+
     @property
     def clear(self) -> BoolArray:
         """Return whether each candidate (R, C, CANDIDATES) sees all of a block."""
@@ -165,9 +175,7 @@ def rate_blocks(
 
     for done in [executor.submit(fill, window) for window in grid.tiles(max(side_cells // block, 1) * block)]:
         done.result()
-    nothing = np.zeros(candidate.shape, np.uint8)
-    grey = np.zeros((*candidate.shape, SAMPLES**2), np.uint8)
-    return Lattice(block, candidate, cost, height, centre, nothing, nothing.astype(np.bool_), grey, looks)
+    return Lattice.unseen(block, candidate, cost, height, centre, looks)
 
 
 def look(

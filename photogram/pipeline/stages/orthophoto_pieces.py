@@ -1,0 +1,193 @@
+"""Pieces of the stage `orthophoto`: photographs that are looked at, and tiles; in threads from what they share, in
+other processes from what this one has written."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import asdict
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+
+from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.files.npz_json import read_arrays, read_json, read_record, write_arrays, write_json, write_record
+from photogram.grid import MapGrid, Window
+from photogram.machine import cores, memory_bytes
+from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.store.pieces import Kind, each
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.tiles import GridFile
+from photogram.surface.ortho.colour_balance import Balance
+from photogram.surface.ortho.looks import Looks
+from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plain_blocks
+from photogram.surface.ortho.seamlines import Lattice, Seams
+from photogram.surface.ortho.visibility import SeenCells, Surface, Terrain
+from photogram.surface.views import Views
+
+CLOSED_HEIGHT, CLOSED_SIGMA = "height.f32", "closed_sigma.f32"
+"""The closed surface in the stage's scratch folder."""
+
+_GRIDS, _LATTICE, _SEAMS, _BALANCE = "grids.json", "lattice.npz", "seams.npz", "balance.npz"
+
+TILES_ALONG = 4
+"""Tiles along a square of them that one process makes, so that a photograph that it decodes serves several."""
+
+_WHOLE = ("block_cells", "candidate", "cost", "height_map_m", "centre_world_m", "looks")
+
+
+class HeldPhotographs:
+    """Decoded photographs by number, the ``held`` last used ones kept; each is decoded once at a time, whoever asks."""
+
+    @staticmethod
+    def of(run: Run, views: Views, share: int = 1) -> HeldPhotographs:
+        """Return the photographs of a run, as many of them held as one of ``share`` processes may."""
+        sizes = [(int(width), int(height)) for width, height in views.size_px]
+
+        def read(view: int) -> ByteArray:
+            return run.pixels(int(views.photograph[view]), sizes[view])
+
+        return HeldPhotographs(read, photographs_held(sizes, share))
+
+    def __init__(self, read: Callable[[int], ByteArray], held: int) -> None:
+        self._read, self._held = read, held
+        self._lock = Lock()
+        self._pixels: OrderedDict[int, Future[ByteArray]] = OrderedDict()
+
+    def __call__(self, number: int) -> ByteArray:
+        """Return the pixels (H, W, 3) of a photograph. Raises whatever reading it raises."""
+        with self._lock:
+            mine = number not in self._pixels
+            future = self._pixels.setdefault(number, Future())
+            self._pixels.move_to_end(number)
+            if len(self._pixels) > self._held:
+                self._pixels.popitem(last=False)
+        if mine:
+            try:
+                future.set_result(self._read(number))
+            except BaseException as fault:
+                future.set_exception(fault)
+                raise
+        return future.result()
+
+
+def photographs_held(sizes_px: Sequence[tuple[int, int]], share: int = 1) -> int:
+    """Return how many decoded photographs of these sizes fit into a sixteenth of the memory, divided among ``share``
+    processes; LEAST_HELD at least."""
+    largest = max((3 * width * height for width, height in sizes_px), default=1)
+    return max(LEAST_HELD, memory_bytes() // 16 // share // largest)
+
+
+def surface_in(scratch: Path, grid: MapGrid) -> Surface:
+    """Return the closed surface that lies in a scratch folder."""
+    return Surface(grid, GridFile(scratch / CLOSED_HEIGHT, grid).read, GridFile(scratch / CLOSED_SIGMA, grid).read)
+
+
+def looked_at(
+    run: Run, folder: Path, scratch: Path, looks: Looks, pixels_of: HeldPhotographs
+) -> list[tuple[IntArray, FloatArray]]:
+    """Look at every photograph, and return the colours of each at the places where they are compared."""
+    if run.pool is None:
+        return list(run.executor.map(lambda view: looks.at(view, pixels_of(view)), range(len(looks.views))))
+    write_json(scratch / _GRIDS, {"surface": asdict(looks.terrain.grid), "orthophoto": asdict(looks.grid)})
+    lattice = looks.lattice
+    write_arrays(scratch / _LATTICE, {name: np.asarray(getattr(lattice, name)) for name in _WHOLE})
+    colours = []
+    for view, name in enumerate(each(run, folder, _LOOKS, range(len(looks.views)))):
+        found = read_arrays(scratch / name)
+        looks.take(view, found)
+        colours.append((found["place"], found["colour"]))
+        (scratch / name).unlink()
+    return colours
+
+
+def tiles_of(
+    run: Run, folder: Path, scratch: Path, orthophoto: Orthophoto, pixels_of: HeldPhotographs
+) -> Iterator[tuple[Window, ByteArray]]:
+    """Yield all tiles of an orthophoto with their red, green, blue and alpha (rows, columns, 4)."""
+    if run.pool is None:
+        yield from orthophoto.tiles(pixels_of, run.executor)
+        return
+    write_record(scratch / _SEAMS, orthophoto.seams)
+    write_record(scratch / _BALANCE, orthophoto.balance)
+    write_json(scratch / "colours.json", [orthophoto.feather_cells, orthophoto.highlights])
+    squares = list(orthophoto.grid.tiles(TILES_ALONG * TILE_CELLS))
+    for square, name in zip(squares, each(run, folder, _SQUARES, squares), strict=True):
+        made = read_arrays(scratch / name)["rgba"]
+        (scratch / name).unlink()
+        for window in _tiles_in(square):
+            yield window, made[_within(square, window)]
+
+
+def _tiles_in(square: Window) -> Iterator[Window]:
+    for row in range(square.row, square.row_end, TILE_CELLS):
+        for column in range(square.column, square.column_end, TILE_CELLS):
+            end = min(row + TILE_CELLS, square.row_end), min(column + TILE_CELLS, square.column_end)
+            yield Window(row, column, *end)
+
+
+def _within(square: Window, window: Window) -> tuple[slice, slice]:
+    return (
+        slice(window.row - square.row, window.row_end - square.row),
+        slice(window.column - square.column, window.column_end - square.column),
+    )
+
+
+class _Elsewhere:
+    """What another process than the one that began the stage reads of it: its scratch folder, the photographs, and the
+    terrain under them."""
+
+    def __init__(self, run: Run, folder: Path) -> None:
+        # the only folder with this file: others belong to products that are being written
+        self.scratch = next(path.parent for path in folder.glob(f".photogram-*/{_GRIDS}"))
+        grids = read_json(self.scratch / _GRIDS)
+        block = made_frame(run).block()
+        self.grid, self.frame, self.views = MapGrid(**grids["orthophoto"]), block.frame, Views.of(block)
+        surface = surface_in(self.scratch, MapGrid(**grids["surface"]))
+        self.terrain = Terrain.under(self.views, self.frame, surface)
+        self.pixels_of = HeldPhotographs.of(run, self.views, share=cores())
+
+
+def _looks(run: Run, folder: Path) -> tuple[_Elsewhere, Looks]:
+    here = _Elsewhere(run, folder)
+    arrays = read_arrays(here.scratch / _LATTICE)
+    block, candidate, cost, height, centre, looks = (arrays[name] for name in _WHOLE)
+    lattice = Lattice.unseen(int(block), candidate, cost, height, centre, looks)
+    return here, Looks.of(here.views, here.frame, here.terrain, here.grid, lattice)
+
+
+def _look(prepared: tuple[_Elsewhere, Looks], view: int) -> str:
+    """Look at a photograph, and return the file that says what was seen."""
+    here, looks = prepared
+    name = f"look{view:05d}.npz"
+    place, colour = looks.at(view, here.pixels_of(view))
+    write_arrays(here.scratch / name, {"place": place, "colour": colour, **looks.of_view(view)})
+    return name
+
+
+def _orthophoto(run: Run, folder: Path) -> tuple[_Elsewhere, Orthophoto]:
+    here = _Elsewhere(run, folder)
+    feather_cells, highlights = read_json(here.scratch / "colours.json")
+    seams = read_record(here.scratch / _SEAMS, Seams)
+    balance = read_record(here.scratch / _BALANCE, Balance)
+    return here, Orthophoto(
+        here.views, here.frame, here.terrain, here.grid, seams, balance, SeenCells(here.terrain), feather_cells,
+        highlights, plain_blocks(seams),
+    )  # fmt: skip
+
+
+def _square(prepared: tuple[_Elsewhere, Orthophoto], square: Window) -> str:
+    """Make the tiles of a square, and return the file that holds them."""
+    here, orthophoto = prepared
+    name = f"square{square.row:07d}-{square.column:07d}.npz"
+    made = np.empty((*square.shape, 4), np.uint8)
+    for window in _tiles_in(square):
+        made[_within(square, window)] = orthophoto.tile(window, here.pixels_of)
+    write_arrays(here.scratch / name, {"rgba": made})
+    return name
+
+
+_LOOKS = Kind(_looks, _look)
+_SQUARES = Kind(_orthophoto, _square)

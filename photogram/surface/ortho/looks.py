@@ -1,0 +1,54 @@
+"""What photographs show of the blocks of an orthophoto: one photograph at a time, in any order, wherever its pixels are
+decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.frames import LocalFrame
+from photogram.grid import MapGrid
+from photogram.surface.ortho.colour_balance import Places, colours_in
+from photogram.surface.ortho.seamlines import Lattice, look
+from photogram.surface.ortho.visibility import SeenCells, Terrain
+from photogram.surface.views import Views
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """What is needed to look at a photograph, and what has been seen: the ``lattice`` of the blocks of a ``grid``,
+    filled photograph by photograph, and the ``places`` at which photographs are compared."""
+
+    views: Views
+    frame: LocalFrame
+    terrain: Terrain
+    grid: MapGrid
+    lattice: Lattice
+    places: Places
+    seen: SeenCells
+
+    @staticmethod
+    def of(views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice) -> Looks:
+        """Return it for a lattice that nobody has looked at."""
+        return Looks(views, frame, terrain, grid, lattice, Places.of(lattice, grid.cell_m), SeenCells(terrain))
+
+    def at(self, view: int, picture: ByteArray) -> tuple[IntArray, FloatArray]:
+        """Look at a photograph (H, W, 3), and return its colours at the places as ``colours_in``. Photographs may be
+        looked at in any order, and at the same time."""
+        look(self.views, self.frame, self.terrain, self.grid, self.lattice, self.seen, view, picture)
+        return colours_in(self.views, self.lattice, self.places, view, picture)
+
+    def of_view(self, view: int) -> dict[str, NDArray[Any]]:
+        """Return what was seen in a photograph of the blocks that list it, in their order."""
+        listed = self.lattice.candidate == view
+        return {name: getattr(self.lattice, name)[listed] for name in ("seen", "inside", "grey")}
+
+    def take(self, view: int, found: Mapping[str, NDArray[Any]]) -> None:
+        """Fill in what ``of_view`` returned elsewhere."""
+        listed = self.lattice.candidate == view
+        for name in ("seen", "inside", "grey"):
+            getattr(self.lattice, name)[listed] = found[name]
