@@ -10,8 +10,9 @@ heights, the fastest of the repetitions, `CPU s` those of all its threads. The p
 with the settings that did best; its grid is photogram's.
 
 Simulated surveys and shared/data/dtu_phantom4 are judged by their true surface (benchmarks/lib/dense_scores.py), over
-cells that three photographs see. `alone`: NMAD and error rate against the surface where the adjusted block must find
-it, which leaves the matching's own errors. --cloud: agreement with another program's cloud, not accuracy.
+cells that three photographs see; `finest`: photogram's heights of the finest level alone. `alone`: NMAD and error rate
+against the surface where the adjusted block must find it, which leaves the matching's own errors. --cloud: agreement
+with another program's cloud, not accuracy.
 
 --canopy: the survey of the seed has crowns and hedges of leaves that move, high grass, water, fences and wires
 (simulation.canopy_plan), and its scores stand by kind of ground and by level of `dsm_source.tif`
@@ -25,7 +26,7 @@ import multiprocessing
 import shutil
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,7 @@ from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import canopy_plan, whole_survey_plan
+from photogram.surface.dsm import MEASURED
 from photogram.survey import Block, Raster
 
 METHODS = ("photogram", "StereoSGBM")
@@ -223,6 +225,8 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None,
     print(HEADINGS)
     for name, outcome in outcomes.items():
         print(_row(name, outcome, million, truths), flush=True)
+        if name == "photogram" and truths is not None:
+            print(_row("  finest", at_finest_level(survey, outcome), million, truths), flush=True)
     if canopy:
         print_canopy(survey, outcomes)
     for path in [] if cloud is None else [cloud]:
@@ -235,6 +239,13 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None,
                 f"unbent {found.bent_nmad_m:.3f} m, within "
                 f"0.1 m {found.near:.1%}, complete {found.completeness:.1%} of {found.cells} cells or points"
             )
+
+
+def at_finest_level(survey: Survey, outcome: Outcome) -> Outcome:
+    """Return photogram's outcome with the heights of the finest level alone, as the peer has one level."""
+    finest = levels(survey.project_path, survey.photographs) == MEASURED
+    values = np.where(finest, outcome.heights.values, np.float32(np.nan))
+    return replace(outcome, heights=replace(outcome.heights, values=values))
 
 
 def print_canopy(survey: Survey, outcomes: dict[str, Outcome]) -> None:

@@ -5,16 +5,18 @@
 Each seed is a survey of simulation.whole_survey_plan: 24 photographs, overlap 80/70, buildings and trees, rendered,
 adjusted, matched with cells of 2 GSD. FOLDERs are such surveys with finished surfaces; nothing in them is changed.
 
-Judged are cells of smooth ground that three photographs see. `all`: heights against the truth, over dsm_sigma.tif. Most
-of that error is the block's, one smooth bend for all cells of a survey, so a single survey scatters about 1 widely and
-only several tell whether the sigmas are right. `matching`: against the surface where the adjusted block must find it,
-over the standard deviation of the matching alone. RMS is over what lies within 4 sigma; the share beyond stands beside.
+Judged are cells of smooth ground that three photographs see, of the finest level. `all`: heights against the truth,
+over dsm_sigma.tif. Most of that error is the block's, one smooth bend for all cells of a survey, so a single survey
+scatters about 1 widely and only several tell whether the sigmas are right. `matching`: against the surface where the
+adjusted block must find it, over the standard deviation of the matching alone. RMS is over what lies within 4 sigma;
+the share beyond stands beside.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +26,10 @@ from lib.dense_truth import as_adjusted, simulated_survey, simulated_truth
 
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.stages.surface import MatchedHeights
+from photogram.pipeline.stages.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import whole_survey_plan
+from photogram.surface.dsm import MEASURED
 from photogram.survey import Raster
 
 BLUNDER_SIGMAS = 4.0
@@ -47,11 +50,12 @@ def normalised_errors(folder: Path) -> tuple[FloatArray, FloatArray]:
     survey = simulated_survey(folder)
     with open_run(load_project(folder / "project.yaml")) as run:
         heights, sigma, block = run.surface(), run.surface_sigma(), run.adjusted_block()
-        matched = MatchedHeights.of(run)
-        own = np.asarray(matched.blocks.read(matched.grid.whole, "sigma_m")[0], dtype=np.float32)
+        layers = surface_layers(run)
+        own, source = layers.read(layers.grid.whole, "own", "source")
     truth = simulated_truth(survey, heights.cell_m)
     adjusted = as_adjusted(truth, survey, block)
-    place = (matched.grid.west_map_m, matched.grid.north_map_m, matched.grid.cell_m)
+    heights = replace(heights, values=np.where(source == MEASURED, heights.values, np.float32(np.nan)))
+    place = (layers.grid.west_map_m, layers.grid.north_map_m, layers.grid.cell_m)
     h, total, alone = (on_grid(r, truth.grid) for r in (heights, sigma, Raster(own, *place)))
     counted = np.isfinite(h) & np.isfinite(truth.height_map_m) & (truth.seen >= PHOTOGRAPHS) & truth.smooth
     of_all, of_matching = (h - truth.height_map_m) / total, (h - adjusted.height_map_m) / alone

@@ -5,16 +5,17 @@
 Each seed is the survey of `photogram demo --dense`, each of --whole one of simulation.whole_survey_plan with cells of 2
 GSD. FOLDERs are such surveys with finished surfaces; nothing in them is changed.
 
-A cell of dsm.tif is false where it lies more than FALSE_M above the highest or below the lowest of the true surface
-within AROUND_CELLS cells: what a wall or a crown may hold at most. `in small`: those of them in connected patches (no
-steps) of fewer than SMALL_CELLS cells. Completeness: of the cells that three photographs see.
+A cell of dsm.tif that was measured at the finest level is false where it lies more than FALSE_M above the highest or
+below the lowest of the true surface within AROUND_CELLS cells: what a wall or a crown may hold at most. `in small`:
+those of them in connected patches (no steps) of fewer than SMALL_CELLS cells. Completeness: of the cells that three
+photographs see.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
-from photogram.surface.dsm import patch_cells
+from photogram.surface.dsm import MEASURED, patch_cells
 from photogram.survey import Raster
 
 FALSE_M, AROUND_CELLS, SMALL_CELLS = 1.0, 2, 200
@@ -69,7 +70,8 @@ def specks(folder: Path) -> Specks:
     """Return what is false in the finished surface of a simulated survey."""
     with open_run(load_project(folder / "project.yaml")) as run:
         heights, layers = run.surface(), surface_layers(run)
-        (rays,) = layers.read(layers.grid.whole, "rays")
+        rays, source = layers.read(layers.grid.whole, "rays", "source")
+    heights = replace(heights, values=np.where(source == MEASURED, heights.values, np.float32(np.nan)))
     grid = MapGrid.of(heights)
     low, high = range_around(read_raster(folder / "truth_surface.tif")[0], grid, AROUND_CELLS)
     with np.errstate(invalid="ignore"):

@@ -40,6 +40,16 @@ class Window:
         """Return the slices of an array over the whole grid."""
         return slice(self.row, self.row_end), slice(self.column, self.column_end)
 
+    def within(self, outer: Window) -> tuple[slice, slice]:
+        """Return the slices of an array over a window that holds this one."""
+        rows, columns = self.shape
+        row, column = self.row - outer.row, self.column - outer.column
+        return slice(row, row + rows), slice(column, column + columns)
+
+    def coarser(self, cells: int) -> Window:
+        """Return the window of a grid whose cells are so many times as large, around this one."""
+        return Window(self.row // cells, self.column // cells, -(-self.row_end // cells), -(-self.column_end // cells))
+
 
 @dataclass(frozen=True)
 class MapGrid:
@@ -78,6 +88,11 @@ class MapGrid:
     def raster(self, values: NDArray[np.float32]) -> Raster:
         """Return values (rows, columns) as a raster."""
         return Raster(values, self.west_map_m, self.north_map_m, self.cell_m)
+
+    def coarser(self, cells: int) -> MapGrid:
+        """Return the grid with the same corner whose cells are so many times as large."""
+        rows, columns = -(-self.rows // cells), -(-self.columns // cells)
+        return MapGrid(self.west_map_m, self.north_map_m, self.cell_m * cells, rows, columns)
 
     def around_window(self, window: Window, margin: int) -> Window:
         """Return the window with ``margin`` cells on each side, as far as the grid goes."""

@@ -74,8 +74,9 @@ def window_of(level: Level, box: tuple[float, float, float, float]) -> Window:
 
 def matched_levels(
     run: Run, scene: Scene, box: tuple[float, float, float, float]
-) -> tuple[list[Level], list[Heights], float]:
-    """Match one window of every level, as the stage does block by block."""
+) -> tuple[list[Level], list[Array], Heights, float]:
+    """Match one window of every level, as the stage does block by block: the heights that each found to begin with, and
+    those of the finest."""
     settings, points = run.project.dense, run.cloud("adjusted").position_map_m
     known = known_ground(points, scene.frame.world_from_map(points), scene.views, settings.photographs)
     cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
@@ -90,12 +91,14 @@ def matched_levels(
         outer, last = level.grid.around_window(wide, MARGIN_CELLS), number == len(levels) - 1
         prior = first_prior(known, level, outer, base)
         if block is not None:
-            prior = finer_prior(found[-1].height_m, found[-1].correlation, block, level, outer, prior, widely=not last)
-        found.append(match_block(scene, level, wide, prior, settings, last=last))
+            prior = finer_prior(found[-1].start_m, found[-1].agreement, block, level, outer, prior, widely=not last)
+        found.append(match_block(scene, level, wide, prior, settings, refined=last))
         block, part = wide, window_of(level, box)
         inner.append((slice(part.row - wide.row, part.row_end - wide.row),
                       slice(part.column - wide.column, part.column_end - wide.column)))  # fmt: skip
-    return levels, [heights.part(*part) for heights, part in zip(found, inner, strict=True)], base
+    finest = found[-1].heights
+    assert finest is not None
+    return levels, [f.start_m[part] for f, part in zip(found, inner, strict=True)], finest.part(*inner[-1]), base
 
 
 def correlations(scene: Scene, place: tuple[float, float], heights: Array, count: int) -> Array:
@@ -136,19 +139,19 @@ def main() -> None:
         block = run.adjusted_block()
         views = Views.of(block)
         scene = Scene(block.frame, views, Pictures([run.project.photographs[i].path for i in views.photograph]))
-        levels, found, base = matched_levels(run, scene, (west, south, east, north))
-    last, cell_m = found[-1], levels[-1].grid.cell_m
+        levels, starts, last, base = matched_levels(run, scene, (west, south, east, north))
+    cell_m = levels[-1].grid.cell_m
     least = least_correlation_of(correlation_histogram(last.correlation))
-    kept = kept_heights(last.height_m, last.sigma_m, last.correlation, last.rays, cell_m, least)
+    kept = kept_heights(last.height_m, last.sigma_m, last.correlation, last.rays, last.seen, cell_m, least)
     # the outermost cells have no neighbours here
     kept[[0, -1]], kept[:, [0, -1]] = last.height_m[[0, -1]], last.height_m[:, [0, -1]]
     filled = filled_heights(kept, cell_m, FILL_CELLS)
     scale = Normalize(*np.nanpercentile(last.height_m, [1, 99]))
     figure, axes = plt.subplots(2, 4, figsize=(10, 6.6), layout="constrained")
     places = iter(axes.ravel())
-    for number, (level, heights) in enumerate(zip(levels[:-1], found[:-1], strict=True), 1):
+    for number, (level, height) in enumerate(zip(levels[:-1], starts[:-1], strict=True), 1):
         cell = level.grid.cell_m
-        draw_heights(next(places), heights.height_m, cell, scale, f"{number}. level of {cell:.2f} m cells")
+        draw_heights(next(places), height, cell, scale, f"{number}. level of {cell:.2f} m cells")
     number = len(levels)
     draw_heights(next(places), last.height_m, cell_m, scale, f"{number}. finest level, {cell_m:.2f} m, every cell")
     axis = next(places)

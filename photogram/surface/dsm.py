@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray
@@ -23,8 +22,26 @@ from photogram.grid import MapGrid, Window
 HOLE, MEASURED, FILLED = 0, 1, 2
 """What a cell of the surface is."""
 
+MEASURED_IN = {1: MEASURED, 2: 3, 4: 4, 8: 5}
+"""The code of a measured cell by the side of the cells that it was measured in, in cells of the surface."""
+
+
+def measured_in(source: ByteArray) -> ByteArray:
+    """Return the side (rows, columns) of the cells that each cell was measured in, in cells of the surface; 0 where it
+    was not."""
+    side = np.zeros(256, np.uint8)
+    for cells, code in MEASURED_IN.items():
+        side[code] = cells
+    return side[source]
+
+
 SUPPORT = 6
 """How many of its eight neighbours must lie within reach of a cell."""
+
+ROUGH_SUPPORT, ROUGH_CORRELATION = 2, 0.75
+"""The same in cells of coarser levels where the surface is rough, as in crowns: their standard deviations tell how far
+the heights around differ, so that one that stands alone is not believed. Their photographs must show the same: on
+asphalt, where they hardly do, heights that neighbours contradict are false."""
 
 STEEPEST = 1.5
 """Rise over run up to which neighbouring cells belong to one surface."""
@@ -59,7 +76,7 @@ _NEAREST = 8
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, out: NDArray[np.bool_]) -> None:
+def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: int, out: NDArray[np.bool_]) -> None:
     rows, columns = height.shape
     for r in range(rows):
         for c in range(columns):
@@ -70,14 +87,16 @@ def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, out: ND
                     run = np.sqrt(2.0) if k % 2 == 0 else 1.0
                     noise = NOISE_SIGMAS * np.sqrt(sigma[rr, cc] ** 2 + sigma[r, c] ** 2)
                     near += abs(height[rr, cc] - height[r, c]) < rise_m * run + noise
-            out[r, c] = near >= SUPPORT
+            out[r, c] = near >= least
 
 
-def supported_cells(height_m: Float32Array, sigma_m: Float32Array, cell_m: float) -> NDArray[np.bool_]:
-    """Return which cells (rows, columns) have SUPPORT neighbours within reach at the steepest slope, give or take their
+def supported_cells(
+    height_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT
+) -> NDArray[np.bool_]:
+    """Return which cells (rows, columns) have so many neighbours within reach at the steepest slope, give or take their
     standard deviations; those without height have none."""
     out = np.empty(height_m.shape, dtype=bool)
-    _supported(height_m, sigma_m, STEEPEST * cell_m, out)
+    _supported(height_m, sigma_m, STEEPEST * cell_m, least, out)
     return out
 
 
@@ -121,6 +140,31 @@ def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, 
     return count
 
 
+def _agreed_heights(
+    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, least: float
+) -> Float32Array:
+    """Return the heights (rows, columns) on which enough photographs agree."""
+    outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
+    agreed = (correlation >= least) & (rays >= 2) & ~outvoted
+    return np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
+
+
+def rough_heights(
+    height_m: Float32Array,
+    sigma_m: Float32Array,
+    correlation: Float32Array,
+    rays: ByteArray,
+    seen: ByteArray,
+    cell_m: float,
+    least: float,
+) -> Float32Array:
+    """Return the heights (rows, columns) of a coarser level on which photographs agree as ``kept_heights`` says, with
+    ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
+    height = _agreed_heights(height_m, correlation, rays, seen, max(least, ROUGH_CORRELATION))
+    supported = supported_cells(height, sigma_m, cell_m, ROUGH_SUPPORT)
+    return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+
+
 def kept_heights(
     height_m: Float32Array,
     sigma_m: Float32Array,
@@ -138,9 +182,7 @@ def kept_heights(
     The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
     each side than are needed.
     """
-    outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
-    agreed = (correlation >= least) & (rays >= 2) & ~outvoted
-    height = np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
+    height = _agreed_heights(height_m, correlation, rays, seen, least)
     height = np.where(supported_cells(height, sigma_m, cell_m), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
@@ -223,32 +265,61 @@ def shared_error(
     return SharedError(wide, six.reshape(wide.rows, wide.columns, 6))
 
 
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _gentler(behind: float, ahead: float) -> float:
+    """Return the step of the gentler side; 0 where neither is known."""
+    if np.isnan(behind) and np.isnan(ahead):
+        return 0.0
+    if np.isnan(behind) or abs(ahead) < abs(behind):
+        return ahead
+    return behind
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill_sigma(
+    covariance: FloatArray, row: FloatArray, column: FloatArray, height: Float32Array, own: Float32Array,
+    cell_m: float, out: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the standard deviations of heights; ``row`` and ``column`` are those of the cells in the wide grid of
+    ``covariance`` (R, C, 6), which is linear between its nodes."""
+    rows, columns = height.shape
+    last_i, last_j = covariance.shape[0] - 1, covariance.shape[1] - 1
+    six = np.empty(6)
+    for r in range(rows):
+        down = min(max(row[r], 0.0), float(last_i))
+        i = min(int(down), max(last_i - 1, 0))
+        ii, down = min(i + 1, last_i), down - i
+        for c in range(columns):
+            z = float(height[r, c])
+            if np.isnan(z):
+                out[r, c] = np.nan
+                continue
+            right = min(max(column[c], 0.0), float(last_j))
+            j = min(int(right), max(last_j - 1, 0))
+            jj, right = min(j + 1, last_j), right - j
+            for k in range(6):
+                above = (1.0 - right) * covariance[i, j, k] + right * covariance[i, jj, k]
+                below = (1.0 - right) * covariance[ii, j, k] + right * covariance[ii, jj, k]
+                six[k] = (1.0 - down) * above + down * below
+            west = z - height[r, c - 1] if c > 0 else np.nan
+            east = height[r, c + 1] - z if c + 1 < columns else np.nan
+            north = z - height[r - 1, c] if r > 0 else np.nan
+            south = height[r + 1, c] - z if r + 1 < rows else np.nan
+            e, n = _gentler(west, east) / cell_m, -_gentler(north, south) / cell_m
+            variance = e * e * six[0] + n * n * six[1] + six[2] + 2.0 * (e * n * six[3] - e * six[4] - n * six[5])
+            out[r, c] = np.sqrt(max(variance, 0.0) + float(own[r, c]) ** 2)
+
+
 def surface_sigma_m(
     shared: SharedError, grid: MapGrid, window: Window, height_m: Float32Array, matching_sigma_m: Float32Array
 ) -> Float32Array:
-    """Return the standard deviations (rows, columns), m, of heights at fixed places: σ² = σ_matching² + nᵀ Σ n with
-    n = (−∂h/∂E, −∂h/∂N, 1), Σ being what photographs and calibration contribute."""
+    """Return the standard deviations (rows, columns), m, of heights at fixed places, NaN where there is none:
+    σ² = σ_matching² + nᵀ Σ n with n = (−∂h/∂E, −∂h/∂N, 1), of the gentler side, Σ being what photographs and
+    calibration contribute."""
     east, north = grid.centres_map_m(window)
     wide = shared.grid
     row = (wide.north_map_m - north) / wide.cell_m - 0.5
     column = (east - wide.west_map_m) / wide.cell_m - 0.5
-    place = np.meshgrid(row, column, indexing="ij")
-    ee, nn, hh, en, eh, nh = (
-        map_coordinates(shared.covariance_m2[..., k], place, order=1, mode="nearest") for k in range(6)
-    )
-    e, n = _gradient(height_m, grid.cell_m)
-    variance = e * e * ee + n * n * nn + hh + 2.0 * (e * n * en - e * eh - n * nh)
-    return np.sqrt(np.maximum(variance, 0.0) + matching_sigma_m.astype(np.float64) ** 2).astype(np.float32)
-
-
-def _gradient(height_m: Float32Array, cell_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return ∂h/∂E and ∂h/∂N, each of the gentler side; 0 where no neighbour is known."""
-    slopes = []
-    for axis in (1, 0):
-        step = np.diff(height_m.astype(np.float64), axis=axis) / cell_m
-        edge = np.full_like(np.take(height_m, [0], axis=axis), np.inf, dtype=np.float64)
-        step = np.where(np.isnan(step), np.inf, step)
-        ahead, behind = np.concatenate([step, edge], axis=axis), np.concatenate([edge, step], axis=axis)
-        gentle = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
-        slopes.append(np.where(np.isfinite(gentle), gentle, 0.0))
-    return slopes[0], -slopes[1]
+    out = np.empty(height_m.shape, np.float32)
+    _fill_sigma(shared.covariance_m2, row, column, height_m, matching_sigma_m, grid.cell_m, out)
+    return out

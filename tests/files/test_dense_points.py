@@ -34,6 +34,7 @@ def points(count: int, seed: int = 3, grid: MapGrid = GRID) -> DensePoints:
         rng.uniform(0.002, 0.5, count).astype(np.float32),
         rng.uniform(0, 1, count).astype(np.float32),
         rng.integers(0, 30, count).astype(np.uint8),
+        2 ** rng.integers(0, 4, count).astype(np.uint8),
         rng.integers(0, 3, count).astype(np.uint8),
     )
 
@@ -89,12 +90,13 @@ def test_header_says_what_other_programs_ask(tmp_path: Path) -> None:
     assert crs is not None
     assert [part.to_epsg() for part in crs.sub_crs_list] == [25832, 5799]
     ranges = header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs
-    assert [(s.min, s.max) for s in ranges] == [(None, None)] * 3  # rather none than those of the first point
+    assert [(s.min, s.max) for s in ranges] == [(None, None)] * 4  # rather none than those of the first point
     described = {d.name: (d.dtype, d.description) for d in header.point_format.extra_dimensions}
     assert described == {
         "sigma z": (np.float32, "st. deviation in height [m]"),
         "confidence": (np.uint8, "0 (none) to 100 (certain)"),
         "rays": (np.uint8, "photographs that agree"),
+        "level": (np.uint8, "cells to a side that it is of"),
     }
 
 
@@ -104,13 +106,16 @@ def test_cells_become_points_at_their_centres_and_holes_none() -> None:
     heights[1, 2] = np.nan
     colour = np.repeat(np.arange(12, dtype=np.uint8).reshape(3, 4, 1), 3, axis=2)
     sigma, grey = heights + 1, colour[..., 0]
-    cloud = points_of_cells(GRID, window, heights, colour, sigma, heights / np.float32(12), grey, colour[..., 1])
+    cloud = points_of_cells(
+        GRID, window, heights, colour, sigma, heights / np.float32(12), grey, grey + 1, colour[..., 1]
+    )
     assert len(cloud) == 11
     np.testing.assert_allclose(cloud.position_map_m[0], [602_300.5 + 20.5 * 0.05, 5_794_140.25 - 10.5 * 0.05, 0.0])
     np.testing.assert_allclose(cloud.position_map_m[-1], [602_300.5 + 23.5 * 0.05, 5_794_140.25 - 12.5 * 0.05, 11.0])
     np.testing.assert_array_equal(cloud.rays, [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11])
     np.testing.assert_array_equal(cloud.position_map_m[:, 2], cloud.rays)
     np.testing.assert_array_equal(cloud.sigma_height_m, cloud.rays + 1)
+    np.testing.assert_array_equal(cloud.level, cloud.rays + 1)
     np.testing.assert_array_equal(cloud.classification, cloud.rays)
 
 
@@ -147,7 +152,7 @@ def test_bytes_of_the_header_are_those_of_the_specification(tmp_path: Path) -> N
     assert (data[:4], data[24:26], data[104] & 0x3F) == (b"LASF", b"\x01\x04", 7)
     (encoding,), (size, first, records) = struct.unpack_from("<H", data, 6), struct.unpack_from("<HII", data, 94)
     assert (encoding, size) == (0b10000, 375)  # the CRS is WKT, and nothing else is claimed
-    assert struct.unpack_from("<H", data, 105) == (30 + 6 + 4 + 1 + 1,)
+    assert struct.unpack_from("<H", data, 105) == (30 + 6 + 4 + 1 + 1 + 1,)
     assert struct.unpack_from("<6I", data, 107) == (0,) * 6  # the old counters: zero from point format 6 on
     assert struct.unpack_from("<Q15Q", data, 247) == (1000, 1000, *(0,) * 14)
     at, found = size, {}

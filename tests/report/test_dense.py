@@ -51,7 +51,8 @@ def a_surface(rows: int = 60, columns: int = 90) -> DenseSurface:
     rays = np.where(hole | filled, 0, 2 + row // 12).astype(np.uint8)
     confidence = np.where(hole | filled, np.nan, 0.5 + row / 200).astype(np.float32)
     return DenseSurface(
-        Raster(heights, WEST, NORTH, CELL), Raster(sigma, WEST, NORTH, CELL), filled, rays, confidence,
+        Raster(heights, WEST, NORTH, CELL), Raster(sigma, WEST, NORTH, CELL), filled,
+        np.where(hole | filled, 0, np.where(row < 5, 4, 1)).astype(np.uint8), rays, confidence,
         column < columns - 5, ("DJI_0001.JPG", "DJI_0002.JPG"), {"cell_gsd": 2.0},
     )  # fmt: skip
 
@@ -153,6 +154,8 @@ def test_cells_of_the_footprint_add_up() -> None:
     }  # fmt: skip
     assert numbers["completeness"] == pytest.approx(5010 / 5100)
     assert sum(numbers["by_rays"].values()) == cells["measured"] + cells["measured_beyond"]
+    assert sum(numbers["by_level"].values()) == cells["measured"] + cells["measured_beyond"]
+    assert numbers["by_level"]["4"] == 5 * dense.heights.values.shape[1]
     assert numbers["share_3_or_more"] == pytest.approx(1 - numbers["by_rays"]["2"] / 5310)
     known = dense.sigma.values[dense.measured()]
     sigma, confidence = numbers["sigma_m"], numbers["confidence"]
@@ -179,6 +182,7 @@ def test_a_surface_without_any_height_has_no_statistics() -> None:
     numbers = dense_numbers(replace(dense, heights=nothing), checks_on_the_plane([0.0] * 4))
     assert numbers["sigma_m"] is None
     assert numbers["completeness"] == 0
+    assert numbers["by_level"] == {}
     assert numbers["share_3_or_more"] is None
     assert "predicted, not tested" in numbers["check_points"]["sentence"]
 

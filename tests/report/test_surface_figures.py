@@ -62,7 +62,8 @@ def scene(rows: int = 150, columns: int = 250) -> DenseSurface:
     rays = np.where(hole, 0, 2 + column // 50)
     return DenseSurface(
         Raster(heights.astype(np.float32), WEST, NORTH, CELL), Raster(sigma.astype(np.float32), WEST, NORTH, CELL),
-        filled, rays.astype(np.uint8), np.where(hole, np.nan, 0.8).astype(np.float32), None, ("a.jpg",), {},
+        filled, np.where(hole, 0, 1).astype(np.uint8), rays.astype(np.uint8),
+        np.where(hole, np.nan, 0.8).astype(np.float32), None, ("a.jpg",), {},
     )  # fmt: skip
 
 

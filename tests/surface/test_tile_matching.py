@@ -10,7 +10,7 @@ import pytest
 from photogram.errors import SettingError
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
 from photogram.surface.dense.pyramid import Level, Prior
-from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
+from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Found, Heights, Scene, match_block
 
 GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
 STEP_M = 0.25
@@ -25,13 +25,19 @@ def truth_m(plane: Any, grid: MapGrid, window: Window) -> np.ndarray[Any, Any]:
     return np.asarray(plane.slope[0] * (east - 600000.0) - plane.slope[1] * (north[:, None] - 5800000.0))
 
 
-def matched(plane: Any, grid: MapGrid, block: Window, *, last: bool = True, pictures: Any = None) -> Heights:
+def found_of(plane: Any, grid: MapGrid, block: Window, *, refined: bool = True, pictures: Any = None) -> Found:
     outer = grid.around_window(block, MARGIN_CELLS)
     shown = plane.pictures if pictures is None else pictures
     scene = Scene(plane.frame, plane.views, lambda view, _: shown[view])
     surface = (np.rint(truth_m(plane, grid, outer)) + 0.1).astype(np.float32)
     prior = Prior(surface - np.float32(2.0), surface + np.float32(2.0), surface)
-    return match_block(scene, level_of(grid), block, prior, DenseSettings(), last=last)
+    return match_block(scene, level_of(grid), block, prior, DenseSettings(), refined=refined)
+
+
+def matched(plane: Any, grid: MapGrid, block: Window, pictures: Any = None) -> Heights:
+    heights = found_of(plane, grid, block, pictures=pictures).heights
+    assert heights is not None
+    return heights
 
 
 def bytes_of(heights: Heights) -> list[bytes]:
@@ -48,9 +54,10 @@ def test_heights_of_a_plane(photographed_plane: Any) -> None:
     assert np.median(found.rays) == 5
     assert np.all(found.seen == 5)
     assert np.nanmedian(found.correlation) > 0.9
-    coarse = matched(photographed_plane, GRID, block, last=False)
-    assert np.nanmedian(np.abs(coarse.height_m - truth_m(photographed_plane, GRID, block))) < 0.5 * STEP_M
-    assert np.isnan(coarse.sigma_m).all()
+    coarse = found_of(photographed_plane, GRID, block, refined=False)
+    assert coarse.heights is None
+    assert np.nanmedian(np.abs(coarse.start_m - truth_m(photographed_plane, GRID, block))) < 0.5 * STEP_M
+    assert np.nanmedian(coarse.agreement) > 0.7
 
 
 def test_a_block_is_the_same_in_a_grid_of_another_size(photographed_plane: Any) -> None:

@@ -1,4 +1,5 @@
-"""The cloud of a dense surface as LAZ, written chunk by chunk: colour, sigma, confidence and rays of every point."""
+"""The cloud of a dense surface as LAZ, written chunk by chunk: colour, sigma, confidence, rays and level of every
+point."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ from photogram.grid import MapGrid, Window
 CHUNK_CELLS = 512
 """Side of the squares of cells in whose order a cloud is best written: neighbours stay together in the file."""
 
-SIGMA, CONFIDENCE, RAYS = "sigma z", "confidence", "rays"
+SIGMA, CONFIDENCE, RAYS, LEVEL = "sigma z", "confidence", "rays", "level"
 """Names of the extra bytes; the first as in clouds of tie points."""
 
 ACROSS = "sigma across plane"
@@ -36,6 +37,7 @@ _SIGMAS = {SIGMA: SIGMA_DESCRIPTIONS[SIGMA], ACROSS: "st. deviation across plane
 _EXTRA_BYTES: dict[str, tuple[type[np.generic], str]] = {
     CONFIDENCE: (np.uint8, "0 (none) to 100 (certain)"),
     RAYS: (np.uint8, "photographs that agree"),
+    LEVEL: (np.uint8, "cells to a side that it is of"),
 }
 
 
@@ -49,7 +51,8 @@ class DensePoints:
 
     ``position_map_m`` (N, 3), ``colour`` (N, 3) red, green, blue; ``sigma_height_m`` (N,) standard deviation of the
     height, or across the plane of the surface; ``confidence`` (N,) from 0 to 1; ``rays`` (N,) number of photographs
-    that agree on the point; ``classification`` (N,) NEVER_CLASSIFIED, NOT_GROUND or GROUND.
+    that agree on the point; ``level`` (N,) side of the cells that it was measured in, in cells of the surface;
+    ``classification`` (N,) NEVER_CLASSIFIED, NOT_GROUND or GROUND.
     """
 
     position_map_m: FloatArray
@@ -57,13 +60,14 @@ class DensePoints:
     sigma_height_m: NDArray[np.float32]
     confidence: NDArray[np.float32]
     rays: ByteArray
+    level: ByteArray
     classification: ByteArray
 
     def __post_init__(self) -> None:
         n = len(self.position_map_m)
         check_shape("position_map_m", self.position_map_m, (n, 3))
         check_shape("colour", self.colour, (n, 3))
-        for name in ("sigma_height_m", "confidence", "rays", "classification"):
+        for name in ("sigma_height_m", "confidence", "rays", "level", "classification"):
             check_shape(name, getattr(self, name), (n,))
 
     def __len__(self) -> int:
@@ -78,6 +82,7 @@ def points_of_cells(
     sigma: NDArray[np.float32],
     confidence: NDArray[np.float32],
     rays: ByteArray,
+    level: ByteArray,
     classification: ByteArray,
 ) -> DensePoints:
     """Return the centres of a window's cells that have a height, row by row; all arrays (rows, columns), ``colour``
@@ -86,7 +91,7 @@ def points_of_cells(
     east, north = grid.centres_map_m(window)
     position = np.column_stack([east[column], north[row], heights[row, column].astype(np.float64)])
     at = row, column
-    return DensePoints(position, colour[at], sigma[at], confidence[at], rays[at], classification[at])
+    return DensePoints(position, colour[at], sigma[at], confidence[at], rays[at], level[at], classification[at])
 
 
 def write_dense_laz(
@@ -103,10 +108,10 @@ def write_dense_laz(
     number of points; whole or not at all.
 
     Points stand in the order of the chunks; memory grows with a chunk. Colour is 16-bit, and left out (point format 6)
-    where nothing is ``coloured``. Extra bytes: "sigma z"
-    (float32, m), "confidence" (uint8, 0 to 100), "rays" (uint8). The coordinates' offsets are those of the middle of
-    the grid, so the bytes do not depend on how the points are divided into chunks; of a grid on a plane, whose origin
-    in the map is ``plane_origin_map_m`` (3,), those of the origin, and the sigma is ACROSS.
+    where nothing is ``coloured``. Extra bytes: "sigma z" (float32, m), "confidence" (uint8, 0 to 100), "rays" and
+    "level" (uint8). The coordinates' offsets are those of the middle of the grid, so the bytes do not depend on how the
+    points are divided into chunks; of a grid on a plane, whose origin in the map is ``plane_origin_map_m`` (3,), those
+    of the origin, and the sigma is ACROSS.
 
     Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
     ValueError where a position or confidence is not finite or out of its range.
@@ -145,4 +150,5 @@ def _record(path: Path, chunk: DensePoints, header: laspy.LasHeader) -> laspy.Sc
     points[SIGMA if SIGMA in names else ACROSS] = chunk.sigma_height_m.astype(np.float32)
     points[CONFIDENCE] = np.rint(100 * chunk.confidence).astype(np.uint8)
     points[RAYS] = chunk.rays
+    points[LEVEL] = chunk.level
     return points

@@ -126,7 +126,7 @@ def flat_ground() -> tuple[Scene, Level, Window, Prior]:
 def _dense() -> Callable[[], object]:
     scene, level, window, prior = flat_ground()
     settings = DenseSettings()
-    return lambda: match_block(scene, level, window, prior, settings, last=True)
+    return lambda: match_block(scene, level, window, prior, settings)
 
 
 # ---- how long they take ----------------------------------------------------------------------------------------------

@@ -71,6 +71,11 @@ class ReducedPictures:
         return picture
 
 
+def heights_folder(cells: int) -> str:
+    """Return the folder of the heights in cells so many times as large as those of the surface."""
+    return f"heights{cells}"
+
+
 def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match heights for every cell of the surface, level by level; blocks that an interrupted run has finished are
     kept."""
@@ -89,10 +94,16 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
             done += 1
             progress(done, total, f"cells of {level.grid.cell_m:g} m")
     shutil.rmtree(pictures.folder)
-    for store in stores[:-1]:
-        shutil.rmtree(store.folder)
+    for level, store in zip(levels, stores, strict=True):
+        if not level.measured:
+            shutil.rmtree(store.folder)
     grid, base_map_m = levels[-1].grid, dense.scene.frame.origin_map_m[2]
-    note = {"side": BLOCK_CELLS, "base_map_m": base_map_m, "flying_height_m": dense.known.flying_height_m}
+    note = {
+        "levels": [level.cells for level in reversed(levels) if level.measured],
+        "side": BLOCK_CELLS,
+        "base_map_m": base_map_m,
+        "flying_height_m": dense.known.flying_height_m,
+    }
     write_json(folder / "grid.json", {**asdict(grid), **note})
     return {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "levels": len(levels)}
 
@@ -120,8 +131,7 @@ class _Matching:
         levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
         reductions = tuple(sorted({level.reduction for level in levels}))
         pictures = ReducedPictures(folder / "pictures", lambda view: run.grey(int(views.photograph[view])), reductions)
-        names = [*(f"level{n}" for n in range(len(levels) - 1)), "heights"]
-        stores = [BlockFiles(folder / name, level.grid, BLOCK_CELLS) for name, level in zip(names, levels, strict=True)]
+        stores = [BlockFiles(folder / heights_folder(level.cells), level.grid, BLOCK_CELLS) for level in levels]
         return _Matching(settings, Scene(frame, views, pictures), known, levels, stores, pictures)
 
     @staticmethod
@@ -146,8 +156,9 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     prior = first_prior(dense.known, level, outer, dense.scene.frame.origin_map_m[2])
     if number:
         prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
-    found = match_block(dense.scene, level, block, prior, dense.settings, last=last)
-    store.write(block, {k: v for k, v in asdict(found).items() if last or k in ("height_m", "correlation")})
+    found = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
+    around = {} if last else {"start_m": found.start_m, "agreement": found.agreement}
+    store.write(block, around | ({} if found.heights is None else vars(found.heights)))
 
 
 _PICTURES = Kind(_Matching.read, _make_pictures)
@@ -158,5 +169,5 @@ def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Pri
     """Return the range of a window from the coarser level."""
     half = Window(outer.row // 2, outer.column // 2, -(-outer.row_end // 2), -(-outer.column_end // 2))
     at = coarser.grid.around_window(half, AROUND_CELLS + 3)
-    height, correlation = coarser.read(at, "height_m", "correlation")
+    height, correlation = coarser.read(at, "start_m", "agreement")
     return finer_prior(height, correlation, at, level, outer, first, widely=widely)

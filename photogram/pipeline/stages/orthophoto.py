@@ -32,7 +32,7 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
-from photogram.surface.dsm import FILLED, HOLE
+from photogram.surface.dsm import MEASURED
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import TILE_CELLS, ForcedOf, Orthophoto, chosen_orthophoto, rated_looks
 from photogram.surface.ortho.outline import (
@@ -134,11 +134,10 @@ def closed_surface_of(run: Run, scratch: Path) -> Surface:
     if matching is not None:
         layers = surface_layers(run)
         for window in layers.windows:
-            filled, source = layers.read(window, "filled", "source")
-            own = matching.blocks.read(window, "sigma_m")[0]
+            filled, own, source = layers.read(window, "filled", "own", "source")
             known.write(window, filled)
-            # NaN says too that a cell was not measured
-            sigma.write(window, np.where((source == HOLE) | (source == FILLED), np.float32(np.nan), own))
+            # NaN says too that a cell was not measured; coarser levels are too rough to hide what is behind them
+            sigma.write(window, np.where(source == MEASURED, own, np.float32(np.nan)))
     else:
         values = _given(whole).values
         known.write(grid.whole, values)

@@ -30,7 +30,7 @@ from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
-from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, MatchedHeights, matched, surface_layers
+from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -55,7 +55,7 @@ from photogram.report.numbers.dense import (
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, Rim, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
-from photogram.surface.dsm import FILLED, MEASURED
+from photogram.surface.dsm import FILLED, MEASURED, measured_in
 from photogram.surface.ortho.marked_targets import (
     FoundTarget,
     GreyImage,
@@ -143,7 +143,7 @@ def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | No
     terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
 
     def chunk(window: Window) -> DensePoints:
-        height, sigma, confidence, rays = layers.read(window, "height", "sigma", "confidence", "rays")
+        height, sigma, confidence, rays, source = layers.read(window, "height", "sigma", "confidence", "rays", "source")
         colour = np.zeros((*window.shape, 3), np.uint8)
         if picture is not None:
             rgba = picture_on_grid(picture, layers.grid, window)
@@ -152,7 +152,9 @@ def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | No
         classes = np.full(window.shape, NEVER_CLASSIFIED, np.uint8)
         if terrain is not None:
             classes = np.where(read_codes(terrain, window) == MEASURED, GROUND, NOT_GROUND).astype(np.uint8)
-        points = points_of_cells(layers.grid, window, height, colour, sigma, confidence, rays, classes)
+        points = points_of_cells(
+            layers.grid, window, height, colour, sigma, confidence, rays, measured_in(source), classes
+        )
         return replace(points, position_map_m=site.map_m(points.position_map_m))
 
     with ThreadPoolExecutor(cores()) as workers:
@@ -192,8 +194,8 @@ def dense_surface(run: Run) -> DenseSurface | None:
         p.name for p, pose in zip(run.project.photographs, run.adjusted_block().poses, strict=True) if pose is not None
     )
     return DenseSurface(
-        run.surface(), run.surface_sigma(), source == FILLED, rays, confidence, seen >= SEEN_BY, names,
-        {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+        run.surface(), run.surface_sigma(), source == FILLED, measured_in(source), rays, confidence,
+        seen >= SEEN_BY, names, {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
     )  # fmt: skip
 
 
@@ -253,12 +255,12 @@ _SAMPLED_CELLS = 4_000_000  # that a median is taken of, about
 def matching_sigma_m(run: Run) -> float | None:
     """Return the median standard deviation of the matched heights by themselves, without what photographs and
     calibration do to all of them; None where nothing was measured."""
-    layers, heights = surface_layers(run), MatchedHeights.of(run)
+    layers = surface_layers(run)
     step = max(layers.grid.rows * layers.grid.columns // _SAMPLED_CELLS, 1)
     found = []
     for window in layers.windows:
-        measured = layers.read(window, "source")[0] == MEASURED
-        found.append(heights.blocks.read(window, "sigma_m")[0][measured][::step])
+        own, source = layers.read(window, "own", "source")
+        found.append(own[source == MEASURED][::step])
     sigma = np.concatenate(found)
     sigma = sigma[np.isfinite(sigma)]
     return float(np.median(sigma)) if len(sigma) else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
+from photogram.pipeline.stages.dense import heights_folder
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
 from photogram.pipeline.store.pieces import Kind, each
@@ -31,13 +32,16 @@ from photogram.surface.dsm import (
     HOLE,
     KEPT_MARGIN_CELLS,
     MEASURED,
+    MEASURED_IN,
     SharedError,
     filled_heights,
     kept_heights,
+    rough_heights,
     shared_error,
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
+from photogram.surface.levels import LevelHeights, margin_cells, surface_of_levels
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.survey import Raster
 
@@ -52,6 +56,9 @@ SOURCES = (
     Category(HOLE, "hole", (255, 255, 255)),
     Category(MEASURED, "measured", (70, 130, 180)),
     Category(FILLED, "filled", (230, 120, 20)),
+    Category(MEASURED_IN[2], "measured at 2 cells", (95, 175, 170)),
+    Category(MEASURED_IN[4], "measured at 4 cells", (140, 195, 120)),
+    Category(MEASURED_IN[8], "measured at 8 cells", (215, 205, 110)),
 )
 TERRAIN_SOURCES = (
     *SOURCES[:1],
@@ -68,9 +75,10 @@ _SHARED_SPACING_SHARE = 0.05
 
 @dataclass(frozen=True)
 class MatchedHeights:
-    """The heights of the stage `dense` on disk: their blocks, what they count from, and the flying height over them."""
+    """The heights of the stage `dense` on disk: the blocks of its levels, by the side of their cells in cells of the
+    finest, fine to coarse, what heights count from, and the flying height over them."""
 
-    blocks: BlockFiles
+    levels: Mapping[int, BlockFiles]
     base_map_m: float
     flying_height_m: float
 
@@ -78,27 +86,60 @@ class MatchedHeights:
     def of(run: Run) -> MatchedHeights:
         """Return what the stage `dense` has written."""
         note = read_json(run.workspace.file("dense", "grid.json"))
-        grid = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
-        folder = run.workspace.stage("dense") / "heights"
-        blocks = BlockFiles(folder, grid, note["side"], run.workspace.checked)
-        return MatchedHeights(blocks, note["base_map_m"], note["flying_height_m"])
+        finest = MapGrid(*(note[name] for name in ("west_map_m", "north_map_m", "cell_m", "rows", "columns")))
+        levels = {}
+        for cells in note["levels"]:
+            folder = run.workspace.stage("dense") / heights_folder(cells)
+            levels[cells] = BlockFiles(folder, finest.coarser(cells), note["side"], run.workspace.checked)
+        return MatchedHeights(levels, note["base_map_m"], note["flying_height_m"])
+
+    @property
+    def blocks(self) -> BlockFiles:
+        """Return the blocks of the finest level."""
+        return self.levels[1]
 
     @property
     def grid(self) -> MapGrid:
-        """Return the grid of the heights."""
+        """Return the grid of the finest level, which is that of the surface."""
         return self.blocks.grid
+
+    def least_correlations(self) -> dict[int, float]:
+        """Return the correlation below which heights of each level are doubtful."""
+        return {
+            cells: least_correlation_of(
+                np.asarray(sum(correlation_histogram(store.read(b, "correlation")[0]) for b in store.windows))
+            )
+            for cells, store in self.levels.items()
+        }
+
+    def kept(self, window: Window, cells: int, least: float) -> tuple[LevelHeights, LevelHeights]:
+        """Return the heights of a level that are kept, and those that are where the surface is rough, in a window of
+        its own grid: what it needs from beyond the edge is read."""
+        store = self.levels[cells]
+        outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
+        height, *others = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
+        at, (sigma, correlation, rays, seen) = window.within(outer), others
+        smooth, rough = (
+            LevelHeights(
+                kept(height, sigma, correlation, rays, seen, at_m, least)[at], sigma[at], correlation[at], rays[at],
+                seen[at], cells, window.row, window.column,
+            )
+            for kept in (kept_heights, rough_heights)
+        )  # fmt: skip
+        return smooth, rough
 
 
 @dataclass(frozen=True, eq=False)
 class _Tile:
     """What a tile of the surface holds, (rows, columns) each: heights of the map, the same with holes closed, standard
-    deviations, with the datum's part and without, what each cell is, how it was matched, and in how many photographs it
-    could be."""
+    deviations, with the datum's part, without, and of the matching alone, what each cell is, how it was matched, and in
+    how many photographs it could be."""
 
     height: NDArray[np.float32]
     filled: NDArray[np.float32]
     sigma: NDArray[np.float32]
     relative: NDArray[np.float32]
+    own: NDArray[np.float32]
     source: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     rays: NDArray[np.uint8]
@@ -121,13 +162,12 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
         return interpolate_surface(run, site, folder, progress)
     heights = MatchedHeights.of(run)
     grid = heights.grid
-    histogram = sum(correlation_histogram(heights.blocks.read(b, "correlation")[0]) for b in heights.blocks.windows)
-    least = least_correlation_of(np.asarray(histogram))
+    least = heights.least_correlations()
     gap_m = run.project.surface.maximum_gap_m
     reach = FILL_CELLS if gap_m is None else min(round(gap_m / grid.cell_m), MOST_FILL_CELLS)
 
     modelling = _Modelling.of(heights, site, folder)
-    store, counts = modelling.store, np.zeros(3, np.int64)
+    store, counts = modelling.store, np.zeros(len(SOURCES), np.int64)
     tiles = [(window, least, reach) for window in store.windows]
     for done, count in enumerate(each(run, folder, _TILES, tiles, state=modelling), 1):
         counts += count
@@ -143,11 +183,12 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES, note=note)
     site.write(folder, grid)
     write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
-    write_json(folder / "mask.json", {"least_correlation": least, "fill_cells": reach})
+    write_json(folder / "mask.json", {"least_correlation": least[1], "fill_cells": reach})
+    measured = {n: int(counts[code]) for n, code in MEASURED_IN.items()}
     return {
         "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
-        "measured_of_grid": int(counts[MEASURED]), "filled_of_grid": int(counts[FILLED]),
-        "least_correlation": round(least, 3),
+        "measured_of_grid": sum(measured.values()), "filled_of_grid": int(counts[FILLED]),
+        "least_correlation": round(least[1], 3),
     }  # fmt: skip
 
 
@@ -178,12 +219,12 @@ class _Modelling:
         return _Modelling.of(MatchedHeights.of(run), site, folder)
 
 
-def _make_tile(modelling: _Modelling, item: tuple[Window, float, int]) -> NDArray[np.int64]:
+def _make_tile(modelling: _Modelling, item: tuple[Window, Mapping[int, float], int]) -> NDArray[np.int64]:
     """Make and write a tile of the surface; returns how many cells are of each of SOURCES."""
     window, least, reach = item
     made = _tile(modelling.heights, modelling.shared, window, least, reach)
     modelling.store.write(window, vars(made))
-    return np.bincount(made.source.ravel(), minlength=3)
+    return np.bincount(made.source.ravel(), minlength=len(SOURCES))
 
 
 _TILES = Kind(_Modelling.read, _make_tile)
@@ -199,28 +240,32 @@ def _layer(store: BlockFiles, name: str) -> Iterator[tuple[Window, NDArray[Any]]
     return ((window, store.read(window, name)[0]) for window in store.windows)
 
 
-def _tile(heights: MatchedHeights, shared: Sequence[SharedError], window: Window, least: float, reach: int) -> _Tile:
+def _tile(
+    heights: MatchedHeights, shared: Sequence[SharedError], window: Window, least: Mapping[int, float], reach: int
+) -> _Tile:
     """Return one tile of the surface; what it needs from beyond its edge it reads itself. ``shared`` are the errors
-    that neighbours share, with the datum's part and, where they are known, without."""
+    that neighbours share, with the datum's part and, where they are known, without; ``least`` the correlations below
+    which a level's heights are doubtful."""
     grid = heights.grid
-    outer = grid.around_window(window, reach + 1 + KEPT_MARGIN_CELLS)
-    height, sigma, correlation, rays, seen = heights.blocks.read(
-        outer, "height_m", "sigma_m", "correlation", "rays", "seen"
+    outer = grid.around_window(window, reach + 1 + margin_cells([*heights.levels][1:] * 2))
+    (finest, _), *coarser = (
+        heights.kept(store.grid.around_window(outer.coarser(cells), 1 if cells > 1 else 0), cells, least[cells])
+        for cells, store in heights.levels.items()
     )
-    kept = kept_heights(height, sigma, correlation, rays, seen, grid.cell_m, least)
-    filled = filled_heights(kept, grid.cell_m, reach)
-    known = np.isfinite(kept)
-    none, own = np.float32(np.nan), np.where(known, sigma, np.float32(0.0))
-    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, kept, own), none) for s in shared)
-    source = np.where(known, MEASURED, np.where(np.isfinite(filled), FILLED, HOLE)).astype(np.uint8)
-    base = np.float32(heights.base_map_m)
-    rows, columns = window.shape
-    at = (slice(window.row - outer.row, window.row - outer.row + rows),
-          slice(window.column - outer.column, window.column - outer.column + columns))  # fmt: skip
+    asked = [*(kept for kept, _ in coarser), *(rough for _, rough in coarser)]
+    found = surface_of_levels(finest, asked, grid.cell_m)
+    filled = filled_heights(found.height_m, grid.cell_m, reach)
+    known = np.isfinite(found.height_m)
+    none, own = np.float32(np.nan), np.where(known, found.sigma_m, np.float32(0.0))
+    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, found.height_m, own), none) for s in shared)
+    source = np.where(np.isfinite(filled), FILLED, HOLE).astype(np.uint8)
+    for cells, code in MEASURED_IN.items():
+        source[found.cells == cells] = code
+    base, at = np.float32(heights.base_map_m), window.within(outer)
     without = relative[0] if relative else np.full_like(whole, none)
     return _Tile(
-        (kept + base)[at], (filled + base)[at], whole[at], without[at], source[at],
-        np.where(known, correlation, np.float32(0.0))[at], np.where(known, rays, np.uint8(0))[at], seen[at],
+        (found.height_m + base)[at], (filled + base)[at], whole[at], without[at],
+        np.where(known, found.sigma_m, none)[at], source[at], found.correlation[at], found.rays[at], finest.seen[at],
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import picture_scale
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
-from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, round_cell_m
+from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, reductions_of, round_cell_m
 from photogram.surface.ortho.orthophoto import LEAST_HELD
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
 
@@ -44,9 +44,9 @@ tiles of 800 and of 1728 px."""
 AT_ONCE = 0.7
 """Share of the workers that hold the most at the same time while key points are looked for."""
 
-MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 8.0 / 3.0, 23.0
-"""On disk for a cell of the surface: what the matching writes of it, what its coarser levels hold meanwhile, and what
-the surface is made of."""
+MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 22.0, 27.0
+"""On disk for a cell of the surface: what the matching writes of it, and of one of a coarser level, and what the
+surface is made of."""
 
 RASTER_BYTES, RELIEF_BYTES, POINT_BYTES = 11.0, 4.0, 6.0
 """On disk for a cell of the surface, compressed: the rasters of the DSM, terrain or contour lines, and its point in the
@@ -207,17 +207,28 @@ def surface_disk_bytes(project: Project, size: SurfaceSize) -> float:
     results, when they take most: while heights are matched, while the orthophoto is made, or in the end."""
     dense, cells, picture = project.dense.enabled, size.surface_cells, size.orthophoto_cells
     rasters = cells * (RASTER_BYTES + RELIEF_BYTES * (project.terrain.enabled + project.contours.enabled))
-    matching = cells * (MATCHED_BYTES + COARSER_BYTES) + _reduced_bytes(project, size) if dense else 0.0
-    made = rasters + picture * PICTURE_BYTES + (cells * (MATCHED_BYTES + LAYER_BYTES) if dense else 0.0)
+    matching = cells * _matched_bytes(project, size) + _reduced_bytes(project, size) if dense else 0.0
+    made = rasters + picture * PICTURE_BYTES + (cells * (_matched_bytes(project, size) + LAYER_BYTES) if dense else 0.0)
     results = rasters + picture * PICTURE_BYTES + (cells * POINT_BYTES if dense else 0.0)
     closing = cells * CLOSED_BYTES if project.orthophoto.enabled else 0.0
     return float(max(matching, made + picture * SCRATCH_BYTES + closing, made + results))
 
 
+def _shorter_px(project: Project) -> int:
+    """Return the shorter side of the smallest photograph."""
+    return min(min(camera.width_px, camera.height_px) for camera in project.cameras)
+
+
+def _matched_bytes(project: Project, size: SurfaceSize) -> float:
+    """Return what matching leaves of a cell of the surface, with those of coarser levels that cover it."""
+    _, coarser = reductions_of(size.cell_gsd, _shorter_px(project))
+    return MATCHED_BYTES + COARSER_BYTES * sum(0.25**level for level in range(1, coarser + 1))
+
+
 def _reduced_bytes(project: Project, size: SurfaceSize) -> float:
     """Return what the pictures take in which heights are matched: a byte for a pixel of the photograph itself, two for
     one of those that are reduced, as many as there are levels at most."""
-    finest = max(0, round(float(np.log2(size.cell_gsd)) - 1.0))
+    finest, _ = reductions_of(size.cell_gsd, _shorter_px(project))
     reduced = sum(2.0 / 4**step for step in range(max(finest, 1), finest + MOST_LEVELS))
     return _pixels(project) * float(reduced + (finest == 0))
 
@@ -234,7 +245,7 @@ def kept_disk_bytes(project: Project, size: SurfaceSize) -> dict[str, float]:
         "tie_points": TIE_POINT_BYTES * key_points,
         "transfer": TIE_POINT_BYTES * key_points,
         "adjustment": ADJUSTED_BYTES * key_points,
-        "dense": cells * MATCHED_BYTES if dense else 0.0,
+        "dense": cells * _matched_bytes(project, size) if dense else 0.0,
         "surface": cells * (RASTER_BYTES + LAYER_BYTES * dense),
         "relief": cells * relief,
         "orthophoto": shown * PICTURE_BYTES,

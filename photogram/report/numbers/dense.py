@@ -43,7 +43,7 @@ def dense_numbers(
     on an ``upright`` plane all is along its axes."""
     rows, columns = dense.heights.values.shape
     check_points = surface_check_numbers(dense, ground, upright=upright)
-    cells, by_rays = _counted(dense)
+    cells, by_rays, by_level = _counted(dense)
     several, rays = int(by_rays[3:].sum()), int(by_rays.sum())
     return {
         "cell_m": dense.cell_m,
@@ -52,6 +52,7 @@ def dense_numbers(
         "cells": cells,
         "completeness": cells["measured"] / cells["footprint"] if cells["footprint"] else None,
         "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
+        "by_level": {str(n): int(by_level[n]) for n in np.flatnonzero(by_level).tolist()},
         "share_3_or_more": several / rays if rays else None,
         "sigma_m": sigma_numbers(dense),
         "confidence": _confidence(dense),
@@ -83,12 +84,12 @@ def _confidence(dense: DenseSurface) -> ConfidenceRecord | None:
     return {"median": median, "mean": mean, "percentile_5": far, "minimum": minimum}
 
 
-def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray]:
-    """Count cells: of the footprint the measured, filled and empty ones, which add up, and those measured by so many
-    photographs."""
+def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray, IntArray]:
+    """Count cells: of the footprint the measured, filled and empty ones, which add up, those measured by so many
+    photographs, and those measured in cells of so many to a side."""
     shape = dense.heights.values.shape
     footprint = measured = filled = beyond = 0
-    by_rays = np.zeros(256, dtype=np.int64)
+    by_rays, by_level = np.zeros((2, 256), dtype=np.int64)
     for band in bands(shape):
         known = dense.measured(band)
         within = np.ones_like(known) if dense.footprint is None else dense.footprint[band]
@@ -97,6 +98,7 @@ def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray]:
         filled += int((dense.filled[band] & within).sum())
         beyond += int((known & ~within).sum())
         by_rays += np.bincount(dense.rays[band][known], minlength=256)
+        by_level += np.bincount(dense.level[band][known], minlength=256)
     cells: CellsRecord = {
         "grid": shape[0] * shape[1],
         "footprint": footprint,
@@ -105,7 +107,7 @@ def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray]:
         "holes": footprint - measured - filled,
         "measured_beyond": beyond,
     }
-    return cells, by_rays
+    return cells, by_rays, by_level
 
 
 def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:

@@ -19,15 +19,17 @@ class DenseSurface:
     """A dense surface and what is known of each of its cells; every array is (rows, columns) of the same grid.
 
     ``heights`` in m, NaN in holes; ``sigma`` their predicted standard deviations, m; ``filled`` the cells whose height
-    was made up from their neighbours (``heights`` may hold it or not); ``rays`` how many photographs a height was
-    matched in; ``confidence`` 0 to 1. ``footprint`` are the cells that could have been measured, where the photographs
-    see enough; None stands for all. ``photographs`` are the names of those that took part, ``settings`` what the
-    matching was asked for.
+    was made up from their neighbours (``heights`` may hold it or not); ``level`` the side of the cells
+    that a height was measured in, in those of the surface, 0 where it was not; ``rays`` how many photographs a height
+    was matched in; ``confidence`` 0 to 1. ``footprint`` are the cells that could have been measured, where the
+    photographs see enough; None stands for all. ``photographs`` are the names of those that took part, ``settings``
+    what the matching was asked for.
     """
 
     heights: Raster
     sigma: Raster
     filled: BoolArray
+    level: NDArray[np.uint8]
     rays: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     footprint: BoolArray | None = None
@@ -36,7 +38,7 @@ class DenseSurface:
 
     def __post_init__(self) -> None:
         shape = self.heights.values.shape
-        for name in ("filled", "rays", "confidence", "footprint"):
+        for name in ("filled", "level", "rays", "confidence", "footprint"):
             values = getattr(self, name)
             if values is not None:
                 check_shape(name, values, shape)

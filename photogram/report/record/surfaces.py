@@ -196,6 +196,7 @@ class DenseRecord(TypedDict):
     cells: CellsRecord
     completeness: Share | None
     by_rays: dict[str, Count]
+    by_level: dict[str, Count]
     share_3_or_more: Share | None
     sigma_m: SigmaRecord | None
     confidence: ConfidenceRecord | None

@@ -23,6 +23,10 @@ COARSEST_PX = 110
 """Shorter side of the smallest reduced picture that is worth matching."""
 
 MOST_LEVELS = 5
+
+COARSEST_MEASURED = 8
+"""Side of the largest cells, in cells of the finest level, that a surface takes heights from."""
+
 RANGE_STEPS = 1.5
 """How far beyond the heights of the coarser level, in steps of its own, a finer one searches."""
 
@@ -45,12 +49,18 @@ _LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
 @dataclass(frozen=True)
 class Level:
     """One level: its grid, the reduction of the pictures (1: the photographs as they are), the distance of samples in
-    cells, and the step between hypotheses, in m."""
+    cells, the step between hypotheses, in m, and the side of a cell in cells of the finest level."""
 
     grid: MapGrid
     reduction: int
     spacing: float
     step_m: float
+    cells: int = 1
+
+    @property
+    def measured(self) -> bool:
+        """Return whether the surface may take heights from this level."""
+        return self.cells <= COARSEST_MEASURED
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,24 +142,27 @@ def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[N
     return chosen, tangent
 
 
+def reductions_of(cell_gsd: float, shorter_px: int) -> tuple[int, int]:
+    """Return by which power of two the pictures of the finest level are reduced, and how many coarser levels there are,
+    for cells of so many GSD and photographs whose shorter side is ``shorter_px``."""
+    finest = max(0, round(float(np.log2(cell_gsd)) - 1.0))
+    return finest, int(np.clip(np.floor(np.log2(shorter_px / COARSEST_PX)) - finest, 0, MOST_LEVELS - 1))
+
+
 def plan_levels(known: KnownGround, views: Views, grid: MapGrid) -> tuple[Level, ...]:
     """Return the levels, coarse to fine, the last on ``grid``.
 
     The pictures are reduced so that a pixel is about half a cell or a whole one; each coarser level has cells and
     pixels of twice the size, until the pictures are COARSEST_PX wide.
     """
-    finest = max(0, round(float(np.log2(grid.cell_m / known.gsd_m)) - 1.0))
-    shorter = int(views.size_px.min())
-    coarser = int(np.clip(np.floor(np.log2(shorter / COARSEST_PX)) - finest, 0, MOST_LEVELS - 1))
+    finest, coarser = reductions_of(grid.cell_m / known.gsd_m, int(views.size_px.min()))
     levels = []
     for level in range(coarser, -1, -1):
         reduction, factor = 2 ** (finest + level), 2**level
         pixel_m = known.gsd_m * reduction
-        cell_m = grid.cell_m * factor
-        coarse = MapGrid(
-            grid.west_map_m, grid.north_map_m, cell_m, -(-grid.rows // factor), -(-grid.columns // factor)
-        )  # fmt: skip
-        levels.append(Level(coarse, reduction, min(pixel_m / cell_m, 1.0), STEP_PX * pixel_m / known.spread))
+        coarse = grid.coarser(factor)
+        spacing, step_m = min(pixel_m / coarse.cell_m, 1.0), STEP_PX * pixel_m / known.spread
+        levels.append(Level(coarse, reduction, spacing, step_m, factor))
     return tuple(levels)
 
 

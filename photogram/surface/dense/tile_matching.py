@@ -104,6 +104,17 @@ class Heights:
 
 
 @dataclass(frozen=True, eq=False)
+class Found:
+    """What the matching of a block finds: the heights (rows, columns) that the regularisation chose, in m over the
+    base, and their correlations, around which the next finer level searches; and the refined heights, None of a level
+    that is no part of the surface."""
+
+    start_m: Float32Array
+    agreement: Float32Array
+    heights: Heights | None
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """What is matched: the frame, the oriented photographs, and where their pictures come from."""
 
@@ -113,11 +124,12 @@ class Scene:
 
 
 def match_block(
-    scene: Scene, level: Level, block: Window, prior: Prior, settings: DenseSettings, *, last: bool
-) -> Heights:
-    """Match one block of a level; ``prior`` covers it with its margin. Only the ``last`` level is refined.
+    scene: Scene, level: Level, block: Window, prior: Prior, settings: DenseSettings, *, refined: bool = True
+) -> Found:
+    """Match one block of a level; ``prior`` covers it with its margin. What is no part of the surface is not
+    ``refined``.
 
-    Returns the heights of the block without the margin.
+    Returns what was found in the block without the margin.
     """
     outer = level.grid.around_window(block, MARGIN_CELLS)
     lines = verticals(scene.frame, level.grid, outer)
@@ -125,17 +137,14 @@ def match_block(
              slice(block.column - outer.column, block.column_end - outer.column))  # fmt: skip
     views = _views_of_patches(scene, lines, prior.surface, settings.photographs)
     if not (views >= 0).any():
-        return _nothing(block.shape)
+        nothing = _nothing(block.shape)
+        return Found(nothing.height_m, nothing.correlation, nothing if refined else None)
     east, south = cell_steps(scene.frame, level.grid)
     ground = Ground(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
     crops = _crops(scene, lines, views, prior, level.reduction)
-    found, correlation = _regularised(crops, ground, prior, level, settings, last=last)
-    if not last:
-        none = np.full_like(found, np.nan)
-        return Heights(found, none, correlation, np.zeros(found.shape, np.uint8), _seen(ground, found.shape)).part(
-            *inner
-        )
-    return _refined(crops, ground, found, prior.surface, level, settings).part(*inner)
+    start, agreement = _regularised(crops, ground, prior, level, settings)
+    heights = _refined(crops, ground, start, prior.surface, level, settings).part(*inner) if refined else None
+    return Found(start[inner], agreement[inner], heights)
 
 
 def _nothing(shape: tuple[int, int]) -> Heights:
@@ -196,7 +205,7 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
 
 
 def _regularised(
-    crops: Crops, ground: Ground, prior: Prior, level: Level, settings: DenseSettings, *, last: bool
+    crops: Crops, ground: Ground, prior: Prior, level: Level, settings: DenseSettings
 ) -> tuple[Float32Array, Float32Array]:
     """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
     elsewhere, and its correlation."""
@@ -212,7 +221,7 @@ def _regularised(
     guide = np.empty((rows, columns), np.float32)
     grey_of_cells(crops, ground, prior.surface, guide)
     unit = NEUTRAL / 100.0
-    large = settings.large_step * (1.0 if last else _COARSE_LARGE_STEP_SHARE)
+    large = settings.large_step * (1.0 if level.cells == 1 else _COARSE_LARGE_STEP_SHARE)
     volume = CostVolume(cost, start, first.ravel(), guide)
     best, own = regularised(volume, settings.small_step * unit, large * unit, settings.contrast_dn)
     return along + best * np.float32(level.step_m), 1.0 - own / np.float32(NEUTRAL)

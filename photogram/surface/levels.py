@@ -1,0 +1,196 @@
+"""One surface from several levels of matching: each cell is taken from the finest one that tells its height.
+
+A window of the finest level holds some cells; where nothing in it agrees between the photographs (crowns, low texture,
+the water's edge), a window of two, four or eight times the side may. Its height is that of a wider piece of ground, and
+the cell's own may be any of those there: the variance is that of the matching and the mean square by which the heights
+around, finer ones where there are any, differ from it. Beside a wall that is what lies on either side of the step, on
+level ground next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogram.arrays import ByteArray, Float32Array
+from photogram.compilation import njit
+from photogram.surface.dsm import STEEPEST
+
+WINDOW_HALF = 2
+"""Cells of a level to each side of one whose heights tell how the surface strays from it: a window of the matching.
+Their weights fall linearly to none at the next."""
+
+MOSTLY_FINEST, STEEP_CELLS = 0.6, 2.0
+"""Where the finest level has so much of the surface around a cell, and heights differ by so many cells of the level,
+its height is that of one side of a wall that the finest level shows better, and not taken."""
+
+
+def margin_cells(coarser: Iterable[int]) -> int:
+    """Return how far beyond a window heights must be known, in cells of the finest level, so that what is taken there
+    does not depend on the window; ``coarser`` are the sides of the cells of all others that are asked."""
+    return (WINDOW_HALF + 1) * sum(coarser)
+
+
+@dataclass(frozen=True, eq=False)
+class LevelHeights:
+    """What one level tells of a window, (rows, columns) of its own cells each: heights that are kept, in m over the
+    base, NaN elsewhere, their standard deviations in m, their correlations, the number of photographs that agree, and
+    of those that were looked at.
+
+    ``cells`` is the side of one of its cells in cells of the finest level; ``row`` and ``column`` are those of the
+    window's first cell in the grid of the level.
+    """
+
+    height_m: Float32Array
+    sigma_m: Float32Array
+    correlation: Float32Array
+    rays: ByteArray
+    seen: ByteArray
+    cells: int
+    row: int
+    column: int
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Heights (rows, columns) of a window from whichever level, in m over the base, NaN in holes; their standard
+    deviations, correlations and numbers of photographs, and the side of the cells that they were matched in, in cells
+    of the finest level, 0 in holes."""
+
+    height_m: Float32Array
+    sigma_m: Float32Array
+    correlation: Float32Array
+    rays: ByteArray
+    cells: ByteArray
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill_moments(
+    fine: Float32Array, place: tuple[int, int, int], coarse: Float32Array, share: Float32Array, mean: Float32Array,
+    variance: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the share of each coarser cell whose heights are known, their mean and their variance: finer ones where
+    there are any, its own elsewhere. ``place`` are row and column of the first finer cell from the corner of the
+    coarser ones, and the side of those, in finer cells."""
+    top, left, cells = place
+    rows, columns = coarse.shape
+    for i in range(rows):
+        for j in range(columns):
+            zero, n, total, squares = coarse[i, j], 0, 0.0, 0.0
+            for r in range(max(i * cells - top, 0), min((i + 1) * cells - top, fine.shape[0])):
+                for c in range(max(j * cells - left, 0), min((j + 1) * cells - left, fine.shape[1])):
+                    if np.isnan(fine[r, c]):
+                        continue
+                    if np.isnan(zero):
+                        zero = fine[r, c]
+                    n += 1
+                    total += fine[r, c] - zero
+                    squares += (fine[r, c] - zero) ** 2
+            counted = n if np.isnan(coarse[i, j]) else cells**2  # what the finer ones leave has the height of the cell
+            share[i, j] = counted / cells**2
+            if counted > 0:
+                mean[i, j] = zero + total / counted
+                variance[i, j] = max(squares / counted - (total / counted) ** 2, 0.0)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _fill_spread(
+    height: Float32Array, share: Float32Array, mean: Float32Array, variance: Float32Array, finer: Float32Array,
+    spread: Float32Array, covered: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the root mean square by which heights around each cell differ from its own, NaN where it has none, and the
+    mean of ``finer`` there."""
+    rows, columns = height.shape
+    for r in range(rows):
+        for c in range(columns):
+            spread[r, c], covered[r, c] = np.nan, np.nan
+            if np.isnan(height[r, c]):
+                continue
+            whole, weight, squares, fine = 0.0, 0.0, 0.0, 0.0
+            for i in range(max(r - WINDOW_HALF, 0), min(r + WINDOW_HALF + 1, rows)):
+                for j in range(max(c - WINDOW_HALF, 0), min(c + WINDOW_HALF + 1, columns)):
+                    w = float((WINDOW_HALF + 1 - abs(i - r)) * (WINDOW_HALF + 1 - abs(j - c)))
+                    whole += w
+                    fine += w * finer[i, j]
+                    if share[i, j] > 0.0:
+                        weight += w * share[i, j]
+                        squares += w * share[i, j] * (variance[i, j] + (mean[i, j] - height[r, c]) ** 2)
+            spread[r, c], covered[r, c] = np.sqrt(squares / weight), fine / whole
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, rise_m: float) -> float:
+    """Return the height at a place near the centre of cell (r, c), linear between it and those of the three cells
+    around the place that are known and hang together with it."""
+    down, right = row - r, column - c
+    rr, cc = r + (1 if down > 0.0 else -1), c + (1 if right > 0.0 else -1)
+    down, right = abs(down), abs(right)
+    total, weight, middle = 0.0, 0.0, height[r, c]
+    for i, j, w in ((r, c, (1 - down) * (1 - right)), (rr, c, down * (1 - right)), (r, cc, (1 - down) * right),
+                    (rr, cc, down * right)):  # fmt: skip
+        run = 1.5 if i != r and j != c else 1.0
+        if 0 <= i < height.shape[0] and 0 <= j < height.shape[1] and abs(height[i, j] - middle) <= run * rise_m:
+            total += w * height[i, j]
+            weight += w
+    return float(total / weight)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _take(
+    coarse: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray, place: tuple[int, int, int],
+    rise_m: float, out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray],
+) -> None:  # fmt: skip
+    """Give cells without height what the coarser cell that holds them has; ``place`` as above. ``out`` are heights,
+    standard deviations, correlations, numbers of photographs, and sides of cells."""
+    top, left, cells = place
+    height, own, alike, agreeing, side = out
+    for r in range(height.shape[0]):
+        for c in range(height.shape[1]):
+            if not np.isnan(height[r, c]):
+                continue
+            i, j = (top + r) // cells, (left + c) // cells
+            if not np.isnan(coarse[i, j]):
+                row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
+                height[r, c] = _height_at(coarse, i, j, row, column, rise_m)
+                own[r, c], alike[r, c], agreeing[r, c] = sigma[i, j], correlation[i, j], rays[i, j]
+                side[r, c] = cells
+
+
+def around_cells(
+    level: LevelHeights, known_m: Float32Array, finest_m: Float32Array, place: tuple[int, int, int]
+) -> tuple[Float32Array, Float32Array]:
+    """Return the root mean square (rows, columns) by which the surface around each cell of a level differs from its
+    height, in m, NaN where it has none, and the share of the cells there that the finest level has heights of.
+
+    The surface is ``known_m`` where finer levels have told it, NaN elsewhere, and the level itself there; both it and
+    ``finest_m`` are heights of cells of the finest level. ``place`` is the row and column of the first of them from the
+    corner of the level's first cell, and how many a cell of the level holds to a side.
+    """
+    share, mean, variance, finer, spread, covered = (np.empty_like(level.height_m) for _ in range(6))
+    nothing = np.full_like(level.height_m, np.nan)
+    _fill_moments(finest_m, place, nothing, finer, mean, variance)
+    _fill_moments(known_m, place, level.height_m, share, mean, variance)
+    _fill_spread(level.height_m, share, mean, variance, finer, spread, covered)
+    return spread, covered
+
+
+def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cell_m: float) -> Surface:
+    """Return the surface of the window of the finest level, whose cells have a side of ``cell_m``.
+
+    ``coarser`` levels, in the order in which they are asked, cover the window, and reach a cell of theirs beyond it as
+    far as the grid goes. All is as with a larger window from ``margin_cells`` inside this one on.
+    """
+    height, sigma = finest.height_m.copy(), finest.sigma_m.copy()
+    cells = np.isfinite(height).astype(np.uint8)
+    correlation, rays = np.where(cells, finest.correlation, np.float32(0)), np.where(cells, finest.rays, np.uint8(0))
+    made = Surface(height, sigma, correlation, rays, cells)
+    for level in coarser:
+        place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
+        spread, covered = around_cells(level, height, finest.height_m, place)
+        adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * cell_m * level.cells)
+        taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.hypot(level.sigma_m, spread)
+        rise_m, out = STEEPEST * cell_m * level.cells, (height, sigma, correlation, rays, cells)
+        _take(taken_m, own, level.correlation, level.rays, place, rise_m, out)
+    return made

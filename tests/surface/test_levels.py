@@ -1,0 +1,134 @@
+"""A surface of several levels: each cell from the finest one that tells its height, with what it strays by."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from photogram.surface.dsm import MEASURED_IN, measured_in
+from photogram.surface.levels import LevelHeights, around_cells, margin_cells, surface_of_levels
+
+CELL_M = 0.1
+
+
+def level(height_m: Any, cells: int, row: int = 0, column: int = 0, sigma_m: float = 0.01) -> LevelHeights:
+    height = np.asarray(height_m, np.float32)
+    whole = np.ones(height.shape, np.uint8)
+    return LevelHeights(
+        height, np.full_like(height, sigma_m), np.full_like(height, 1.0 / cells), whole * cells, whole * 5, cells, row,
+        column,
+    )  # fmt: skip
+
+
+def slope(rows: int, columns: int, cells: int, rise: float = 0.3) -> np.ndarray[Any, Any]:
+    """Heights of a plane at the centres of cells, which rises to the south and half as fast to the east."""
+    south, east = ((np.arange(n) + 0.5) * cells * CELL_M for n in (rows, columns))
+    return rise * south[:, None] + 0.5 * rise * east[None]
+
+
+def test_each_cell_is_of_the_finest_level_that_has_it() -> None:
+    fine = slope(16, 24, 1)
+    fine[4:12, 8:16] = np.nan
+    two = slope(8, 12, 2)
+    two[2:4, 4:8] = np.nan
+    made = surface_of_levels(level(fine, 1), [level(two, 2), level(slope(4, 6, 4), 4)], CELL_M)
+    expected = np.ones((16, 24), np.uint8)
+    expected[4:12, 8:16], expected[4:8, 8:16] = 2, 4
+    np.testing.assert_array_equal(made.cells, expected)
+    np.testing.assert_array_equal(made.rays, expected)
+    np.testing.assert_allclose(made.correlation, 1 / expected)
+    np.testing.assert_array_equal(made.height_m[expected == 1], fine[expected == 1].astype(np.float32))
+    # a plane is a plane at every level; only beside what is missing there is nothing to go on
+    np.testing.assert_allclose(made.height_m[9:12, 10:14], slope(16, 24, 1)[9:12, 10:14], atol=1e-5)
+    assert np.abs(made.height_m - slope(16, 24, 1)).max() < 0.3 * 4 * CELL_M
+
+
+def test_a_hole_of_all_levels_stays_one() -> None:
+    none = np.full((8, 8), np.nan)
+    made = surface_of_levels(level(none, 1), [level(none[:4, :4], 2)], CELL_M)
+    assert np.isnan(made.height_m).all()
+    assert not made.cells.any()
+    assert not made.rays.any()
+    assert not made.correlation.any()
+
+
+def test_on_level_ground_the_matching_alone_makes_the_sigma() -> None:
+    fine = np.full((32, 32), 5.0)
+    fine[10:20, 10:20] = np.nan
+    made = surface_of_levels(level(fine, 1), [level(np.full((16, 16), 5.0), 2, sigma_m=0.07)], CELL_M)
+    assert (made.cells[10:20, 10:20] == 2).all()
+    np.testing.assert_allclose(made.sigma_m[10:20, 10:20], 0.07, rtol=1e-5)
+
+
+def test_what_strays_around_a_cell_is_in_its_sigma() -> None:
+    """Heights that scatter by so much about a level one: the mean square of what the window holds."""
+    rng = np.random.default_rng(4)
+    rough = rng.normal(0.0, 0.5, (64, 64))
+    made = surface_of_levels(level(np.full((256, 256), np.nan), 1), [level(rough, 4)], CELL_M)
+    inner = made.sigma_m[16:-16, 16:-16]
+    # a cell and its neighbours are as far apart as two draws: sqrt(2) of the scatter, less what the cell itself weighs
+    assert np.sqrt(np.mean(inner**2)) == pytest.approx(0.5 * np.sqrt(2 * (1 - 9 / 81)), rel=0.05)
+
+
+def test_finer_heights_count_in_place_of_the_levels_own() -> None:
+    """A window of level ground at 0 whose finer cells lie at 1 m in half of it."""
+    fine = np.full((40, 40), np.nan)
+    fine[:, 20:] = 1.0
+    flat = level(np.zeros((10, 10)), 4)
+    spread, covered = around_cells(flat, fine.astype(np.float32), fine.astype(np.float32), (0, 0, 4))
+    weights = np.array([1, 2, 3, 2, 1]) / 9
+    for column, ahead in ((4, weights[3:].sum()), (3, weights[4:].sum()), (2, 0.0), (5, weights[2:].sum())):
+        assert spread[5, column] == pytest.approx(np.sqrt(ahead), abs=1e-6)
+        assert covered[5, column] == pytest.approx(ahead, abs=1e-6)
+
+
+def test_beside_a_wall_that_the_finest_level_shows_nothing_is_taken() -> None:
+    wall = np.where(np.arange(64) < 32, 0.0, 6.0) * np.ones((64, 1))
+    fine = wall.copy()
+    fine[:, 31:33] = np.nan
+    two = level(wall[::2, ::2], 2)
+    made = surface_of_levels(level(fine, 1), [two], CELL_M)
+    assert np.isnan(made.height_m[:, 31:33]).all()
+    # in a crown, where the finest level has little, the same step is taken, with what it may be off by
+    fine[:, 20:44] = np.nan
+    made = surface_of_levels(level(fine, 1), [two], CELL_M)
+    beside = made.cells[20:40, 31:33] == 2
+    assert beside.all()
+    assert made.sigma_m[20:40, 31:33].min() > 2.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), top=st.integers(0, 30), left=st.integers(0, 30))
+def test_a_part_is_as_the_whole(seed: int, top: int, left: int) -> None:
+    rng = np.random.default_rng(seed)
+    size, side, margin = 200, 140, margin_cells((2, 4, 8))
+
+    def heights(n: int) -> np.ndarray[Any, Any]:
+        made = rng.normal(0.0, 0.3, (n, n))
+        made[rng.random((n, n)) < 0.5] = np.nan
+        return made
+
+    every = {cells: heights(size // cells) for cells in (1, 2, 4, 8)}
+    whole = surface_of_levels(level(every[1], 1), [level(every[n], n) for n in (2, 4, 8)], CELL_M)
+    first, last = (max(v, 0) for v in (top, left)), (min(v + side, size) for v in (top, left))
+    (r0, c0), (r1, c1) = first, last
+    parts = []
+    for n in (2, 4, 8):
+        r, c = max(r0 // n - 1, 0), max(c0 // n - 1, 0)
+        rows, columns = -(-r1 // n) + 1, -(-c1 // n) + 1
+        parts.append(level(every[n][r:rows, c:columns], n, r, c))
+    part = surface_of_levels(level(every[1][r0:r1, c0:c1], 1, r0, c0), parts, CELL_M)
+    inner = (slice(margin, side - margin),) * 2
+    at = (slice(r0 + margin, r0 + side - margin), slice(c0 + margin, c0 + side - margin))
+    for name in ("height_m", "sigma_m", "correlation", "rays", "cells"):
+        np.testing.assert_array_equal(getattr(part, name)[inner], getattr(whole, name)[at], err_msg=name)
+
+
+def test_codes_of_sources_tell_the_side_of_cells() -> None:
+    codes = np.array([[0, 1, 2, 3, 4, 5]], np.uint8)
+    np.testing.assert_array_equal(measured_in(codes), [[0, 1, 0, 2, 4, 8]])
+    assert sorted(MEASURED_IN) == [1, 2, 4, 8]
