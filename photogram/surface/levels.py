@@ -10,7 +10,7 @@ level ground next to nothing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +18,15 @@ from photogram.arrays import ByteArray, Float32Array
 from photogram.compilation import njit
 from photogram.surface.dsm import STEEPEST
 
+SURE_RAYS, SURE_SHARE, HALF = 3, (2, 3), (1, 2)
+"""So many photographs, and this share of those that look, agree on a height that nothing else need confirm. Of others
+on the smooth ground of a real survey 2 % were false where the next coarser level did not say the same."""
+
 WINDOW_HALF = 2
 """Cells of a level to each side of one whose heights tell how the surface strays from it: a window of the matching.
 Their weights fall linearly to none at the next."""
 
-MOSTLY_FINEST, STEEP_CELLS = 0.6, 2.0
+MOSTLY_FINEST, STEEP_CELLS = 0.5, 2.0
 """Where the finest level has so much of the surface around a cell, and heights differ by so many cells of the level,
 its height is that of one side of a wall that the finest level shows better, and not taken."""
 
@@ -156,6 +160,49 @@ def _take(
                 height[r, c] = _height_at(coarse, i, j, row, column, rise_m)
                 own[r, c], alike[r, c], agreeing[r, c] = sigma[i, j], correlation[i, j], rays[i, j]
                 side[r, c] = cells
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _confirm(
+    fine: Float32Array, rays: ByteArray, seen: ByteArray, coarse: Float32Array, place: tuple[int, int, int],
+    rise_m: float, out: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the finer heights on which enough photographs agree, or to which the coarser level is near; ``place`` as
+    above."""
+    top, left, cells = place
+    for r in range(fine.shape[0]):
+        for c in range(fine.shape[1]):
+            out[r, c] = np.nan
+            agree, look = int(rays[r, c]), int(seen[r, c])
+            if np.isnan(fine[r, c]):
+                continue
+            if agree >= SURE_RAYS and SURE_SHARE[1] * agree >= SURE_SHARE[0] * look:
+                out[r, c] = fine[r, c]
+                continue
+            i, j = (top + r) // cells, (left + c) // cells
+            if not np.isnan(coarse[i, j]):
+                row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
+                if abs(fine[r, c] - _height_at(coarse, i, j, row, column, rise_m)) <= rise_m:
+                    out[r, c] = fine[r, c]
+
+
+def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
+    """Return a level without the heights on which fewer than SURE_SHARE of the photographs that look there agree and
+    that the next ``coarser`` one does not confirm, within the steepest slope over one of its cells; it covers the level
+    and reaches a cell further as far as the grid goes. ``cell_m`` is the side of the finest cells."""
+    n = coarser.cells // level.cells
+    out = np.empty_like(level.height_m)
+    place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
+    _confirm(level.height_m, level.rays, level.seen, coarser.height_m, place, STEEPEST * cell_m * coarser.cells, out)
+    return replace(level, height_m=out)
+
+
+def told_by(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
+    """Return a level without the heights on which fewer than SURE_RAYS photographs agree, or a smaller ``share``, a
+    fraction, of those that look there."""
+    agree, look = level.rays.astype(np.int32), level.seen.astype(np.int32)
+    kept = (agree >= SURE_RAYS) & (share[1] * agree >= share[0] * look)
+    return replace(level, height_m=np.where(kept, level.height_m, np.float32(np.nan)))
 
 
 def around_cells(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.surface.dsm import MEASURED_IN, measured_in
-from photogram.surface.levels import LevelHeights, around_cells, margin_cells, surface_of_levels
+from photogram.surface.levels import LevelHeights, around_cells, confirmed, margin_cells, surface_of_levels, told_by
 
 CELL_M = 0.1
 
@@ -132,3 +133,23 @@ def test_codes_of_sources_tell_the_side_of_cells() -> None:
     codes = np.array([[0, 1, 2, 3, 4, 5]], np.uint8)
     np.testing.assert_array_equal(measured_in(codes), [[0, 1, 0, 2, 4, 8]])
     assert sorted(MEASURED_IN) == [1, 2, 4, 8]
+
+
+def test_what_half_of_the_photographs_tell_the_coarser_level_must_confirm() -> None:
+    fine, two = level(slope(16, 16, 1), 1), level(slope(8, 8, 2), 2)
+    off = fine.height_m.copy()
+    off[4:8, 4:8] += 1.0
+    gone = two.height_m.copy()
+    gone[6:] = np.nan
+    for agree, look, asked in ((2, 3, True), (3, 6, True), (3, 4, False), (4, 6, False), (3, 5, True)):
+        told = replace(
+            fine, height_m=off, rays=np.full((16, 16), agree, np.uint8), seen=np.full((16, 16), look, np.uint8)
+        )
+        kept = np.isfinite(confirmed(told, replace(two, height_m=gone), CELL_M).height_m)
+        expected = np.ones((16, 16), bool)
+        if asked:
+            expected[4:8, 4:8] = expected[12:] = False
+        np.testing.assert_array_equal(kept, expected, err_msg=f"{agree} of {look}")
+        alone = np.isfinite(told_by(told, (2, 3)).height_m)
+        assert alone.all() if not asked else not alone.any()
+    assert np.isfinite(told_by(replace(told, rays=told.rays), (1, 2)).height_m).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ from photogram.surface.dsm import (
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
-from photogram.surface.levels import LevelHeights, margin_cells, surface_of_levels
+from photogram.surface.levels import HALF, SURE_SHARE, LevelHeights, confirmed, margin_cells, surface_of_levels, told_by
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.survey import Raster
 
@@ -248,12 +249,15 @@ def _tile(
     which a level's heights are doubtful."""
     grid = heights.grid
     outer = grid.around_window(window, reach + 1 + margin_cells([*heights.levels][1:] * 2))
-    (finest, _), *coarser = (
-        heights.kept(store.grid.around_window(outer.coarser(cells), 1 if cells > 1 else 0), cells, least[cells])
+    both = [
+        heights.kept(store.grid.around_window(outer.coarser(cells), 2 if cells > 1 else 0), cells, least[cells])
         for cells, store in heights.levels.items()
-    )
-    asked = [*(kept for kept, _ in coarser), *(rough for _, rough in coarser)]
-    found = surface_of_levels(finest, asked, grid.cell_m)
+    ]
+    kept = [level for level, _ in both]
+    if len(kept) > 1:
+        kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), told_by(kept[-1], SURE_SHARE)]
+    rough = [told_by(level, HALF) for _, level in both[1:]]
+    found = surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m)
     filled = filled_heights(found.height_m, grid.cell_m, reach)
     known = np.isfinite(found.height_m)
     none, own = np.float32(np.nan), np.where(known, found.sigma_m, np.float32(0.0))
@@ -265,7 +269,7 @@ def _tile(
     without = relative[0] if relative else np.full_like(whole, none)
     return _Tile(
         (found.height_m + base)[at], (filled + base)[at], whole[at], without[at],
-        np.where(known, found.sigma_m, none)[at], source[at], found.correlation[at], found.rays[at], finest.seen[at],
+        np.where(known, found.sigma_m, none)[at], source[at], found.correlation[at], found.rays[at], kept[0].seen[at],
     )  # fmt: skip
 
 
