@@ -172,6 +172,7 @@ def test_bytes_of_the_header_are_those_of_the_specification(tmp_path: Path) -> N
         ((9, 0), b"sigma z", b"st. deviation in height [m]"),
         ((1, 0), b"confidence", b"0 (none) to 100 (certain)"),
         ((1, 0), b"rays", b"photographs that agree"),
+        ((1, 0), b"level", b"cells to a side that it is of"),
     ]
 
 

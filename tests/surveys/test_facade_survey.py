@@ -177,7 +177,7 @@ def test_the_cloud_of_a_facade_stays_in_the_map(facade: Path, site: SimulatedSur
     off_m = off_the_scene(site, upright)
     assert np.nanmedian(np.abs(off_m)) < 0.02
     names = list(points.point_format.extra_dimension_names)
-    assert names == ["sigma across plane", "confidence", "rays"]
+    assert names == ["sigma across plane", "confidence", "rays", "level"]
     # the same points as the raster's, within the millimetre of the file
     x, y, z = cells(facade, "dsm.tif")
     in_map = world_of(facade, np.column_stack([x, y, z]), "map")
