@@ -41,3 +41,15 @@ def with_considered(problem: Problem, state: State) -> Problem:
     information = np.zeros((len(cameras), len(cameras)))
     information[np.ix_(chosen, chosen)] = np.diag(1.0 / sigma[chosen] ** 2) - np.linalg.inv(P)
     return replace(free, focal_information=information)
+
+
+def without_considered(problem: Problem) -> Problem:
+    """Return the problem of ``with_considered`` with the focal lengths held as they were adjusted: it tells what the
+    result follows of an error in the image points, where the other tells what the covariances are."""
+    if problem.focal_information is None:
+        return problem
+    held = tuple(
+        replace(c, sigmas=np.concatenate([[0.0], c.sigmas[1:]])) if c.considered_focal_sigma_px > 0.0 else c
+        for c in problem.block.cameras
+    )
+    return replace(problem, block=replace(problem.block, cameras=held), focal_information=None)

@@ -17,9 +17,10 @@ from scipy.stats import chi2
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera
+from photogram.factors.consider import without_considered
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
-from photogram.factors.functionals import Solvable, responses_to_pixels
+from photogram.factors.functionals import Solvable, factored, responses_to_pixels
 from photogram.factors.graph import Problem
 from photogram.quality.deformation import height_modes, places_of
 from photogram.results import Adjustment
@@ -120,10 +121,14 @@ def pattern_covariance_m2(problem: Problem, state: State, found: Solvable) -> Fl
     NaN where nothing is known of patterns or of the block, zero where no pattern is significant. An error is a shift of
     each square of the picture plane, of FOLLOWED times the RMS of the pattern, whose correlation falls with the
     distance d of two squares as exp(−(d / ALIKE)²): R C Rᵀ with the responses R of the four functions to all squares.
+    A focal length that is held does not follow such an error, whatever its sigma says of it.
     """
     places = places_of(problem, state)
     if places is None:
         return np.full((4, 4), np.nan)
+    held = without_considered(problem)
+    if held is not problem:
+        problem, found = held, factored(held, state)
     a = np.zeros((len(places.points), 3, 4))
     a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m).T
     response = responses_to_pixels(problem, state, found, places.points, a)

@@ -201,3 +201,20 @@ def test_without_a_significant_pattern_there_is_no_effect() -> None:
     known = block_deformation(right, AdjustmentSettings(), [camera.parameters for camera in right.block.cameras])
     np.testing.assert_array_equal(known.pattern_sigma_m, 0.0)
     np.testing.assert_array_equal(known.model_error_covariance_m2, 0.0)
+
+
+def test_a_focal_length_that_is_held_does_not_follow_a_pattern() -> None:
+    """Its uncertainty counts in the covariances, but it stays where it is, whatever the pixels say."""
+    shifted = moved_block(np.random.default_rng(99).normal(scale=0.3, size=(100, 2)))
+    effects, variances = [], []
+    for considered_px in (0.0, 5.0, 200.0):
+        camera = shifted.cameras[0]
+        held = replace(camera, sigmas=np.zeros_like(camera.sigmas), considered_focal_sigma_px=considered_px)
+        result = adjust(replace(shifted, cameras=(held,)), SETTINGS)
+        known = block_deformation(result, SETTINGS, [c.parameters for c in result.block.cameras])
+        effects.append(known.model_error_covariance_m2)
+        variances.append(np.mean(known.height_sigma_m**2))
+    np.testing.assert_allclose(effects[1], effects[0], rtol=1e-6)
+    np.testing.assert_allclose(effects[2], effects[0], rtol=1e-6)
+    assert effects[0][0, 0] > 0.0
+    assert variances[0] < variances[1] < variances[2]
