@@ -23,7 +23,7 @@ def run(folder: Path, seed: int, dense: bool, *, quiet: bool = False, lines: Eve
     with voice.preparing("Simulated survey") as step:
         path = write_demonstration(folder, seed, step, dense=dense)
     survey = load_project(path)
-    predicted = predicted_costs(survey, tags_of(survey))
+    predicted = predicted_costs(survey, tags_of(survey), test=False)  # a known survey, and people wait
     voice.forecast(predicted)
     with voice.watching(predicted.seconds_by_stage) as watcher:
         report = run_pipeline(survey, watcher=watcher)

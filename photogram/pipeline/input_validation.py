@@ -101,16 +101,22 @@ def tags_of(project: Project) -> tuple[PhotographTags | None, ...]:
 
 
 def predicted_costs(
-    project: Project, tags: Sequence[PhotographTags | None], start: str | None = None, until: str | None = None
+    project: Project,
+    tags: Sequence[PhotographTags | None],
+    start: str | None = None,
+    until: str | None = None,
+    *,
+    test: bool = True,
 ) -> Forecast:
     """Return what ``run_pipeline`` will take on this machine, for what is not there yet; ``tags`` are those of
     ``project.photographs``.
 
-    Tests the machine for two or three seconds where stages remain that are worth it. Raises WorkspaceError where there
+    Tests the machine for two or three seconds where stages remain that are worth it; without ``test`` it counts as as
+    fast as the reference. Raises WorkspaceError where there
     is no such stage.
     """
     remaining = remaining_stages(project, start, until)
-    speed = measured_speed() if TESTED.intersection(remaining) else Speed()
+    speed = measured_speed() if test and TESTED.intersection(remaining) else Speed()
     return forecast(project, tags, speed, cores(), remaining)
 
 
