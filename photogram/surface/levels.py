@@ -163,38 +163,19 @@ def _take(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _confirm(
-    fine: Float32Array, rays: ByteArray, seen: ByteArray, coarse: Float32Array, place: tuple[int, int, int],
-    rise_m: float, out: Float32Array,
+def _keep_near(
+    fine: Float32Array, coarse: Float32Array, place: tuple[int, int, int], rise_m: float, out: Float32Array
 ) -> None:  # fmt: skip
-    """Fill the finer heights on which enough photographs agree, or to which the coarser level is near; ``place`` as
-    above."""
+    """Fill the finer heights to which the coarser level is near, where ``out`` has none; ``place`` as above."""
     top, left, cells = place
     for r in range(fine.shape[0]):
         for c in range(fine.shape[1]):
-            out[r, c] = np.nan
-            agree, look = int(rays[r, c]), int(seen[r, c])
-            if np.isnan(fine[r, c]):
-                continue
-            if agree >= SURE_RAYS and SURE_SHARE[1] * agree >= SURE_SHARE[0] * look:
-                out[r, c] = fine[r, c]
-                continue
             i, j = (top + r) // cells, (left + c) // cells
-            if not np.isnan(coarse[i, j]):
-                row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
-                if abs(fine[r, c] - _height_at(coarse, i, j, row, column, rise_m)) <= rise_m:
-                    out[r, c] = fine[r, c]
-
-
-def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
-    """Return a level without the heights on which fewer than SURE_SHARE of the photographs that look there agree and
-    that the next ``coarser`` one does not confirm, within the steepest slope over one of its cells; it covers the level
-    and reaches a cell further as far as the grid goes. ``cell_m`` is the side of the finest cells."""
-    n = coarser.cells // level.cells
-    out = np.empty_like(level.height_m)
-    place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
-    _confirm(level.height_m, level.rays, level.seen, coarser.height_m, place, STEEPEST * cell_m * coarser.cells, out)
-    return replace(level, height_m=out)
+            if np.isnan(fine[r, c]) or np.isnan(coarse[i, j]) or not np.isnan(out[r, c]):
+                continue
+            row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
+            if abs(fine[r, c] - _height_at(coarse, i, j, row, column, rise_m)) <= rise_m:
+                out[r, c] = fine[r, c]
 
 
 def told_by(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
@@ -203,6 +184,17 @@ def told_by(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
     agree, look = level.rays.astype(np.int32), level.seen.astype(np.int32)
     kept = (agree >= SURE_RAYS) & (share[1] * agree >= share[0] * look)
     return replace(level, height_m=np.where(kept, level.height_m, np.float32(np.nan)))
+
+
+def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
+    """Return a level without the heights that neither SURE_SHARE of the photographs tell nor the next ``coarser`` level
+    confirms, within the steepest slope over one of its cells; it covers the level and reaches a cell further as far as
+    the grid goes. ``cell_m`` is the side of the finest cells."""
+    n = coarser.cells // level.cells
+    place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
+    sure = told_by(level, SURE_SHARE)
+    _keep_near(level.height_m, coarser.height_m, place, STEEPEST * cell_m * coarser.cells, sure.height_m)
+    return sure
 
 
 def around_cells(
