@@ -289,11 +289,13 @@ def scatter(result: Adjustment) -> dict[str, float]:
     return more
 
 
-def contradictions(result: Adjustment, but: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
+def contradictions(result: Adjustment, but: Sequence[Hypothesis] = (), rejected: int = 0) -> list[Hypothesis]:
     """Return the significant hypotheses but those in ``but``, the least likely by chance first.
 
     FALSE_ALARMS is the probability of a false alarm in all tests together; a focal length is tested separately, at
-    SOURCE_REJECTED. Kinds that scatter more than stated are tested by their own scatter.
+    SOURCE_REJECTED. Kinds that scatter more than stated are tested by their own scatter. Where so many were
+    ``rejected`` before, all tests are made once more: the k-th time the probability is FALSE_ALARMS / k², so that it
+    stays below twice FALSE_ALARMS in all.
     """
     more, excused = scatter(result), {(a.what, a.axes) for a in but}
     tests = [
@@ -301,7 +303,7 @@ def contradictions(result: Adjustment, but: Sequence[Hypothesis] = ()) -> list[H
         for a in hypotheses(result)
         if (a.what, a.axes) not in excused
     ]
-    limit = float(np.log(FALSE_ALARMS / max(len(tests), 1)))
+    limit = float(np.log(FALSE_ALARMS / (rejected + 1) ** 2 / max(len(tests), 1)))
     of_source = float(np.log(2.0 * norm.sf(SOURCE_REJECTED)))
     wrong = (a for a in tests if a.log_chance < (of_source if a.kind == "focal length" else limit))
     return sorted(wrong, key=lambda a: a.log_chance)
@@ -382,7 +384,7 @@ def search(block: Block, result: Adjustment, adjust: Adjuster, suspects: Sequenc
     rejected, current = list(suspects), result
     immune: list[Hypothesis] = []
     while len(rejected) < max(MOST_BLUNDERS, len(suspects) + 3):
-        contradicted = contradictions(current, [*rejected, *immune])
+        contradicted = contradictions(current, [*rejected, *immune], len(rejected))
         if not contradicted:
             break
         rejected.append(_with_rivals(contradicted))
