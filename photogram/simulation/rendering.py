@@ -22,6 +22,7 @@ from photogram.machine import cores
 from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of
 from photogram.simulation.cover.hits import Pieces, first_cover, leaf_hits
 from photogram.simulation.cover.leaves import REST
+from photogram.simulation.ray_cells import leave_cell
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 _COARSEST_WAVELENGTH_M = 20.0
@@ -71,16 +72,6 @@ def _field(scene: Scene) -> _Field:
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _boundary(cell: int, side: int, origin: float, step: float) -> float:
-    """Return the ray parameter where it leaves a cell, of ``side`` fine cells, along one axis."""
-    if step > 0.0:
-        return ((cell + 1) * side - origin) / step
-    if step < 0.0:
-        return (cell * side - origin) / step
-    return float(np.inf)
-
-
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _first_root(A: float, B: float, C: float) -> float:
     """Return the smallest positive root of A s² + B s + C with C > 0, infinity when there is none."""
     discriminant = B * B - 4.0 * A * C
@@ -103,7 +94,7 @@ def _hit_in_block(
     r = min(max(int(np.floor(o[1] + start * d[1])), first_r), first_r + BLOCK_CELLS - 1)
     t = start
     while t < end:
-        along, up = _boundary(c, 1, o[0], d[0]), _boundary(r, 1, o[1], d[1])
+        along, up = leave_cell(c, 1, o[0], d[0]), leave_cell(r, 1, o[1], d[1])
         leave = min(along, up, end)
         c0, c1 = min(max(c, 0), columns - 1), min(max(c + 1, 0), columns - 1)
         r0, r1 = min(max(r, 0), rows - 1), min(max(r + 1, 0), rows - 1)
@@ -144,7 +135,7 @@ def _first_hit(f: _Field, origin: FloatArray, direction: FloatArray, end: float)
     rows, columns = f.block_max.shape
     c, r = int(np.floor((o[0] + t * d[0]) / BLOCK_CELLS)), int(np.floor((o[1] + t * d[1]) / BLOCK_CELLS))
     while t < end:
-        along, up = _boundary(c, BLOCK_CELLS, o[0], d[0]), _boundary(r, BLOCK_CELLS, o[1], d[1])
+        along, up = leave_cell(c, BLOCK_CELLS, o[0], d[0]), leave_cell(r, BLOCK_CELLS, o[1], d[1])
         leave = min(along, up, end)
         highest = f.block_max[min(max(r, 0), rows - 1), min(max(c, 0), columns - 1)]
         if min(o[2] + t * d[2], o[2] + leave * d[2]) <= highest:

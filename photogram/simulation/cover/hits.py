@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
 from photogram.compilation import njit
+from photogram.simulation.ray_cells import leave_cell
 
 COLUMN_M = 0.2
 """Side of a column."""
@@ -170,15 +171,6 @@ def line_share(
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
-def _leave(cell: int, side: float, origin: float, step: float) -> float:
-    if step > 0.0:
-        return ((cell + 1) * side - origin) / step
-    if step < 0.0:
-        return (cell * side - origin) / step
-    return float(np.inf)
-
-
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _in_block(
     p: Pieces, block: tuple[int, int], o: FloatArray, d: FloatArray, span: tuple[float, float], pixel: float,
     best: tuple[float, int, float, float, int],
@@ -191,7 +183,7 @@ def _in_block(
     r = min(max(int(np.floor((y + span[0] * d[1]) / COLUMN_M)), r0), r0 + BLOCK_COLUMNS - 1)
     t, discs = span[0], len(p.radius)
     while t < min(span[1], hit) and c0 <= c < c0 + BLOCK_COLUMNS and r0 <= r < r0 + BLOCK_COLUMNS:
-        along, up = _leave(c, COLUMN_M, x, d[0]), _leave(r, COLUMN_M, y, d[1])
+        along, up = leave_cell(c, COLUMN_M, x, d[0]), leave_cell(r, COLUMN_M, y, d[1])
         leave = min(along, up, span[1])
         z0, z1 = o[2] + t * d[2], o[2] + min(leave, hit) * d[2]
         low, high = min(z0, z1), max(z0, z1)
@@ -252,7 +244,7 @@ def first_cover(
     c = min(max(int(np.floor((x + t * d[0]) / side)), 0), columns - 1)
     r = min(max(int(np.floor((y + t * d[1]) / side)), 0), rows - 1)
     while t < min(stop, best[0]) and 0 <= c < columns and 0 <= r < rows:
-        along, up = _leave(c, side, x, d[0]), _leave(r, side, y, d[1])
+        along, up = leave_cell(c, side, x, d[0]), leave_cell(r, side, y, d[1])
         leave = min(along, up, stop)
         z0, z1 = o[2] + t * d[2], o[2] + leave * d[2]
         if min(z0, z1) <= p.block_high[r, c] and max(z0, z1) >= p.block_low[r, c]:
