@@ -276,7 +276,7 @@ def agreement(
     return _agreement(int(footprint.sum()), complete, difference, place * cell)
 
 
-def _unbent(difference: FloatArray, xy: FloatArray) -> FloatArray:
+def unbent(difference: FloatArray, xy: FloatArray) -> FloatArray:
     """Return differences (N,) less a quadratic of their places (N, 2), fitted without those off by 3 NMAD."""
     x, y = (2 * (xy - xy.mean(axis=0)) / np.maximum(np.ptp(xy, axis=0), 1e-9)).T
     terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
@@ -294,7 +294,7 @@ def _agreement(cells: int, completeness: float, difference: FloatArray, xy: Floa
         return Agreement(cells, 0, completeness, *(float("nan"),) * 5)
     mean = float(d.mean())
     near = float(np.mean(np.abs(d - mean) <= NEAR_M))
-    return Agreement(cells, len(d), completeness, mean, float(np.median(d)), nmad(d), nmad(_unbent(d, xy[there])), near)
+    return Agreement(cells, len(d), completeness, mean, float(np.median(d)), nmad(d), nmad(unbent(d, xy[there])), near)
 
 
 def point_agreement(heights: Raster, cloud: PointCloud) -> Agreement:
