@@ -12,6 +12,7 @@ from photogram.cli.events import EventLines
 from photogram.cli.screen.findings_table import has_errors
 from photogram.cli.screen.terminal import console
 from photogram.cli.screen.voices import voice_of
+from photogram.cli.work.early_kernels import compiling_early
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages.report_files import print_report
@@ -56,7 +57,7 @@ def run(
             raise typer.Exit(1)
     predicted = predicted_costs(survey, checked.tags if check else tags_of(survey), start, until)
     voice.forecast(predicted)
-    with _pool(workers, scheduler) as pool, voice.watching(predicted.seconds_by_stage) as watcher:
+    with compiling_early(), _pool(workers, scheduler) as pool, voice.watching(predicted.seconds_by_stage) as watcher:
         report = run_pipeline(survey, watcher=watcher, start=start, until=until, pool=pool)
     silent = quiet or lines is not None
     if report and pdf and silent:

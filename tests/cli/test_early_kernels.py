@@ -1,0 +1,75 @@
+"""Another process that compiles kernels: when it is started, what it leaves, and that it ends."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from photogram.cli.work import early_kernels
+from photogram.pipeline.costs.forecast import compiled_share
+
+ASLEEP = (sys.executable, "-c", "import time; time.sleep(600)")
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
+    """Two cores, nothing compiled; the processes that are started, which only sleep."""
+    processes: list[subprocess.Popen[bytes]] = []
+    popen = subprocess.Popen
+
+    def watched(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        processes.append(popen(*arguments, **options))
+        return processes[-1]
+
+    monkeypatch.setattr(early_kernels, "COMMAND", ASLEEP)
+    monkeypatch.setattr(early_kernels, "cores", lambda: 2)
+    monkeypatch.setattr(early_kernels, "compiled_share", lambda: {"adjustment": 0.0})
+    monkeypatch.setattr(subprocess, "Popen", watched)
+    return processes
+
+
+def test_the_process_ends_with_the_work(started: list[subprocess.Popen[bytes]]) -> None:
+    """At once, whether the work ends well or not."""
+    began = time.monotonic()
+    with early_kernels.compiling_early():
+        assert started[0].poll() is None
+    with pytest.raises(KeyboardInterrupt), early_kernels.compiling_early():
+        raise KeyboardInterrupt
+    assert [process.returncode is not None for process in started] == [True, True]
+    assert time.monotonic() - began < 60.0  # far less than it sleeps
+
+
+def test_a_process_that_has_ended_is_no_fault(
+    started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever it ended with: the kernels are compiled where they are needed."""
+    monkeypatch.setattr(early_kernels, "COMMAND", (sys.executable, "-c", "raise SystemExit(3)"))
+    with early_kernels.compiling_early():
+        started[0].wait()
+    assert started[0].returncode == 3
+
+
+def test_one_core_or_kept_kernels_need_none(
+    started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would only be in the way."""
+    monkeypatch.setattr(early_kernels, "cores", lambda: 1)
+    with early_kernels.compiling_early():
+        pass
+    monkeypatch.setattr(early_kernels, "cores", lambda: 2)
+    monkeypatch.setattr(early_kernels, "compiled_share", lambda: {"adjustment": 1.0})
+    with early_kernels.compiling_early():
+        pass
+    assert started == []
+
+
+def test_it_compiles_what_orientation_and_adjustment_need() -> None:
+    """Most kernels of both stages; the others are those of surveys with more than positions, control and ties."""
+    early_kernels.compile_all()
+    share = compiled_share()
+    assert share["adjustment"] > early_kernels.KEPT
+    assert share["orientation"] > early_kernels.KEPT
