@@ -29,6 +29,7 @@ RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
 MEANINGLESS_SIGMA_RAD = 1.0  # an attitude known no better than this may be any
 WHOLE = 0.9  # of a change that nothing holds, that is one of the block as a whole
+STILL = 1e-3  # of a direction that nothing holds, up to which the cameras do not move along it
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +226,11 @@ def _open(layout: Layout, direction: FloatArray, scale: FloatArray, whole: Datum
     ``scale``."""
     change = direction / scale
     cameras = direction[: layout.columns + layout.ground_column]
-    in_border = float(np.sum(cameras[layout.columns :] ** 2) / max(float(np.sum(cameras**2)), 1e-300))
-    if layout.free > 1 and in_border < 1.0 - WHOLE and whole.share(change) > WHOLE:
+    moving = float(np.sum(cameras**2))
+    in_border = float(np.sum(cameras[layout.columns :] ** 2)) / max(moving, 1e-300)
+    # where a point alone moves, what the cameras do is rounding
+    together = moving > STILL * float(np.sum(direction**2)) and in_border < 1.0 - WHOLE
+    if layout.free > 1 and together and whole.share(change) > WHOLE:
         return IndeterminateError((DATUM, whole.main_part(change)))
     return IndeterminateError(_weakest(layout, direction))
 
