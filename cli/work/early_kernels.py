@@ -8,18 +8,18 @@ itself: the results do not depend on who was first.
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
-from photogram.errors import PhotogramError
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import compiled_share
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
@@ -28,12 +28,14 @@ from photogram.simulation.observations import simulate_block
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 
-COMMAND = (sys.executable, "-m", "photogram.cli.work.early_kernels")
+COMMAND = (sys.executable, "-P", "-m", "photogram.cli.work.early_kernels")  # -P: nothing is imported from the survey
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=2, gnss_sigma_m=(2.0, 2.0, 3.0),
     calibration_sigmas=(50.0, 10.0, 10.0, 0.05, 0.05, 0.02, 0.0, 0.001, 0.001, 0.0, 0.0),
 )  # fmt: skip
+
+_LOG = logging.getLogger(__name__)
 
 KEPT = 0.5
 """Share of the adjustment's kernels that are compiled where it is not worth while any more."""
@@ -43,23 +45,30 @@ KEPT = 0.5
 def compiling_early() -> Iterator[None]:
     """Let another process compile during the block, where there are two cores and little is compiled yet; it ends with
     the block at the latest."""
-    if cores() < 2 or compiled_share()["adjustment"] >= KEPT:
-        yield
-        return
-    nowhere = subprocess.DEVNULL
-    process = subprocess.Popen(COMMAND, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+    process = None if cores() < 2 or compiled_share()["adjustment"] >= KEPT else _started()
     try:
         yield
     finally:
-        process.terminate()
-        process.wait()
+        if process is not None:
+            process.terminate()
+            process.wait()
+
+
+def _started() -> subprocess.Popen[bytes] | None:
+    """Return the process that compiles, None where the machine refuses one: the survey goes on without."""
+    nowhere = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(COMMAND, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+    except OSError as fault:
+        _LOG.debug("kernels are not compiled early: %s", fault)
+        return None
 
 
 def compile_all() -> None:
     """Adjust and orient a small simulated block, which compiles whatever that takes."""
     block = simulate_block(PLAN, 1, tie_points=200).block
     # the adjustment before the orientation, which needs most of the same
-    with suppress(PhotogramError), warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         adjust_and_judge(_with_priors(block), AdjustmentSettings())
         nowhere = np.full_like(block.tie_points.position_world_m, np.nan)
