@@ -90,6 +90,8 @@ def main() -> None:
     parser.add_argument("--within", type=float, default=1.1, help="m")
     given = parser.parse_args()
     results = load_project(given.project).results
+    if not (results / "outline.gpkg").is_file():
+        raise SystemExit(f"{results}: there is no outline.gpkg: adjust the project with its orthophoto")
     surface, _ = read_raster(results / "dsm.tif")
     grid = MapGrid.of(surface)
     source = read_codes(results / "dsm_source.tif", grid.whole)
