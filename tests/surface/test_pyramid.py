@@ -188,6 +188,11 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     )
     for name in ("low", "high", "surface"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[window.slices])
+    if whole.worthwhile is None or part.worthwhile is None:
+        assert widely
+        assert whole.worthwhile is part.worthwhile
+    else:
+        assert np.array_equal(part.worthwhile, whole.worthwhile[window.slices])
 
 
 def test_where_photographs_disagree_all_heights_are_searched_again() -> None:
@@ -219,6 +224,22 @@ def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_the
     assert np.allclose(prior.low[20:26, 20:26], -beyond)
     # the ground is all there is around the other one
     assert np.allclose([prior.low[4, 54], prior.high[4, 54]], [-beyond, beyond])
+
+
+def test_the_finest_level_leaves_out_where_the_coarser_one_scatters_widely() -> None:
+    """A wood on the left, level ground on the right; a low hedge in it scatters as well, but over a few steps."""
+    level = Level(MapGrid(0.0, 0.0, 0.5, 80, 160), 1, 0.5, 0.4)
+    rng = np.random.default_rng(7)
+    heights, correlation = np.zeros((40, 80), np.float32), np.full((40, 80), 0.9, np.float32)
+    heights[:, :40] = rng.uniform(-40.0, 40.0, (40, 40))
+    heights[15:25, 55:65] = rng.uniform(0.0, 8.0, (10, 10))
+    at, known = Window(0, 0, 40, 80), flat_prior((80, 160))
+    assert finer_prior(heights, correlation, at, level, level.grid.whole, known).worthwhile is None
+    found = finer_prior(heights, correlation, at, level, level.grid.whole, known, widely=False)
+    assert found.worthwhile is not None
+    assert found.worthwhile[:, :60].mean() < 0.1  # nine heights may be near each other by chance
+    # four cells of the coarser level from level ground on it tells enough
+    assert found.worthwhile[:, 78:].all()
 
 
 def test_a_range_of_too_many_steps_is_searched_between_confirmed_heights_alone() -> None:

@@ -77,6 +77,24 @@ def test_what_two_photographs_do_not_show_has_no_height(photographed_plane: Any)
     assert not found.seen.any()
 
 
+def test_what_is_not_worth_while_has_no_height(photographed_plane: Any) -> None:
+    block, plane = Window(40, 40, 120, 130), photographed_plane
+    outer = GRID.around_window(block, MARGIN_CELLS)
+    surface = (np.rint(truth_m(plane, GRID, outer)) + 0.1).astype(np.float32)
+    worthwhile = np.ones(outer.shape, bool)
+    worthwhile[:, 60:] = False
+    scene = Scene(plane.frame, plane.views, lambda view, _: plane.pictures[view])
+    prior = Prior(surface - np.float32(2.0), surface + np.float32(2.0), surface, worthwhile)
+    found = match_block(scene, level_of(GRID), block, prior, DenseSettings())
+    assert found.heights is not None
+    left = 60 - (block.column - outer.column)
+    assert np.isnan(found.heights.height_m[:, left:]).all()
+    error = found.heights.height_m - truth_m(plane, GRID, block)
+    assert np.isfinite(error[:, :left]).mean() > 0.99
+    assert abs(np.nanmedian(error)) < 0.005
+    assert np.all(found.heights.seen == 5)  # they are looked at, and nothing is found
+
+
 def test_pictures_without_texture_give_no_confidence(photographed_plane: Any) -> None:
     """Noise alone: heights may be found, but the photographs do not agree on them."""
     rng = np.random.default_rng(3)

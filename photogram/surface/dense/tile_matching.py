@@ -214,6 +214,8 @@ def _regularised(
     first = np.floor((prior.low - along) / level.step_m).astype(np.int32)
     count = np.ceil((prior.high - along) / level.step_m).astype(np.int64) - first + 1
     count[_seen(ground, (rows, columns)) == 0] = 0
+    if prior.worthwhile is not None:
+        count[~prior.worthwhile] = 0
     start = np.concatenate([[0], np.cumsum(count.ravel())]).astype(np.int64)
     cost = np.empty(start[-1], np.uint8)
     tried = Hypotheses(along, level.step_m, first, count, start[:-1].reshape(rows, columns))
