@@ -9,7 +9,8 @@ out. The cloud is photogrammetric itself: what both have wrong is not seen, and 
 
 `cells`: heights of the surface on smooth ground, by the level that found them (`dsm_source.tif`); `off`: the shares of
 them by more than 0.5 and 1 m. `rim`: cells of the surface within the rim of the orthophoto (`outline.gpkg`) with a
-measured height, by level; below it the transparent share of the orthophoto within.
+measured height, by level; below it the share within that the cloud covers, of all cells and of those that the surface
+leaves open (squares of SQUARE_CELLS cells with a point in them), and the transparent share of the orthophoto.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from photogram.pipeline.pipeline import load_project
 LATTICE_M = 0.1
 LEVELS = {1: "finest", 3: "2 cells", 4: "4 cells", 5: "8 cells"}
 OFF_M = (0.5, 1.0)
+SQUARE_CELLS = 8
 FEWEST = 30  # points of the cloud around a smooth cell
 
 
@@ -81,6 +83,17 @@ def differences(
     return difference
 
 
+def covered(position_map_m: NDArray[np.float64], grid: MapGrid) -> NDArray[np.bool_]:
+    """Return the cells (rows, columns) of a grid in whose square of SQUARE_CELLS cells points of a cloud (N, 3) lie."""
+    squares = grid.coarser(SQUARE_CELLS)
+    inside = np.array([grid.west_map_m, grid.north_map_m])
+    column, row = np.floor((position_map_m[:, :2] - inside) / [squares.cell_m, -squares.cell_m]).astype(int).T
+    on_grid = (row >= 0) & (row < squares.rows) & (column >= 0) & (column < squares.columns)
+    there = np.zeros((squares.rows, squares.columns), bool)
+    there[row[on_grid], column[on_grid]] = True
+    return there.repeat(SQUARE_CELLS, axis=0).repeat(SQUARE_CELLS, axis=1)[: grid.rows, : grid.columns]
+
+
 def main() -> None:
     """Print the shares on smooth ground, and what lies within the rim."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -95,7 +108,8 @@ def main() -> None:
     surface, _ = read_raster(results / "dsm.tif")
     grid = MapGrid.of(surface)
     source = read_codes(results / "dsm_source.tif", grid.whole)
-    lattice, ground_m = smooth_ground(read_cloud(given.cloud).position_map_m, given.spread, given.within)
+    cloud = read_cloud(given.cloud).position_map_m
+    lattice, ground_m = smooth_ground(cloud, given.spread, given.within)
     off = differences(surface.values, grid, lattice, ground_m)
     outline = shapely.from_wkb(pyogrio.raw.read(results / "outline.gpkg", layer="outline")[2])
     transform = from_origin(grid.west_map_m, grid.north_map_m, grid.cell_m, grid.cell_m)
@@ -106,6 +120,11 @@ def main() -> None:
         own = np.abs(off[cells & np.isfinite(off)])
         shares = "".join(f"{np.mean(own > limit) if len(own) else np.nan:12.3%}" for limit in OFF_M)
         print(f"{name:10}{len(own):12,}{shares}{(cells & inside).sum() / inside.sum():10.1%}")
+    there = covered(cloud, grid)
+    print(
+        f"cloud: in squares of {SQUARE_CELLS * grid.cell_m:g} m it covers {there[inside].mean():.1%} of the rim, "
+        f"{there[inside & ~measured].mean():.1%} of what the surface leaves open there"
+    )
     rim = json.loads((results / "report.json").read_text(encoding="utf-8"))["orthophoto"]["rim"]
     print(f"orthophoto: {rim['area_m2']:.0f} m² within the rim, {rim['transparent']:.3%} of it transparent")
 

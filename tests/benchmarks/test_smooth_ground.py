@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from smooth_ground import differences, smooth_ground
+from smooth_ground import SQUARE_CELLS, covered, differences, smooth_ground
 
 from photogram.grid import MapGrid
 
@@ -45,3 +45,12 @@ def test_what_differs_is_found_whatever_the_datum_and_the_bend() -> None:
     patch[100:140, 100:140] = True
     assert np.nanmin(off[patch]) > 0.5
     assert np.nanmax(np.abs(off[~patch])) < 0.3
+
+
+def test_a_point_covers_its_square() -> None:
+    grid = MapGrid(1000.0, 2020.0, 0.05, 50, 30)  # no whole number of squares
+    point = [1000.0 + 0.05 * 9.5, 2020.0 - 0.05 * 48.5, 3.0]
+    found = covered(np.array([point, [0.0, 0.0, 0.0]]), grid)
+    expected = np.zeros((50, 30), bool)
+    expected[48:, SQUARE_CELLS : 2 * SQUARE_CELLS] = True
+    assert np.array_equal(found, expected)

@@ -188,7 +188,8 @@ def first_prior(known: KnownGround, level: Level, window: Window, base_map_m: fl
         low[n], high[n], middle[n] = around.min(), around.max(), np.median(around)
     beyond = _BEYOND_SHARE * known.flying_height_m
     which = row[:, None] * len(east) + column[None, :]
-    return Prior(*(np.ascontiguousarray(v[which], dtype=np.float32) for v in (low - beyond, high + beyond, middle)))
+    low, high, middle = (v[which].astype(np.float32) for v in (low - beyond, high + beyond, middle))
+    return Prior(low, high, middle)
 
 
 def finer_prior(
