@@ -8,7 +8,7 @@ from photogram.sfm.tie_points.byte_distances import PANELS, Tile, distances_of_t
 
 
 @pytest.mark.parametrize("groups", [1, 3, 32])
-@pytest.mark.parametrize("tile", usable_tiles(), ids=lambda tile: f"{tile.rows} x {tile.columns}")
+@pytest.mark.parametrize("tile", usable_tiles(), ids=lambda t: f"{t.rows} x {t.columns}, {t.together}")
 def test_a_tile_of_distances_is_that_of_numpy_and_its_smallest_are_kept(tile: Tile, groups: int) -> None:
     rng = np.random.default_rng(groups)
     function = distances_of_tile(tile)
@@ -24,11 +24,13 @@ def test_a_tile_of_distances_is_that_of_numpy_and_its_smallest_are_kept(tile: Ti
     back, least = np.full(tile.columns, -7, dtype=np.int32), np.full(tile.columns, 2**24 - 1, dtype=np.uint32)
     distances = []
     for place, top in ((0, 0), (1, 40), (2, 80)):
-        rows = rng.integers(-128, 128, (tile.rows, groups, 4)).astype(np.int8)
-        columns = rng.integers(0, 256, (PANELS, groups, tile.lanes, 4)).astype(np.uint8)
-        rows[0], columns[:, :, 0] = -128, 255  # the greatest sum of products
+        kinds, low = ((np.int8, np.uint8), -128) if tile.together == 4 else ((np.int16, np.int16), 0)
+        rows = rng.integers(low, low + 256, (tile.rows, groups, tile.together)).astype(kinds[0])
+        columns = rng.integers(0, 256, (PANELS, groups, tile.lanes, tile.together)).astype(kinds[1])
+        rows[0], columns[:, :, 0] = low or 255, 255  # the greatest sum of products
         product = np.einsum("rgk,pglk->rpl", rows.astype(int), columns.astype(int)).reshape(tile.rows, tile.columns)
-        norm, norms = rng.integers(3_200_000, 4_150_000, tile.rows), rng.integers(3_200_000, 4_150_000, tile.columns)
+        least_norm, most_norm = (3_200_000, 4_150_000) if low else (4_200_000, 8_300_000)
+        norm, norms = (rng.integers(least_norm, most_norm, n) for n in (tile.rows, tile.columns))
         distance = norm[:, None] + norms - 2 * product
         assert 0 < distance.min() < distance.max() < 2**24
         parts = [(256 * value).astype(np.uint32) for value in (norm, norms)]

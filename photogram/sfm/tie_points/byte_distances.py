@@ -1,9 +1,10 @@
-"""Distances of rows of bytes by the processor's own instruction, for kernels compiled by numba.
+"""Distances of rows of bytes by the processor's own instructions, for kernels compiled by numba.
 
 Processors with VNNI (AVX-512 or AVX) multiply four pairs of bytes and add the products to a 32-bit number in one step,
-in every lane: four times as many as they multiply in single precision, and exact. numba has no word for it, so a tile
-of the table of distances is written here for LLVM: rows times columns, whose sums stay in registers until the smallest
-of every row and column are known.
+in every lane: four times as many as they multiply in single precision, and exact. Those with AVX2 multiply two pairs of
+16-bit numbers and add the products: twice as many. numba has no word for either, so a tile of the table of distances is
+written here for LLVM: rows times columns, whose sums stay in registers until the smallest of every row and column are
+known.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ PANELS = 2
 
 @dataclass(frozen=True)
 class Tile:
-    """A tile of a table of distances: ``rows`` times PANELS vectors of ``lanes`` columns, all of which registers
-    hold."""
+    """A tile of a table of distances: ``rows`` times PANELS vectors of ``lanes`` columns, all of which registers hold;
+    in a lane so many numbers are multiplied ``together``, which fill 32 bits."""
 
     rows: int
     lanes: int
+    together: int = 4
 
     @property
     def columns(self) -> int:
@@ -37,12 +39,12 @@ class Tile:
         return PANELS * self.lanes
 
 
-WIDE, NARROW = Tile(12, 16), Tile(6, 8)
-"""Tiles for AVX-512 with its 32 registers, and for AVX with its 16."""
+WIDE, NARROW, PAIRS = Tile(12, 16), Tile(6, 8), Tile(6, 8, 2)
+"""Tiles for VNNI of AVX-512 with its 32 registers and of AVX with its 16, and for AVX2 without VNNI."""
 
 
 def usable_tiles() -> tuple[Tile, ...]:
-    """Return the tiles for which this processor has the instruction, the best one first; none where it has not, or
+    """Return the tiles for which this processor has the instruction, the best one first; none where it has neither, or
     where numba is told to compile for another processor."""
     if config.CPU_NAME not in (None, "host") or config.CPU_FEATURES is not None:
         return ()
@@ -52,7 +54,7 @@ def usable_tiles() -> tuple[Tile, ...]:
         return ()
     wide = bool(feature.get("avx512vnni"))
     narrow = bool(feature.get("avxvnni")) or (wide and bool(feature.get("avx512vl")))
-    return (WIDE,) * wide + (NARROW,) * narrow
+    return (WIDE,) * wide + (NARROW,) * narrow + (PAIRS,) * bool(feature.get("avx2"))
 
 
 def distances_of_tile(tile: Tile) -> Value:
@@ -61,7 +63,8 @@ def distances_of_tile(tile: Tile) -> Value:
     Its arguments are whole numbers, those in capitals addresses of arrays: ``function(ROWS, COLUMNS, groups, NORM,
     NORMS, place, top, BEST, SECOND, BACK, LEAST)``.
 
-    - ROWS (R, groups, 4) signed bytes, COLUMNS (PANELS, groups, lanes, 4) unsigned bytes;
+    - ROWS (R, groups, 4) signed bytes, COLUMNS (PANELS, groups, lanes, 4) unsigned bytes; or (R, groups, 2) and
+      (PANELS, groups, lanes, 2) 16-bit numbers, where two are multiplied together;
     - NORM (R,) and NORMS (C,) uint32, whose sum less 512 times the product is a distance in units of 1/256;
     - BEST and SECOND (R, C) uint32: of every row, in every lane, the two smallest sums of distance and ``place``;
     - BACK and LEAST (C,) int32 and uint32: of every column the row of the smallest distance, counted from ``top`` in
@@ -124,10 +127,8 @@ class _Writer:
             self._store(b.select(nearer, b.add(top, row), self._load(back, p)), back, p)
 
     def _sums(self, rows: Value, columns: Value, groups: Value) -> list[list[Value]]:
-        """Write the loop over groups of four bytes, with one sum for every row and panel."""
+        """Write the loop over groups of numbers that are multiplied together, with one sum for every row and panel."""
         b, tile = self._builder, self._tile
-        name = f"llvm.x86.avx512.vpdpbusd.{32 * tile.lanes}"
-        add_products = get_or_insert_function(b.module, ir.FunctionType(self._vector, [self._vector] * 3), name)
         before, loop, after = b.block, b.append_basic_block("groups"), b.append_basic_block("sums")
         b.branch(loop)
         b.position_at_end(loop)
@@ -137,7 +138,7 @@ class _Writer:
         total = []
         for r in range(tile.rows):
             four = self._everywhere(self._load(rows, b.add(b.mul(groups, _EIGHT(r)), group), _FOUR))
-            total.append([b.call(add_products, [running[r][p], panel[p], four]) for p in range(PANELS)])
+            total.append([self._with_products(running[r][p], panel[p], four) for p in range(PANELS)])
         following = b.add(group, _EIGHT(1))
         group.add_incoming(_EIGHT(0), before)
         group.add_incoming(following, loop)
@@ -148,6 +149,16 @@ class _Writer:
         b.cbranch(b.icmp_signed("<", following, groups), loop, after)
         b.position_at_end(after)
         return total
+
+    def _with_products(self, total: Value, column: Value, row: Value) -> Value:
+        """Return a vector of sums with the products of a group added."""
+        b, vector = self._builder, self._vector
+        if self._tile.together == 4:
+            name, kind = f"llvm.x86.avx512.vpdpbusd.{32 * self._tile.lanes}", ir.FunctionType(vector, [vector] * 3)
+            return b.call(get_or_insert_function(b.module, kind, name), [total, column, row])
+        pairs = ir.VectorType(ir.IntType(16), 2 * self._tile.lanes)
+        products = get_or_insert_function(b.module, ir.FunctionType(vector, [pairs] * 2), "llvm.x86.avx2.pmadd.wd")
+        return b.add(total, b.call(products, [b.bitcast(column, pairs), b.bitcast(row, pairs)]))
 
     def _number(self, value: int) -> Value:
         """Return a vector of one constant."""

@@ -4,13 +4,14 @@ The table is made tile by tile and read while it is in the cache; nothing of it 
 of every row and the smallest of every column. Distances are whole numbers of 24 bits, so that distance and place fit
 into one 32-bit number, whose minimum is the nearest, the first of those equally near.
 
-Where the processor multiplies bytes (byte_distances), it does; elsewhere the products come from BLAS in single
-precision, which holds these whole numbers exactly. The result is the same on any machine.
+Where the processor multiplies whole numbers (byte_distances), it does; elsewhere the products come from BLAS in single
+precision, which holds these numbers exactly. The result is the same on any machine.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from photogram.compilation import njit
 from photogram.sfm.tie_points.byte_distances import WIDE, distances_of_tile, usable_tiles
 
 Uint32Array = NDArray[np.uint32]
+WholeArray = NDArray[np.integer[Any]]
 
 LONGEST = 128
 """Bytes of a descriptor, at most: squared distances stay below FAR."""
@@ -33,8 +35,8 @@ _BLOCK = 80 * 12  # rows of the table that BLAS makes at once
 
 _TILES = usable_tiles()
 _TILE = (*_TILES, WIDE)[0]
-_HEIGHT, _WIDTH = _TILE.rows, _TILE.columns
-_read_tile_of_bytes = distances_of_tile(_TILE)
+_HEIGHT, _WIDTH, _TOGETHER = _TILE.rows, _TILE.columns, _TILE.together
+_read_tile_of_numbers = distances_of_tile(_TILE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +97,13 @@ def _close_row(start: int, best: Uint32Array, second: Uint32Array, nearest: Int3
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _nearest_by_bytes(
-    first: NDArray[np.int8], second: ByteArray, norm: Uint32Array, norms: Uint32Array,
+def _nearest_by_numbers(
+    first: WholeArray, second: WholeArray, norm: Uint32Array, norms: Uint32Array,
     nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,
 ) -> None:  # fmt: skip
-    """Fill ``nearest`` (N,), ``distance`` (N, 2), ``back`` and ``least`` (M,) from signed bytes (N, 4 G) and unsigned
-    bytes (M / columns, G, 4 columns) in the tile's order, N and M whole tiles."""
-    height, width, groups = _HEIGHT, _WIDTH, first.shape[1] // 4
+    """Fill ``nearest`` (N,), ``distance`` (N, 2), ``back`` and ``least`` (M,) from numbers (N, G · together) and
+    (M / columns, G · columns · together) in the tile's order, N and M whole tiles."""
+    height, width, groups = _HEIGHT, _WIDTH, first.shape[1] // _TOGETHER
     best, lower = np.empty((height, width), dtype=np.uint32), np.empty((height, width), dtype=np.uint32)
     for left in range(0, len(second), _PLACES):
         for top in range(0, len(first), height):
@@ -109,7 +111,7 @@ def _nearest_by_bytes(
             lower[:] = _NONE
             for panel in range(left, min(left + _PLACES, len(second))):
                 own = 4 * width * panel  # bytes of the arrays of columns to the left
-                _read_tile_of_bytes(
+                _read_tile_of_numbers(
                     first.ctypes.data + top * 4 * groups, second.ctypes.data + own * groups, groups,
                     norm.ctypes.data + 4 * top, norms.ctypes.data + own, panel - left, top,
                     best.ctypes.data, lower.ctypes.data, back.ctypes.data + own, least.ctypes.data + own,
@@ -123,7 +125,7 @@ def _nearest_in_rows(
     product: Float32Array, start: int, norm: Uint32Array, norms: Uint32Array,
     nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,
 ) -> None:  # fmt: skip
-    """Fill as _nearest_by_bytes for the rows from ``start`` on, whose products with all columns are there."""
+    """Fill as _nearest_by_numbers for the rows from ``start`` on, whose products with all columns are there."""
     height, width = _HEIGHT, _WIDTH
     best, lower = np.empty((height, width), dtype=np.uint32), np.empty((height, width), dtype=np.uint32)
     for left in range(0, product.shape[1], _PLACES * width):
@@ -148,10 +150,23 @@ def _padded(descriptor: ByteArray, tile: int) -> tuple[ByteArray, IntArray]:
     return whole, norm
 
 
-def nearest_descriptors(first: ByteArray, second: ByteArray, *, by_bytes: bool = bool(_TILES)) -> NearestDescriptors:
+def _in_tiles(first: ByteArray, second: ByteArray, norms: IntArray) -> tuple[WholeArray, WholeArray, IntArray]:
+    """Return padded descriptors (N, D) and (M, D) as _nearest_by_numbers takes them, and what stands for the squared
+    norms (M,) of the second."""
+    rows: WholeArray = first.astype(np.int16)
+    columns: WholeArray = second.astype(np.int16)
+    if _TOGETHER == 4:
+        # a signed byte is an unsigned one less 128, so that a · b is 128 times the sum of b more than their product
+        rows, columns = (first ^ 128).view(np.int8), second
+        norms = norms - 256 * second.sum(axis=1, dtype=np.int64)
+    panels = columns.reshape(-1, _TILE.lanes, second.shape[1] // _TOGETHER, _TOGETHER).transpose(0, 2, 1, 3)
+    return rows, np.ascontiguousarray(panels).reshape(len(second) // _WIDTH, -1), norms
+
+
+def nearest_descriptors(first: ByteArray, second: ByteArray, *, by_blas: bool = not _TILES) -> NearestDescriptors:
     """Return the nearest descriptors of two photographs, rows of ``first`` (N, D) and ``second`` (M, D), both ways.
 
-    ``by_bytes``: with the processor's own products of bytes, where it has them. Raises ValueError where the descriptors
+    ``by_blas``: with BLAS, even where the processor multiplies whole numbers. Raises ValueError where the descriptors
     are longer than LONGEST, or there are fewer than two in one of the photographs.
     """
     if first.shape[1] != second.shape[1] or first.shape[1] > LONGEST or min(len(first), len(second)) < 2:
@@ -160,20 +175,15 @@ def nearest_descriptors(first: ByteArray, second: ByteArray, *, by_bytes: bool =
     shifted = (norm << 8).astype(np.uint32)
     nearest, distance = np.zeros(len(a), dtype=np.int32), np.full((len(a), 2), _NONE >> 8, dtype=np.int32)
     back, least = np.zeros(len(b), dtype=np.int32), np.full(len(b), _NONE >> 8, dtype=np.uint32)
-    if by_bytes:
-        # a signed byte is an unsigned one less 128, so that a · b is 128 times the sum of b more than their product
-        norms = norms - 256 * b.sum(axis=1, dtype=np.int64)
-        panels = b.reshape(-1, _TILE.lanes, b.shape[1] // 4, 4).transpose(0, 2, 1, 3).reshape(len(b) // _WIDTH, -1)
-        _nearest_by_bytes(
-            (a ^ 128).view(np.int8), np.ascontiguousarray(panels), shifted, (norms << 8).astype(np.uint32),
-            nearest, distance, back, least,
-        )  # fmt: skip
+    if not by_blas:
+        rows, columns, norms = _in_tiles(a, b, norms)
+        _nearest_by_numbers(rows, columns, shifted, (norms << 8).astype(np.uint32), nearest, distance, back, least)
     else:
-        rows, columns = a.astype(np.float32), np.ascontiguousarray(b.T, dtype=np.float32)
-        for start in range(0, len(rows), _BLOCK):
+        single, transposed = a.astype(np.float32), np.ascontiguousarray(b.T, dtype=np.float32)
+        for start in range(0, len(single), _BLOCK):
             own = slice(start, start + _BLOCK)
             _nearest_in_rows(
-                rows[own] @ columns, start, shifted[own], (norms << 8).astype(np.uint32),
+                single[own] @ transposed, start, shifted[own], (norms << 8).astype(np.uint32),
                 nearest[own], distance[own], back, least,
             )  # fmt: skip
     n, m = len(first), len(second)
