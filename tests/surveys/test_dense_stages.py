@@ -9,9 +9,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages import dense as dense_stages
 from photogram.pipeline.stages import surface as surface_stages
 from photogram.pipeline.stages.dense import match_surface
+from photogram.pipeline.stages.products import CLOUD, write_dense_cloud
 from photogram.pipeline.stages.surface import model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.workspace import Workspace
@@ -249,3 +251,16 @@ def test_surfaces_do_not_depend_on_tiles(
 )
 def test_cells_have_a_round_side(cell_m: float, rounded: float) -> None:
     assert round_cell_m(cell_m) == pytest.approx(rounded)
+
+
+def test_the_dense_cloud_ends_with_the_work_beside_it(adjusted_survey: Path) -> None:
+    """As when the user stops it: no file is left, not a part of one."""
+    folder, ended = adjusted_survey / "beside", Event()
+    folder.mkdir()
+    with open_run(load_project(adjusted_survey / "project.yaml")) as run:
+        assert write_dense_cloud(run, folder, ended) == [CLOUD]
+        (folder / CLOUD).unlink()
+        ended.set()
+        with pytest.raises(CancelledError):
+            write_dense_cloud(run, folder, ended)
+    assert list(folder.iterdir()) == []

@@ -5,10 +5,11 @@ from __future__ import annotations
 import shutil
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 
@@ -114,17 +115,17 @@ def flight_date(notes: Sequence[PhotographNote], poses: Sequence[Pose | None]) -
     return max((datetime.fromisoformat(time).date() for time in times if time is not None), default=NO_DATE)
 
 
-def write_dense_cloud(run: Run, results: Path) -> list[str]:
+def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
     """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
     one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
-    written."""
+    written. Raises CancelledError, and leaves no file, once the work beside which it is written has ``ended``."""
     if not matched(run):
         return []
     layers, created = surface_layers(run), flight_date(run.notes(), run.adjusted_block().poses)
     site = made_frame(run)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
-    chunks = _chunks(run, site, layers, picture)
+    chunks = _chunks(run, site, layers, picture, ended)
     origin_map_m = None if site.plane is None else site.map_m(np.zeros((1, 3)))[0]
     write_dense_laz(
         results / CLOUD,
@@ -138,7 +139,9 @@ def write_dense_cloud(run: Run, results: Path) -> list[str]:
     return [CLOUD]
 
 
-def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | None) -> Iterator[DensePoints]:
+def _chunks(
+    run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | None, ended: Event
+) -> Iterator[DensePoints]:
     classified = run.workspace.has("relief", "dtm_source.tif")
     terrain = run.workspace.file("relief", "dtm_source.tif") if classified else None
 
@@ -160,6 +163,8 @@ def _chunks(run: Run, site: SurfaceFrame, layers: BlockFiles, picture: Path | No
     with ThreadPoolExecutor(cores()) as workers:
         ahead = deque[Future[DensePoints]]()
         for window in layers.grid.tiles(CHUNK_CELLS):
+            if ended.is_set():
+                raise CancelledError
             ahead.append(workers.submit(chunk, window))
             if len(ahead) > CHUNKS_AHEAD * cores():
                 yield ahead.popleft().result()

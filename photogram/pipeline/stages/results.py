@@ -7,9 +7,11 @@ only when all of them are there.
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from heapq import nlargest
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 
@@ -102,14 +104,21 @@ def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
     outcome = _Outcome(
         run, whole, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder
     )
-    steps = (_clouds, _tables, _surfaces, _photographs, _pictures, _match_pictures)
-    for number, step in enumerate(steps):
-        progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
-        products += step(outcome)
-    progress(len(steps), len(steps) + 1, "numbers")
-    products += _numbers(outcome, products)
+    steps = (_clouds, _tables, _photographs, _pictures, _match_pictures)
+    # rasters and the dense cloud are written by libraries that leave Python alone, while it draws
+    ended = Event()
+    with ThreadPoolExecutor(1) as beside:
+        surfaces = beside.submit(_surfaces, outcome, ended)
+        try:
+            for number, step in enumerate(steps):
+                progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
+                products += step(outcome)
+            progress(len(steps), len(steps) + 1, "numbers")
+            products += _numbers(outcome, products, surfaces)
+        finally:
+            ended.set()
     progress(len(steps) + 1, len(steps) + 1, "")
-    return products
+    return [*products, *surfaces.result()]
 
 
 def _clouds(outcome: _Outcome) -> list[str]:
@@ -136,8 +145,8 @@ def _tables(outcome: _Outcome) -> list[str]:
     return products
 
 
-def _surfaces(outcome: _Outcome) -> list[str]:
-    return copy_products(outcome.run, outcome.results) + write_dense_cloud(outcome.run, outcome.results)
+def _surfaces(outcome: _Outcome, ended: Event) -> list[str]:
+    return copy_products(outcome.run, outcome.results) + write_dense_cloud(outcome.run, outcome.results, ended)
 
 
 def _photographs(outcome: _Outcome) -> list[str]:
@@ -204,8 +213,9 @@ def _dsm(run: Run) -> DsmRecord | NoSurfaceRecord:
     return dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
 
 
-def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
-    """Write the report over everything; ``products`` are the files that were written before it."""
+def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]) -> list[str]:
+    """Write the report over everything; ``products`` are the files that were written before it, and ``surfaces`` those
+    that are written meanwhile."""
     run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
     stages = STAGE_NAMES[:-1]
@@ -239,7 +249,7 @@ def _numbers(outcome: _Outcome, products: list[str]) -> list[str]:
         "versions": facts.versions,
         "peak_memory_bytes": facts.peak_memory_bytes,
         "processed": today(),
-        "deliverables": deliverables(outcome.results, products + surface.pictures),
+        "deliverables": deliverables(outcome.results, [*products, *surfaces.result(), *surface.pictures]),
     }
     local = local_frame_numbers(outcome.whole, run.block(), run.project.orientation.vertical)
     if local is not None:

@@ -58,12 +58,13 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Write the figure as PNG, whole or not at all, without date or program name. Raises WorkspaceError if it cannot
-    be written.
+    """Write the figure as PNG, whole or not at all, without date or program name; where it is drawn again its parts
+    stand where they stood. Raises WorkspaceError if it cannot be written.
     """
     make_folder(path.parent)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
+    figure.set_layout_engine("none")  # which else measures every text once more
 
 
 def round_length(length: float) -> float:
