@@ -6,8 +6,9 @@
 15 to 24 photographs straight down over buildings and trees, GNSS of 2 m, 4 to 6 control points of 3 to 5 cm, ten check
 points. `photogram init` drafts each project from the photographs' tags; then the 35 mm equivalent is changed by so many
 per cent, and the focal length, its readings and sigmas are those that init would write for it. Key points are found
-once, and matched once for every error of the tags. Errors are adjusted minus true positions of the check points, in GSD; z is the error over its predicted standard
-deviation, root mean square. Without control points the datum is GNSS's, and the height of the block is what is tested.
+once, and matched once for every error of the tags. Errors are adjusted minus true positions of the check points, in
+GSD; z is the error over its predicted standard deviation, root mean square. Without control points the datum is GNSS's,
+and the height of the block is what is tested.
 """
 
 from __future__ import annotations
