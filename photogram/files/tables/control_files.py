@@ -9,10 +9,10 @@ from __future__ import annotations
 import csv
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 from photogram.errors import ControlPointError
 from photogram.files.text_lines import NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
@@ -42,13 +42,19 @@ _POINT_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "role_plan": ("role_plan",),
     "role_height": ("role_height",),
 }
-_MARK_COLUMNS: Mapping[str, tuple[str, ...]] = {
+MARK_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "point", "id", "label"),
     "photograph": ("photograph", "photo", "image", "picture", "file", "filename"),
     "u": ("u", "x", "px", "column"),
     "v": ("v", "y", "py", "row"),
     "sigma": ("sigma",),
+    "sigma_u": ("sigma_u",),
+    "sigma_v": ("sigma_v",),
 }
+PROPOSED = "proposed_point"
+"""The first column of a table of proposals, which no reader takes for marks."""
+
+_OF_MARKS = ("doubtful", "kind", "raw_u", "raw_v", "rho")
 _PASSED_OVER = ("code", "comment", "date", "description", "note", "remark", "remarks", "time")
 
 
@@ -69,13 +75,19 @@ class FilePoint:
 
 @dataclass(frozen=True)
 class FileMark:
-    """One image mark as its file gives it: ``pixel`` u right, v down, with the file's own origin and picture size."""
+    """One image mark as its file gives it: ``pixel`` u right, v down, with the file's own origin and picture size.
+
+    ``is_of_photogram`` says that the origin is photogram's whatever the project says, because the format defines it;
+    ``may_lack_suffix`` that the photograph is named as another program does, with folders or without its suffix.
+    """
 
     point: str
     photograph: str
     pixel: tuple[float, float]
     sigma_px: float | None
     line: int
+    is_of_photogram: bool = False
+    may_lack_suffix: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,7 +95,8 @@ class PointFile:
     """The points of one file, and the marks where it holds them too.
 
     ``crs`` is what the file itself says; ``geographic`` whether its columns are called longitude and latitude (True),
-    easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt.
+    easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt and of Metashape's markers.
+    ``without_position`` names points whose marks are left out because the file has no coordinates of them.
     """
 
     path: Path
@@ -92,6 +105,8 @@ class PointFile:
     holds_marks: bool
     points: tuple[FilePoint, ...]
     marks: tuple[FileMark, ...]
+    format: Literal["gcp_list", "table", "metashape"] = "table"
+    without_position: tuple[str, ...] = ()
 
 
 def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: Faults) -> tuple[float, ...] | None:
@@ -100,15 +115,18 @@ def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: Faul
     return known if len(known) == len(values) else None
 
 
-def _check_marks(marks: Sequence[FileMark], faults: Faults) -> None:
+def check_marks(marks: Iterable[tuple[str, str, int]], faults: Faults) -> None:
+    """Note every second mark of a point in a photograph, of marks given by point, photograph and line."""
     first: dict[tuple[str, str], int] = {}
-    for mark in marks:
-        line = first.setdefault((mark.point, mark.photograph), mark.line)
-        if line != mark.line:
+    for point, photograph, line in marks:
+        if (before := first.setdefault((point, photograph), line)) != line:
             faults.note(
-                mark.line,
-                f"point {mark.point} is marked twice in {mark.photograph}, first in line {line}: keep one of the two",
+                line, f"point {point} is marked twice in {photograph}, first in line {before}: keep one of the two"
             )
+
+
+def _check_marks(marks: Iterable[FileMark], faults: Faults) -> None:
+    check_marks([(mark.point, mark.photograph, mark.line) for mark in marks], faults)
 
 
 # ---- gcp_list.txt --------------------------------------------------------------------------------------------------
@@ -198,7 +216,7 @@ def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: Faults)
         points.setdefault(name, FilePoint(name, row.position, (None, None, None), None, row.line))
         marks.append(FileMark(name, row.photograph, row.pixel, None, row.line))
     _check_marks(marks, faults)
-    return PointFile(path, crs, None, True, tuple(points.values()), tuple(marks))
+    return PointFile(path, crs, None, True, tuple(points.values()), tuple(marks), format="gcp_list")
 
 
 # ---- tables --------------------------------------------------------------------------------------------------------
@@ -225,7 +243,8 @@ def _columns(
     for i, column in enumerate(header):
         meaning = _meaning(column, known)
         if meaning is None:
-            if column and not column.startswith("#") and _plain(column) not in _PASSED_OVER:
+            passed_over = _PASSED_OVER + (_OF_MARKS if "photograph" in known else ())
+            if column and not column.startswith("#") and _plain(column) not in passed_over:
                 near = difflib.get_close_matches(_plain(column), [w for words in known.values() for w in words], n=1)
                 hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to skip it"
                 faults.note(line, f"unknown column {shortened(column)!r}: {hint}")
@@ -240,14 +259,31 @@ def _columns(
     return places
 
 
-def _table(
-    path: Path, lines: Sequence[tuple[int, str]], known: Mapping[str, tuple[str, ...]], needed: Sequence[str]
+def rows_of(
+    path: Path,
+    lines: Sequence[tuple[int, str]],
+    known: Mapping[str, tuple[str, ...]],
+    needed: Sequence[str],
+    *,
+    proposed: bool = False,
+    may_be_empty: bool = False,
 ) -> tuple[list[str], list[tuple[int, Row]], Faults]:
-    """Return the header, and the rows with their line numbers by the meaning of their columns."""
+    """Return the header of a table, its rows with their line numbers by the meaning of their columns, and the faults of
+    the rows so far, for the caller to raise.
+
+    Raises ControlPointError where the first line does not name the columns that are ``needed``, and where the table
+    holds proposals, or none, other than ``proposed`` says.
+    """
     faults = Faults(path, ControlPointError)
     number, text = lines[0]
     separator = _separator(text)
     header = _fields(text, separator, number, faults)
+    if (bool(header) and _plain(header[0]) == PROPOSED) != proposed:
+        found = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
+        remedy = "give proposals.csv" if proposed else "confirm them in photogram mark and give marks.csv"
+        raise ControlPointError(f"{path}:{number}: {found}: {remedy}")
+    if proposed:
+        header = ["point", *header[1:]]
     places = _columns(header, number, known, needed, faults)
     # Without its columns no row means anything.
     faults.raise_all()
@@ -260,7 +296,7 @@ def _table(
             faults.note(line, f"{len(fields)} fields, but the first line names {len(header)}: check separators, quotes")
         elif any(fields):
             rows.append((line, {m: fields[i] if i < len(fields) else "" for m, i in places.items()}))
-    if not rows and not faulty:
+    if not rows and not faulty and not may_be_empty:
         faults.note(number, "no rows after the first line")
     return header, rows, faults
 
@@ -314,7 +350,7 @@ def _role(row: Row, line: int, faults: Faults) -> Roles | None:
 
 
 def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile:
-    header, rows, faults = _table(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
+    header, rows, faults = rows_of(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
     called = {_meaning(column, _POINT_COLUMNS): _plain(column)[:3] for column in header}
     geographic = {("lon", "lat"): True, ("eas", "nor"): False}.get((called["x"], called["y"]))
     points: dict[str, FilePoint] = {}
@@ -355,14 +391,26 @@ def read_points(path: Path) -> PointFile:
     return points
 
 
-def read_marks(path: Path) -> tuple[FileMark, ...]:
-    """Return the image marks of a table: columns name, photograph, u, v and, where given, sigma_px.
+def _mark_sigma_px(row: Row, line: int, faults: Faults) -> float | None:
+    """Return the root mean square of sigma_u and sigma_v, else sigma."""
+    whole, u, v = (_sigma(row, column, line, faults, SIGMA_PX) for column in ("sigma", "sigma_u", "sigma_v"))
+    if bool(row.get("sigma_u")) != bool(row.get("sigma_v")):
+        missing = "sigma_v" if row.get("sigma_u") else "sigma_u"
+        faults.note(line, f"{missing} is empty: give both, or one column sigma_px")
+    return whole if u is None or v is None else ((u * u + v * v) / 2.0) ** 0.5
 
+
+def read_marks(path: Path) -> tuple[FileMark, ...]:
+    """Return the image marks of a table: columns name, photograph, u, v and, where given, sigma_px, or sigma_u and
+    sigma_v, of which the root mean square counts.
+
+    The columns raw_u and raw_v tell the table that ``photogram mark`` writes; its pixels are photogram's.
     Raises ControlPointError with one line for each fault, as read_points does.
     """
-    _, rows, faults = _table(
-        path, lines_of(path, ControlPointError, "points", "#"), _MARK_COLUMNS, ("name", "photograph", "u", "v")
+    header, rows, faults = rows_of(
+        path, lines_of(path, ControlPointError, "points", "#"), MARK_COLUMNS, ("name", "photograph", "u", "v")
     )
+    of_photogram = {"raw_u", "raw_v"} <= {_plain(column) for column in header}
     marks = []
     for line, row in rows:
         empty = [what for what in ("name", "photograph") if not row[what]]
@@ -372,9 +420,9 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
         if any(faults.name(row[what], f"the {what}", line) is None for what in ("name", "photograph")):
             continue
         pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
-        sigma_px = _sigma(row, "sigma", line, faults, SIGMA_PX)
+        sigma_px = _mark_sigma_px(row, line, faults)
         if pixel is not None:
-            marks.append(FileMark(row["name"], row["photograph"], (pixel[0], pixel[1]), sigma_px, line))
+            marks.append(FileMark(row["name"], row["photograph"], (pixel[0], pixel[1]), sigma_px, line, of_photogram))
     _check_marks(marks, faults)
     faults.raise_all()
     return tuple(marks)

@@ -1,0 +1,146 @@
+"""Tables of marks and of proposals, ``marks.csv`` and ``proposals.csv``: written whole, and read back as they were.
+
+The same marks give the same bytes: sorted by point and photograph, numbers with the digits that give them back.
+``tables.control_files.read_marks`` reads the marks for a project, and refuses proposals.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from photogram.errors import ControlPointError
+from photogram.files.atomic import replacing
+from photogram.files.marks.actions import Mark, Proposal
+from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
+from photogram.files.tables.control_files import Row as _Row
+from photogram.files.text_lines import Faults, lines_of
+
+MARKS, PROPOSALS = "marks.csv", "proposals.csv"
+"""What the tables are called."""
+
+COLUMNS = ("point", "photograph", "u", "v", "sigma_u", "sigma_v", "rho", "kind", "time", "raw_u", "raw_v", "doubtful")
+_QUOTED = set(',;"\t#')
+_DOUBTFUL = {"": False, "no": False, "yes": True}
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def _cell(text: str) -> str:
+    if not _QUOTED.intersection(text):
+        return text
+    return '"' + text.replace('"', '""') + '"'
+
+
+def _pair(pair: tuple[float, float] | None) -> tuple[str, str]:
+    return ("", "") if pair is None else (repr(float(pair[0])), repr(float(pair[1])))
+
+
+def _cells(mark: Mark) -> list[str]:
+    rho = "" if mark.sigma_px is None and not mark.rho else repr(float(mark.rho))
+    return [
+        _cell(mark.point),
+        _cell(mark.photograph),
+        *_pair(mark.pixel),
+        *_pair(mark.sigma_px),
+        rho,
+        mark.kind,
+        mark.time,
+        *_pair(mark.raw_pixel),
+        "yes" if mark.is_doubtful else "",
+    ]
+
+
+def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    text = "".join(",".join(row) + "\n" for row in (header, *rows))
+    with replacing(path) as partial, partial.open("wb") as stream:
+        stream.write(text.encode())
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def write_marks(path: Path, marks: Iterable[Mark]) -> None:
+    """Write a table of marks. Raises WorkspaceError where it cannot be written."""
+    _write(path, COLUMNS, map(_cells, sorted(marks, key=lambda mark: mark.place)))
+
+
+def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
+    """Write a table of proposals, whose first column says what they are. Raises WorkspaceError where it cannot be
+    written."""
+    ordered = sorted(proposals, key=lambda proposal: proposal.mark.place)
+    rows = ([*_cells(p.mark), repr(float(p.score))] for p in ordered)
+    _write(path, (PROPOSED, *COLUMNS[1:], "score"), rows)
+
+
+# ---- reading -------------------------------------------------------------------------------------------------------
+
+
+def _two(row: _Row, columns: tuple[str, str], line: int, faults: Faults) -> tuple[float, float] | None:
+    texts = [row.get(column, "") for column in columns]
+    if not any(texts):
+        return None
+    first, second = (faults.number(text, column, line) for text, column in zip(texts, columns, strict=True))
+    return None if first is None or second is None else (first, second)
+
+
+def _mark(row: _Row, line: int, faults: Faults) -> Mark | None:
+    pixel = _two(row, ("u", "v"), line, faults)
+    sigma_px = _two(row, ("sigma_u", "sigma_v"), line, faults)
+    raw_pixel = _two(row, ("raw_u", "raw_v"), line, faults)
+    rho = faults.number(row.get("rho") or "0", "rho", line)
+    doubtful = _DOUBTFUL.get(row.get("doubtful", "").lower())
+    if doubtful is None:
+        faults.note(line, f"doubtful must be yes, no or empty, found {row['doubtful']!r}: correct it")
+    if pixel is None:
+        if not row["u"] and not row["v"]:
+            faults.note(line, "u and v are empty: remove the line, or give the mark")
+        return None
+    if rho is None or doubtful is None:
+        return None
+    kind, time = row.get("kind") or "raw", row.get("time", "")
+    try:
+        return Mark(row["name"], row["photograph"], pixel, sigma_px, rho, kind, time, raw_pixel, doubtful)
+    except ControlPointError as fault:
+        faults.note(line, str(fault))
+        return None
+
+
+def _read(path: Path, proposed: bool) -> list[tuple[Mark, _Row, int]]:
+    lines = lines_of(path, ControlPointError, "marks", "#")
+    known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[6:], "score")}}
+    needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))
+    _, rows, faults = rows_of(path, lines, known, needed, proposed=proposed, may_be_empty=True)
+    marks, placed = [], []
+    for line, row in rows:
+        mark = _mark(row, line, faults)
+        if mark is not None:
+            marks.append((mark, row, line))
+            placed.append((mark.point, mark.photograph, line))
+    check_marks(placed, faults)
+    faults.raise_all()
+    return marks
+
+
+def read_marks(path: Path) -> tuple[Mark, ...]:
+    """Return the marks of a table in its order, as ``write_marks`` was given them.
+
+    People may edit it: an empty kind is raw, and what else is empty is not known. Raises ControlPointError with a line
+    for each fault.
+    """
+    return tuple(mark for mark, _, _ in _read(path, proposed=False))
+
+
+def read_proposals(path: Path) -> tuple[Proposal, ...]:
+    """Return the proposals of a table in its order. Raises ControlPointError with a line for each fault."""
+    faults = Faults(path, ControlPointError)
+    proposals: list[Proposal] = []
+    for mark, row, line in _read(path, proposed=True):
+        score = faults.number(row["score"], "score", line)
+        try:
+            proposals += [] if score is None else [Proposal(mark, score)]
+        except ControlPointError as fault:
+            faults.note(line, str(fault))
+    faults.raise_all()
+    return tuple(proposals)
