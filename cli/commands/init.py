@@ -36,7 +36,8 @@ def init(
         typer.Option("--check", help="Check points, not used by the adjustment; may be repeated."),
     ] = None,
     marks: Annotated[
-        Path | None, typer.Option("--marks", help="Image marks of the points (CSV): name, photograph, u, v.")
+        Path | None,
+        typer.Option("--marks", help="Image marks of the points: CSV of name, photograph, u, v; PIX4D's; Metashape's."),
     ] = None,
     crs: Annotated[str | None, typer.Option("--crs", help="Map grid, for example EPSG:25832.")] = None,
     project: Annotated[Path, typer.Option("--project", help="Project file to write.")] = Path("project.yaml"),

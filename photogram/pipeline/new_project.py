@@ -13,9 +13,9 @@ import numpy as np
 
 from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
+from photogram.files.marks.formats import read_points
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import inspect_photograph
-from photogram.files.tables.control_files import read_points
 from photogram.files.tables.position_files import read_mrk
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.crs import NO_CRS, DeclaredDatum, plan_of, projected_crs
 from photogram.errors import ControlPointError, FrameError
-from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, read_marks, read_points
+from photogram.files.marks.formats import read_marks, read_points
+from photogram.files.tables.control_files import FileMark, FilePoint, PointFile
 from photogram.frames import map_from_crs
 from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located, camera_of
@@ -26,7 +27,7 @@ from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import Roles
-from photogram.wording import some, things
+from photogram.wording import shortened, some, things
 
 ReadT = TypeVar("ReadT")
 
@@ -146,6 +147,10 @@ def _source(
         if points.holds_marks:
             document.fault((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
             marks = None
+    if points.without_position:
+        bare = f"{things(len(points.without_position), 'point')} ({some(points.without_position)})"
+        text = f"{entry.path}: marks of {bare} without coordinates are left out"
+        document.warn(key, text, "give coordinates, where they are to be control or check points")
     crs = _crs(document, file, key, entry, points)
     position, turned, given = None, None, None
     if crs is not None:
@@ -156,9 +161,10 @@ def _source(
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
     if points.crs is not None and entry.crs is not None and points.crs != entry.crs:
-        document.fault((*key, "crs"), f"{entry.path} names {points.crs} in its first line: keep one of the two")
+        where = "in its first line" if points.format == "gcp_list" else "itself"
+        document.fault((*key, "crs"), f"{entry.path} names {shortened(points.crs)} {where}: keep one of the two")
         return None
-    if points.holds_marks and points.crs is None and entry.crs is None:
+    if points.format == "gcp_list" and points.crs is None and entry.crs is None:
         text = "the first line must name the CRS, EPSG:32617 for example: add it, or give crs in the project file"
         _note(document, key, str(entry.path), points.points[0].line if points.points else 1, text)
         return None
@@ -309,7 +315,8 @@ def _pixels(
     before = document.faults
     by_name = {p.name: p for p in photographs if p.name is not None}
     pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
-    pixel -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
+    of_photogram = np.array([mark.is_of_photogram for mark in marks], dtype=bool)
+    pixel[~of_photogram] -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
     size_px = np.full(pixel.shape, np.nan)
     cameras = [camera_of(file, by_name[mark.photograph]) for mark in marks]
     for name in dict.fromkeys(cameras):
@@ -345,6 +352,7 @@ def _marks_in_photographs(
     """
     names = [p.name for p in photographs if p.name is not None]
     taking_part = set(names)
+    marks = [_with_whole_names(own, names) for own in marks]
     kept = [[mark for mark in own if mark.photograph in taking_part] for own in marks]
     nothing_left = not any(kept) and not marks_listed
     for source, own in zip(sources, marks, strict=True):
@@ -363,6 +371,28 @@ def _marks_in_photographs(
         else:
             document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
     return kept
+
+
+def _with_whole_names(marks: Sequence[FileMark], names: Sequence[str]) -> list[FileMark]:
+    """Return marks with the photographs' names of the project where another program names them otherwise: the longest
+    name that ends the path it gives, else the one whose file has its name when case and suffix are set aside."""
+    known = {name.lower(): name for name in names}
+    stems: dict[str, list[str]] = {}
+    for name in names:
+        stems.setdefault(PurePosixPath(name).stem.lower(), []).append(name)
+
+    def whole(given: str) -> str:
+        path = PurePosixPath(given)
+        ends = ("/".join(path.parts[i:]).lower() for i in range(len(path.parts)))
+        ending = next((known[end] for end in ends if end in known), None)
+        alike = stems.get(path.stem.lower()) or stems.get(path.name.lower(), [])
+        return ending or (alike[0] if len(alike) == 1 else given)
+
+    found = {mark.photograph: whole(mark.photograph) for mark in marks if mark.may_lack_suffix}
+    # two photographs of the file never become one of the project
+    count = Counter(found.values())
+    found = {given: name for given, name in found.items() if count[name] == 1 or given == name}
+    return [replace(mark, photograph=found.get(mark.photograph, mark.photograph)) for mark in marks]
 
 
 def _scale(

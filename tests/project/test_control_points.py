@@ -9,6 +9,8 @@ import pytest
 from makers import SharedData, no_matlab
 
 from photogram.errors import FrameError, ProjectError
+from photogram.files.marks.actions import Mark, Proposal
+from photogram.files.marks.mark_table import write_marks, write_proposals
 from photogram.frames import map_from_crs, map_from_geodetic
 from photogram.project.project import Project, ProjectControlPoint, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings
@@ -427,3 +429,86 @@ def test_datum_unknown_is_taken_as_the_other_and_a_known_one_never() -> None:
     np.testing.assert_allclose(map_from_crs("+proj=utm +zone=32 +ellps=GRS80 +units=m", "EPSG:25832", point), point)
     with pytest.raises(FrameError, match="has no transformation from EPSG:4979"):
         map_from_crs("EPSG:4979", "EPSG:25832+7837", np.array([[12.0, 55.0, 70.0]]))
+
+
+# -- marks of other programs -----------------------------------------------------------------------------------------
+
+MARKERS = """\
+<document version="2.0.0"><chunk>
+  <cameras><camera id="0" label="a"/><camera id="1" label="B.JPG"/><camera id="2" label="elsewhere"/></cameras>
+  <markers>
+    <marker id="0" label="M1"><reference x="720000" y="6192010" z="61" sx="0.01" sy="0.01" sz="0.02"/></marker>
+    <marker id="1" label="M2"><reference x="720010" y="6192000" z="62" enabled="false"/></marker>
+    <marker id="2" label="bare"/>
+  </markers>
+  <frames><frame id="0"><markers>
+    <marker marker_id="0">
+      <location camera_id="0" pinned="true" x="10.5" y="20.5"/>
+      <location camera_id="1" pinned="true" x="0" y="600"/>
+    </marker>
+    <marker marker_id="1"><location camera_id="2" pinned="true" x="1" y="2"/></marker>
+    <marker marker_id="2"><location camera_id="0" pinned="true" x="1" y="2"/></marker>
+  </markers></frame></frames>
+</chunk></document>
+"""
+
+
+def marks_of(points: dict[str, ProjectControlPoint], name: str) -> dict[str, tuple[float, ...]]:
+    """The marks of a point by their photographs."""
+    indices, pixels = points[name].mark_photograph.tolist(), points[name].mark_pixel.tolist()
+    return {f"{'abc'[i]}.jpg": tuple(pixel) for i, pixel in zip(indices, pixels, strict=True)}
+
+
+@pytest.mark.parametrize("origin", ["photogram", "matlab"])
+def test_metashape_markers_are_points_and_marks(folder: Path, origin: str) -> None:
+    (folder / "markers.xml").write_text(MARKERS)
+    change(folder, "project.yaml", ("gcp_list.txt\n      picture_size_px: [4000, 3000]", "markers.xml"))
+    change(folder, "project.yaml", ("  mark_sigma_px: 1\n", f"  mark_sigma_px: 1\n  pixel_origin: {origin}\n"))
+    project = read(folder)
+    points = points_of(project)
+    assert marks_of(points, "M1") == {"a.jpg": (10.0, 20.0), "b.jpg": (-0.5, 599.5)}  # whatever pixel_origin says
+    assert points["M1"].sigma_m.tolist() == [0.01, 0.01, 0.02]
+    assert points["M2"].sigma_m.tolist() == [0.02, 0.02, 0.03]
+    assert (points["M1"].role, points["M2"].role) == ("control", "check")
+    said = [str(warning) for warning in project.warnings]
+    assert any("markers.xml: marks of 1 point (bare) without coordinates are left out" in text for text in said)
+    assert any("1 of 3 marks are in photographs that are not in the project" in text for text in said)
+    assert any("elsewhere (1)" in text for text in said)
+
+
+def test_pix4d_marks_beside_a_table_of_points(folder: Path) -> None:
+    (folder / "pix4d.txt").write_text("D:\\day 1\\A.JPG,C1,10.5,20.5,1.2\nb.jpg,C1,30.25,40,1.2\nc.jpg,C2,1,2,1\n")
+    change(folder, "project.yaml", ("      marks: marks.csv\n      sigma_m", "      marks: pix4d.txt\n      sigma_m"))
+    change(folder, "marks.csv", ("C1,a.jpg,10,20,\n", ""), ("C2,c.jpg,399,299,\n", ""))
+    points = points_of(read(folder))
+    assert marks_of(points, "C1") == {"a.jpg": (10.0, 20.0), "b.jpg": (29.75, 39.5)}
+    assert points["C1"].mark_sigma_px.tolist() == [0.5, 0.5]
+
+
+def test_two_photographs_of_a_file_are_never_one_of_the_project(folder: Path) -> None:
+    (folder / "pix4d.txt").write_text("day1/b.png,C1,10.5,20.5\nday2/b.png,C1,30.25,40\nc.jpg,C2,1,2\n")
+    change(folder, "project.yaml", ("      marks: marks.csv\n      sigma_m", "      marks: pix4d.txt\n      sigma_m"))
+    change(folder, "marks.csv", ("C1,a.jpg,10,20,\n", ""), ("C2,c.jpg,399,299,\n", ""))
+    project = read(folder)
+    assert marks_of(points_of(project), "C1") == {}
+    assert any("day1/b.png (1), day2/b.png (1)" in str(warning) for warning in project.warnings)
+
+
+def test_the_table_of_marking_brings_its_sigmas_and_its_pixels(folder: Path) -> None:
+    marks = [
+        Mark("C1", "a.jpg", (10.25, 20.0), (0.3, 0.4), 0.1, "quartered"),
+        Mark("C2", "c.jpg", (1.0, 2.0)),
+        Mark("K1", "b.jpg", (50.0, 60.0), (0.2, 0.2)),
+    ]
+    write_marks(folder / "marks.csv", marks)
+    change(folder, "project.yaml", ("  mark_sigma_px: 1\n", "  mark_sigma_px: 1\n  pixel_origin: matlab\n"))
+    points = points_of(read(folder))
+    assert marks_of(points, "C1") == {"a.jpg": (10.25, 20.0)}
+    sigmas = {name: points[name].mark_sigma_px.tolist() for name in ("C1", "C2", "K1")}
+    assert sigmas == {"C1": [pytest.approx((0.125) ** 0.5)], "C2": [0.5], "K1": [pytest.approx(0.2)]}
+
+
+def test_proposals_are_refused(folder: Path) -> None:
+    write_proposals(folder / "marks.csv", [Proposal(Mark("C1", "a.jpg", (10.0, 20.0)), 0.5)])
+    found = [line for line in faults(folder) if "proposals" in line]
+    assert "marks.csv:1: holds proposals, which are no marks yet: confirm them in photogram mark" in found[0]

@@ -1,5 +1,5 @@
-"""Marks of ground points in photographs: the journal of marking, and its tables.
+"""Marks of ground points in photographs: the journal of marking, its tables, and the files of other programs.
 
-Keeps what was marked; measures nothing in photographs, and decides nothing about weights or roles.
-`journal.Journal`, `actions.state_of` and `mark_table`.
+Keeps and converts what was marked; measures nothing in photographs, and decides nothing about weights or roles.
+`journal.Journal`, `actions.state_of`, `mark_table` and `formats`.
 """

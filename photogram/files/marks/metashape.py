@@ -1,0 +1,333 @@
+"""Markers of Agisoft Metashape and PhotoScan as XML: points with coordinates, and their projections in photographs.
+
+In Metashape the centre of the top-left pixel has the coordinates (0.5, 0.5) (Agisoft Metashape User Manual,
+Professional Edition, appendix Camera models), so half a pixel is taken off. Pinned projections, the green flags, were
+placed by people and are marks; the others are where Metashape expects a marker, and are proposals.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from xml.etree import ElementTree
+from xml.sax import SAXException, SAXParseException
+from xml.sax.handler import ContentHandler
+from xml.sax.xmlreader import AttributesImpl, Locator
+
+from defusedxml import DefusedXmlException
+from defusedxml.sax import parseString
+
+from photogram.errors import ControlPointError
+from photogram.files.atomic import replacing
+from photogram.files.marks.actions import Mark
+from photogram.files.marks.corner_pixels import from_corner, to_corner
+from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, Sigma3, check_marks
+from photogram.files.text_lines import SIGMA_M, Faults, text_of
+from photogram.wording import printable, shortened, some
+
+_DEEPEST = 50
+_AUTHORITY = re.compile(r'AUTHORITY\["EPSG","(\d+)"\]\]\s*$')
+_BOM = "\ufeff"
+
+
+@dataclass
+class _Element:
+    tag: str
+    attributes: Mapping[str, str]
+    line: int
+    children: list[_Element] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """All of its text."""
+        return "".join(self.texts)
+
+    def all(self, *path: str) -> Iterator[_Element]:
+        """Give the elements at the end of a path of tags."""
+        if not path:
+            yield self
+            return
+        for child in self.children:
+            if child.tag == path[0]:
+                yield from child.all(*path[1:])
+
+    def below(self, tag: str) -> Iterator[_Element]:
+        """Give the elements of a tag at any depth."""
+        for child in self.children:
+            if child.tag == tag:
+                yield child
+            yield from child.below(tag)
+
+
+class _TooDeep(SAXException):
+    """Elements lie in one another as no program writes them."""
+
+
+class _Builder(ContentHandler):
+    """Builds the elements with their lines, which ElementTree does not keep."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.root = _Element("", {}, 1)
+        self._open = [self.root]
+        self._place: Locator | None = None
+
+    def setDocumentLocator(self, locator: Locator) -> None:  # noqa: N802
+        self._place = locator
+
+    def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802  # SAX's own name
+        if len(self._open) > _DEEPEST:
+            raise _TooDeep("elements lie too deep in one another")
+        line = self._place.getLineNumber() if self._place else 1
+        element = _Element(name, dict(attrs.items()), line or 1)
+        self._open[-1].children.append(element)
+        self._open.append(element)
+
+    def endElement(self, name: str) -> None:  # noqa: ARG002, N802
+        self._open.pop()
+
+    def characters(self, content: str) -> None:
+        self._open[-1].texts.append(content)
+
+
+def _root(path: Path) -> _Element:
+    builder = _Builder()
+    try:
+        parseString(text_of(path, ControlPointError).encode(), builder, forbid_dtd=True)
+    except SAXParseException as fault:
+        what = f"{path}:{fault.getLineNumber() or 1}: is not valid XML ({fault.getMessage()})"
+        raise ControlPointError(f"{what}: export the markers from Metashape again") from fault
+    except (SAXException, DefusedXmlException, ValueError, LookupError) as fault:
+        what = f"{path}:1: is XML that is not read ({printable(shortened(str(fault)))})"
+        raise ControlPointError(f"{what}: give the markers as Metashape exports them") from fault
+    return builder.root
+
+
+def holds_metashape_markers(first_line: str) -> bool:
+    """Return whether a text that begins so is XML."""
+    return first_line.lstrip(_BOM).lstrip().startswith("<")
+
+
+# ---- reading -------------------------------------------------------------------------------------------------------
+
+
+def _one_chunk(path: Path, root: _Element) -> _Element:
+    chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
+    held = [chunk for chunk in chunks if any(chunk.all("markers", "marker"))]
+    if not held:
+        line = root.children[0].line if root.children else 1
+        raise ControlPointError(f"{path}:{line}: holds no markers of Metashape: export them with Tools, Export Markers")
+    if len(held) > 1:
+        raise ControlPointError(
+            f"{path}:{held[1].line}: holds markers of {len(held)} chunks: export those of one chunk at a time"
+        )
+    return held[0]
+
+
+def _crs(chunk: _Element) -> str | None:
+    """Return the CRS of the chunk, by its EPSG code where its WKT ends with one; None for local coordinates."""
+    wkt = " ".join(next((element.text for element in chunk.all("reference")), "").split())
+    if not wkt or wkt.startswith("LOCAL_CS"):
+        return None
+    code = _AUTHORITY.search(wkt)
+    return f"EPSG:{code[1]}" if code else wkt
+
+
+def _sigma_m(reference: _Element, name: str, faults: Faults) -> Sigma3:
+    """Return the accuracies: sx, sy and sz, or sxy and sz as before version 1.3."""
+    found = []
+    for column in ("sx", "sy", "sz"):
+        text = reference.attributes.get(column) or (reference.attributes.get("sxy") if column != "sz" else None)
+        value = None if not text else faults.number(text, f"{column} of {name}", reference.line)
+        if value is not None and not SIGMA_M[0] <= value <= SIGMA_M[1]:
+            allowed = f"from {SIGMA_M[0]:g} to {SIGMA_M[1]:g}"
+            faults.note(reference.line, f"{column} of {name} must be {allowed}, found {text}: correct it in Metashape")
+        found.append(value)
+    return found[0], found[1], found[2]
+
+
+def _named(elements: Iterable[_Element], what: str, faults: Faults) -> dict[str, tuple[str, _Element]]:
+    """Return the labels of elements by their numbers, which Metashape calls id."""
+    named: dict[str, tuple[str, _Element]] = {}
+    lines: dict[str, int] = {}
+    for element in elements:
+        label, number = element.attributes.get("label", "").strip(), element.attributes.get("id", "")
+        if not label or not number or not label.isprintable():
+            faults.note(element.line, f"a {what} without a printable label: give it one in Metashape")
+        elif faults.name(label, f"the label of a {what}", element.line) is not None:
+            first = lines.setdefault(label, element.line)
+            if what == "marker" and first != element.line:
+                faults.note(
+                    element.line, f"marker {label} is there twice, first in line {first}: rename one of the two"
+                )
+            named[number] = (label, element)
+    return named
+
+
+def _points(markers: Mapping[str, tuple[str, _Element]], faults: Faults) -> list[FilePoint]:
+    points = []
+    for label, element in markers.values():
+        for reference in element.all("reference"):
+            texts = [reference.attributes.get(axis, "") for axis in "xyz"]
+            if not any(texts):
+                continue
+            whats = [f"{axis} of {label}" for axis in "xyz"]
+            position = [faults.number(t, what, reference.line) for t, what in zip(texts, whats, strict=True)]
+            sigma_m = _sigma_m(reference, label, faults)
+            x, y, z = position
+            if x is not None and y is not None and z is not None:
+                is_check = reference.attributes.get("enabled", "true").lower() in ("false", "0")
+                points.append(
+                    FilePoint(label, (x, y, z), sigma_m, ("check", "check") if is_check else None, reference.line)
+                )
+    return points
+
+
+def _photographs(chunk: _Element, frame: _Element | None, faults: Faults) -> dict[str, str]:
+    """Return the names of photographs by the numbers of their cameras: the file's where it is told, else the label."""
+    cameras = (camera for held in chunk.all("cameras") for camera in held.below("camera"))
+    names = {number: label for number, (label, _) in _named(cameras, "camera", faults).items()}
+    for camera in frame.all("cameras", "camera") if frame else ():
+        for photo in camera.all("photo"):
+            name = PurePosixPath(photo.attributes.get("path", "").replace("\\", "/")).name
+            if name:
+                names[camera.attributes.get("camera_id", "")] = name
+    return names
+
+
+def _one_frame(path: Path, chunk: _Element) -> _Element | None:
+    frames = [frame for frame in chunk.all("frames", "frame") if any(frame.all("markers", "marker", "location"))]
+    if len(frames) > 1:
+        raise ControlPointError(f"{path}:{frames[1].line}: holds markers of {len(frames)} frames: export one at a time")
+    return frames[0] if frames else None
+
+
+@dataclass(frozen=True)
+class MarkerFile:
+    """What a file of markers holds."""
+
+    points: PointFile
+    """Markers with coordinates; the pinned projections of all markers are its ``marks``."""
+    without_position: tuple[str, ...]
+    """Names of markers that have projections and no coordinates."""
+    proposals: tuple[FileMark, ...]
+    """Projections that are not pinned."""
+
+
+def read_markers(path: Path) -> MarkerFile:
+    """Return the markers of one chunk, marks in photogram's pixels; photographs have the name of their file where it is
+    there, else the label of the camera, which may lack the suffix.
+
+    Accuracies that the settings of the chunk give to all markers are not read. Raises ControlPointError with a line for
+    each fault, and where the file is no export of markers or has a document type, through which XML can do harm.
+    """
+    chunk = _one_chunk(path, _root(path))
+    frame = _one_frame(path, chunk)
+    faults = Faults(path, ControlPointError)
+    markers = _named(chunk.all("markers", "marker"), "marker", faults)
+    points, photographs = _points(markers, faults), _photographs(chunk, frame, faults)
+    pinned: list[FileMark] = []
+    others: list[FileMark] = []
+    for held in frame.all("markers", "marker") if frame else ():
+        number = held.attributes.get("marker_id", "")
+        if number not in markers:
+            faults.note(
+                held.line, f"marker_id {shortened(number)!r} is no marker of the chunk: export the markers again"
+            )
+            continue
+        for location in held.all("location"):
+            mark = _mark(location, markers[number][0], photographs, faults)
+            if mark is not None:
+                (pinned if location.attributes.get("pinned", "").lower() in ("true", "1") else others).append(mark)
+    check_marks([(mark.point, mark.photograph, mark.line) for mark in (*pinned, *others)], faults)
+    if others and not pinned:
+        text = f"none of the {len(others)} projections is pinned, so none is a mark: place the markers in Metashape"
+        faults.note(others[0].line, f"{text}, which turns their flags green")
+    faults.raise_all()
+    placed = {point.name for point in points}
+    bare = dict.fromkeys(mark.point for mark in pinned if mark.point not in placed)
+    file = PointFile(path, _crs(chunk), None, True, tuple(points), tuple(pinned), format="metashape")
+    return MarkerFile(file, tuple(bare), tuple(others))
+
+
+def _mark(location: _Element, point: str, photographs: Mapping[str, str], faults: Faults) -> FileMark | None:
+    camera = location.attributes.get("camera_id", "")
+    if camera not in photographs:
+        text = f"camera_id {shortened(camera)!r} of marker {point} is no camera of the chunk"
+        faults.note(location.line, f"{text}: export the markers again")
+        return None
+    texts = [location.attributes.get(axis, "") for axis in "xy"]
+    if None in [faults.number(t, f"{axis} of {point}", location.line) for t, axis in zip(texts, "xy", strict=True)]:
+        return None
+    pixel = (from_corner(texts[0]), from_corner(texts[1]))
+    name = photographs[camera]
+    return FileMark(point, name, pixel, None, location.line, is_of_photogram=True, may_lack_suffix=True)
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def write_markers(
+    path: Path,
+    points: Sequence[FilePoint],
+    marks: Iterable[Mark],
+    crs_wkt: str | None = None,
+    proposals: Iterable[Mark] = (),
+) -> None:
+    """Write points and marks, pinned, and proposals, not pinned, for Metashape's Import Markers.
+
+    ``crs_wkt`` is the CRS of the points as WKT. Points may have no marks, and marks no point of the list: their markers
+    have no coordinates. Standard deviations of marks, correlations, kinds and times have no place in it, nor a role of
+    plan and height each. Raises ControlPointError for such a role, WorkspaceError where the file cannot be written.
+    """
+    mixed = [point.name for point in points if point.role is not None and len(set(point.role)) > 1]
+    if mixed:
+        raise ControlPointError(
+            f"{path}: Metashape has one role for plan and height of {some(mixed)}: give them one role"
+        )
+    placed = sorted(
+        [*((mark, "true") for mark in marks), *((mark, "false") for mark in proposals)],
+        key=lambda entry: entry[0].place,
+    )
+    own: dict[str, list[tuple[Mark, str]]] = {}
+    for mark, pin in placed:
+        own.setdefault(mark.point, []).append((mark, pin))
+    given = {point.name: point for point in points}
+    names = sorted({*given, *own})
+    cameras = {name: str(i) for i, name in enumerate(sorted({mark.photograph for mark, _ in placed}))}
+    document = ElementTree.Element("document", version="1.2.0")
+    chunk = ElementTree.SubElement(document, "chunk")
+    listed = ElementTree.SubElement(chunk, "cameras")
+    for name, number in cameras.items():
+        ElementTree.SubElement(listed, "camera", id=number, label=name)
+    markers = ElementTree.SubElement(chunk, "markers")
+    frame = ElementTree.SubElement(ElementTree.SubElement(chunk, "frames"), "frame", id="0")
+    held = ElementTree.SubElement(frame, "markers")
+    for i, name in enumerate(names):
+        marker = ElementTree.SubElement(markers, "marker", id=str(i), label=name)
+        if name in given:
+            ElementTree.SubElement(marker, "reference", _reference(given[name]))
+        if name not in own:
+            continue
+        place = ElementTree.SubElement(held, "marker", marker_id=str(i))
+        for mark, pin in own[name]:
+            x, y = map(to_corner, mark.pixel)
+            ElementTree.SubElement(place, "location", camera_id=cameras[mark.photograph], pinned=pin, x=x, y=y)
+    if crs_wkt is not None:
+        ElementTree.SubElement(chunk, "reference").text = crs_wkt
+    ElementTree.indent(document)
+    text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, encoding="unicode") + "\n"
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _reference(point: FilePoint) -> dict[str, str]:
+    sigmas = zip(("sx", "sy", "sz"), point.sigma_m, strict=True)
+    return {
+        **{axis: repr(float(value)) for axis, value in zip("xyz", point.position, strict=True)},
+        **{axis: repr(float(value)) for axis, value in sigmas if value is not None},
+        "enabled": "false" if point.role == ("check", "check") else "true",
+    }

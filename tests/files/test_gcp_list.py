@@ -1,0 +1,69 @@
+"""gcp_list.txt written: read again as it was, and refused where it cannot hold something."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from photogram.errors import ControlPointError
+from photogram.files.marks.actions import Mark
+from photogram.files.marks.formats import read_points
+from photogram.files.marks.gcp_list import write_gcp_list
+from photogram.files.tables.control_files import FilePoint
+
+words = st.text(st.characters(categories=("L", "N", "P"), exclude_characters="#"), min_size=1, max_size=8).filter(
+    str.isprintable
+)
+phrases = st.lists(words, min_size=1, max_size=3).map(" ".join)
+finite = st.floats(-1e7, 1e7)
+
+
+def point(name: str, position: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> FilePoint:
+    return FilePoint(name, position, (None, None, None), None, 0)
+
+
+@settings(deadline=None)
+@given(
+    crs=st.sampled_from(["EPSG:25832", "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs"]),
+    places=st.dictionaries(phrases, st.tuples(finite, finite, finite), min_size=1, max_size=4),
+    photographs=st.lists(words, min_size=1, max_size=3, unique=True),
+    pixel=st.tuples(finite, finite),
+)
+def test_round_trip(
+    tmp_path_factory: pytest.TempPathFactory,
+    crs: str,
+    places: dict[str, tuple[float, float, float]],
+    photographs: list[str],
+    pixel: tuple[float, float],
+) -> None:
+    path = tmp_path_factory.mktemp("round") / "gcp_list.txt"
+    marks = [Mark(name, photograph, pixel) for name in places for photograph in photographs]
+    write_gcp_list(path, crs, [point(*entry) for entry in places.items()], marks)
+    read = read_points(path)
+    assert (read.crs, {p.name: p.position for p in read.points}) == (crs, places)
+    assert [(m.point, m.photograph, m.pixel) for m in read.marks] == [
+        (*m.place, m.pixel) for m in sorted(marks, key=lambda m: m.place)
+    ]
+
+
+def test_what_is_written(tmp_path: Path) -> None:
+    write_gcp_list(tmp_path / "gcp_list.txt", "EPSG:32617", [point("A"), point("B")], [Mark("A", "a.jpg", (0.0, 1.5))])
+    assert (tmp_path / "gcp_list.txt").read_text() == "EPSG:32617\n1.0 2.0 3.0 0.0 1.5 a.jpg A\n"
+
+
+@pytest.mark.parametrize(
+    ("crs", "mark", "expected"),
+    [
+        ("PROJCS[...]", Mark("A", "a.jpg", (0.0, 0.0)), "cannot name the CRS"),
+        ("EPSG:32617", Mark("B", "a.jpg", (0.0, 0.0)), "no coordinates of B, which a gcp_list.txt needs"),
+        ("EPSG:32617", Mark("A", "my a.jpg", (0.0, 0.0)), "cannot hold the names my a.jpg"),
+        ("EPSG:32617", Mark("A # 1", "a.jpg", (0.0, 0.0)), "cannot hold the names A # 1"),
+    ],
+)
+def test_what_it_cannot_hold(tmp_path: Path, crs: str, mark: Mark, expected: str) -> None:
+    with pytest.raises(ControlPointError, match=expected):
+        write_gcp_list(tmp_path / "gcp_list.txt", crs, [point("A"), point("A # 1")], [mark])
+    assert not list(tmp_path.iterdir())
