@@ -290,7 +290,7 @@ def test_what_is_no_journal_is_not_touched(tmp_path: Path) -> None:
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     with Journal(tmp_path / "journal.jsonl") as journal:
-        with pytest.raises(WorkspaceError, match="another photogram mark has it open"):
+        with pytest.raises(WorkspaceError, match="another process has it open"):
             Journal(tmp_path / "journal.jsonl")
         journal.append(place("A"))
     with pytest.raises(WorkspaceError, match="the journal is closed"):

@@ -68,13 +68,13 @@ def test_round_trip_of_proposals(
         with pytest.raises(ControlPointError) as raised:
             reader(path)
         assert str(raised.value) == (
-            f"{path}:1: holds proposals, which are no marks yet: confirm them in photogram mark and give marks.csv"
+            f"{path}:1: holds proposals, which are no marks yet: confirm them, and give the table of marks"
         )
 
 
 def test_marks_are_no_proposals(tmp_path: Path) -> None:
     write_marks(tmp_path / "marks.csv", [Mark("A", "1.jpg", (1.0, 2.0))])
-    with pytest.raises(ControlPointError, match=r"marks\.csv:1: holds marks, no proposals: give proposals\.csv"):
+    with pytest.raises(ControlPointError, match=r"marks\.csv:1: holds marks, no proposals: give a table of proposals"):
         read_proposals(tmp_path / "marks.csv")
 
 

@@ -511,4 +511,4 @@ def test_the_table_of_marking_brings_its_sigmas_and_its_pixels(folder: Path) -> 
 def test_proposals_are_refused(folder: Path) -> None:
     write_proposals(folder / "marks.csv", [Proposal(Mark("C1", "a.jpg", (10.0, 20.0)), 0.5)])
     found = [line for line in faults(folder) if "proposals" in line]
-    assert "marks.csv:1: holds proposals, which are no marks yet: confirm them in photogram mark" in found[0]
+    assert "marks.csv:1: holds proposals, which are no marks yet: confirm them" in found[0]

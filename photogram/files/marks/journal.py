@@ -434,7 +434,7 @@ def _opened(path: Path) -> int:
     except BlockingIOError as fault:
         os.close(file)
         raise WorkspaceError(
-            f"{path}: another photogram mark has it open: use that one, or end it before this one begins"
+            f"{path}: another process has it open: use that one, or end it before this one begins"
         ) from fault
     except OSError as fault:
         os.close(file)

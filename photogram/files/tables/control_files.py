@@ -280,7 +280,7 @@ def rows_of(
     header = _fields(text, separator, number, faults)
     if (bool(header) and _plain(header[0]) == PROPOSED) != proposed:
         found = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
-        remedy = "give proposals.csv" if proposed else "confirm them in photogram mark and give marks.csv"
+        remedy = "give a table of proposals" if proposed else "confirm them, and give the table of marks"
         raise ControlPointError(f"{path}:{number}: {found}: {remedy}")
     if proposed:
         header = ["point", *header[1:]]
@@ -404,7 +404,7 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
     """Return the image marks of a table: columns name, photograph, u, v and, where given, sigma_px, or sigma_u and
     sigma_v, of which the root mean square counts.
 
-    The columns raw_u and raw_v tell the table that ``photogram mark`` writes; its pixels are photogram's.
+    The columns raw_u and raw_v tell a table in which each mark is kept beside its click; its pixels are photogram's.
     Raises ControlPointError with one line for each fault, as read_points does.
     """
     header, rows, faults = rows_of(
