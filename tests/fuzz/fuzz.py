@@ -25,9 +25,9 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
+from cases import CUT, TARGETS, Bench, Case
 from corpus import make_corpus, make_survey
 from mutations import cut
-from targets import CUT, TARGETS, Bench, Case
 
 from photogram.cli.streams import prepare_streams
 from photogram.errors import PhotogramError
