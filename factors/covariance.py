@@ -119,6 +119,18 @@ class Covariances:
         return np.asarray(self.inverse[low * self.layout.stride + high])
 
 
+def _rows(observations: Observations, linear: Linearisation, layout: Layout) -> FloatArray:
+    """Return the rows of linearised observations on poses and border (M, 2, 6 free + border)."""
+    owner, parameter = layout.free_parameters
+    rows = np.zeros((len(observations), 2, layout.columns + layout.border))
+    for i, (p, c) in enumerate(zip(observations.photograph, linear.camera, strict=True)):
+        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
+        rows[i, :, at : at + 6] = linear.pose[i]
+        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
+        rows[i][:, layout.columns + columns] = free
+    return rows
+
+
 def point_columns(
     observations: Observations, linear: Linearisation, normal: FloatArray, layout: Layout, number: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -131,13 +143,7 @@ def point_columns(
     """
     place = np.searchsorted(layout.coupled, number)
     kept = np.isin(number, layout.coupled)
-    owner, parameter = layout.free_parameters
-    rows = np.zeros((len(observations), 2, layout.columns + layout.border))
-    for i, (p, c) in enumerate(zip(observations.photograph, linear.camera, strict=True)):
-        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
-        rows[i, :, at : at + 6] = linear.pose[i]
-        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
-        rows[i][:, layout.columns + columns] = free
+    rows = _rows(observations, linear, layout)
     W = np.zeros((len(normal), rows.shape[2], 3))
     np.add.at(W, observations.point, np.einsum("nrc,nri->nci", rows, linear.point))
     inverse = np.zeros_like(normal)
@@ -183,12 +189,31 @@ def joint_control_points(problem: Problem, state: State, found: Covariances) -> 
 
 
 def mark_covariances(problem: Problem, state: State, found: Covariances) -> FloatArray:
-    """Return the covariances (M, 2, 2) of the adjusted marks of control points, in units of their stated variances.
-
-    A mark with the Jacobians A on the cameras and B on its point has B V⁻¹ Bᵀ + U S⁻¹ Uᵀ, U = A − B V⁻¹ Wᵀ.
-    """
+    """Return the covariances (M, 2, 2) of the adjusted marks of control points, in units of their stated variances."""
     linear, rows, inverse, turned = _control_columns(problem, state, found)
-    point = problem.marks.point
+    return _projected(problem.marks.point, linear, rows, inverse, turned, found)
+
+
+def predicted_marks(
+    problem: Problem, state: State, found: Covariances, photograph: IntArray, point: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return where photographs (M,) show control points (M,), px (M, 2), NaN behind a camera, and the covariances (M,
+    2, 2), px², of these places: what the block as it is adjusted says of a mark that nobody has made."""
+    asked = Observations(photograph, point, np.zeros((len(point), 2)), np.ones(len(point)))
+    linear = linearise(asked, state.cameras, state.control)
+    _, _, inverse, turned = _control_columns(problem, state, found)
+    covariance = _projected(point, linear, _rows(asked, linear, found.layout), inverse, turned, found)
+    return linear.residual, covariance
+
+
+def _projected(
+    point: IntArray, linear: Linearisation, rows: FloatArray, inverse: FloatArray, turned: FloatArray,
+    found: Covariances,
+) -> FloatArray:  # fmt: skip
+    """Return the covariances (M, 2, 2) of the images of control points, linearised.
+
+    An image with the Jacobians A on the cameras and B on its point has B V⁻¹ Bᵀ + U S⁻¹ Uᵀ, U = A − B V⁻¹ Wᵀ.
+    """
     U = rows - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
     columns = U.reshape(-1, U.shape[2]).T
     solved = found.solve(columns).T.reshape(U.shape)

@@ -13,7 +13,7 @@ from makers import problem_of, simulated, whole_covariance
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.reliability import reliability
 from photogram.arrays import FloatArray
-from photogram.factors.covariance import covariances, joint_control_points, mark_covariances
+from photogram.factors.covariance import covariances, joint_control_points, mark_covariances, predicted_marks
 from photogram.factors.elimination.reduced import NormalEquations
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
@@ -161,7 +161,10 @@ def test_marks_of_coupled_points_have_the_covariance_of_the_whole_normal_matrix(
     expected, place = whole_covariance(problem, state)
     found, marks = covariances(problem, state), problem.marks
     adjusted = mark_covariances(problem, state, found)
+    pixel, predicted = predicted_marks(problem, state, found, marks.photograph, marks.point)
+    np.testing.assert_allclose(predicted, adjusted * marks.sigma_px[:, None, None] ** 2, rtol=1e-9)
     linear = linearise(marks, state.cameras, state.control)
+    np.testing.assert_allclose(pixel - marks.pixel, linear.residual * marks.sigma_px[:, None], atol=1e-9)
     free = problem.free[0]
     for i, (photograph, point) in enumerate(zip(marks.photograph.tolist(), marks.point.tolist(), strict=True)):
         J = np.zeros((2, len(expected)))
