@@ -1,0 +1,395 @@
+"""The picture that a target of each kind makes: grey values and their derivatives.
+
+A point p of the photograph lies at q = A (p − c) in the target, c its centre. Edges are lines q_x = o, q_y = o, or
+circles |q| = ρ. A pixel at the distance d px from an edge, to first order d = s / |Aᵀn| with s the signed distance in
+the target and n its direction, is covered to the share Φ(d/σ): a step under a Gaussian blur σ (Nalwa & Binford 1986),
+in which the pixel's own area has its part. Where edges cross their shares are multiplied, which is exact where they are
+perpendicular; elsewhere what is missing is symmetric about the crossing.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import erfc
+
+from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.compilation import njit
+
+
+class Pattern(IntEnum):
+    """Patterns that can be drawn. Open ones have no outer edge; their unit is the half width of a bar, or arbitrary."""
+
+    FIELDS = 0  # four fields that go on
+    DISC_OF_QUADRANTS = 1  # |q| < 1
+    SQUARE_OF_QUADRANTS = 2  # |q_x|, |q_y| < 1
+    CIRCLE = 3  # |q| < 1
+    RING = 4  # shape < |q| < 1
+    CROSS = 5  # bars of half length 1 and half width shape
+    OPEN_CROSS = 6  # bars of half width 1
+    CORNER = 7  # bars of length 1 and width shape along +q_x and +q_y, outer corner at the origin
+    OPEN_CORNER = 8  # bars of width 1
+
+
+CX, CY, AXX, AXY, AYX, AYY, BLUR, SHAPE, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V = range(13)
+"""Places of the parameters: centre px, affine map 1/px, blur px, the pattern's own proportion, levels DN, and how the
+level outside rises from the centre on, DN/px: ground is seldom even."""
+COUNT = 13
+MOST_PX = 100.0
+"""Half of the side of what is looked at, at most."""
+
+_ALWAYS = [CX, CY, AXX, AXY, AYX, AYY, BLUR]
+FREE: dict[Pattern, IntArray] = {
+    Pattern.FIELDS: np.array([*_ALWAYS, FIRST, SECOND]),
+    Pattern.DISC_OF_QUADRANTS: np.array([*_ALWAYS, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V]),
+    Pattern.SQUARE_OF_QUADRANTS: np.array([*_ALWAYS, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V]),
+    Pattern.CIRCLE: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
+    Pattern.RING: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V]),
+    Pattern.CROSS: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, RISE_U, RISE_V]),
+    Pattern.OPEN_CROSS: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
+    Pattern.CORNER: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, RISE_U, RISE_V]),
+    Pattern.OPEN_CORNER: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
+}
+"""Parameters that are estimated. What the picture cannot tell (how a circle is turned, the scale of fields that go on)
+stays where it starts."""
+
+
+_ROUGH_END, _ROUGH_STEPS = 4.0, 64.0
+_ROUGH = 0.5 * erfc(-np.arange(-4.0, 4.0 + 0.5 / 64.0, 1.0 / 64.0) / np.sqrt(2.0))
+
+
+class Levels(NamedTuple):
+    """Shares (N,) of the pixels that lie outside of the pattern and in its two levels."""
+
+    outside: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def _phi(d: float, blur: float) -> float:
+    return 0.5 * math.erfc(-d / blur * 0.7071067811865476)
+
+
+@njit(cache=True, nogil=True)
+def _rough_phi(d: float, blur: float) -> float:
+    """Return _phi to 1e-4: enough to judge what is then fitted."""
+    x = (d / blur + _ROUGH_END) * _ROUGH_STEPS
+    if x <= 0.0:
+        return 0.0
+    i = int(x)
+    if i >= len(_ROUGH) - 1:
+        return 1.0
+    return float(_ROUGH[i] + (x - i) * (_ROUGH[i + 1] - _ROUGH[i]))
+
+
+@njit(cache=True, nogil=True)
+def _density(d: float, blur: float) -> float:
+    return math.exp(-0.5 * (d / blur) ** 2) * 0.3989422804014327 / blur
+
+
+@njit(cache=True, nogil=True)
+def _offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) -> int:
+    """Write where the lines across an axis lie and how they move with the shape; return their number."""
+    slope[:] = 0.0
+    if pattern <= 1:
+        offset[0] = 0.0
+        return 1
+    if pattern == 2:
+        offset[0], offset[1], offset[2] = -1.0, 0.0, 1.0
+        return 3
+    if pattern == 5:
+        offset[0], offset[1], offset[2], offset[3] = -shape, shape, -1.0, 1.0
+        slope[0], slope[1] = -1.0, 1.0
+        return 4
+    if pattern == 6:
+        offset[0], offset[1] = -1.0, 1.0
+        return 2
+    if pattern == 7:
+        offset[0], offset[1], offset[2], offset[3] = 0.0, shape, 0.0, 1.0
+        slope[1] = 1.0
+        return 4
+    if pattern == 8:
+        offset[0], offset[1] = 0.0, 1.0
+        return 2
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def _shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: FloatArray) -> tuple[float, float]:
+    """Return the shares of the first and second level from those of the edges, and write their derivatives g (2, 10):
+    by the edges across x (4), across y (4), by the outer and the inner circle."""
+    g[:] = 0.0
+    if pattern <= 1:
+        x, y, whole = ex[0], ey[0], 1.0 if pattern == 0 else round_[0]
+        same = x * y + (1.0 - x) * (1.0 - y)
+        g[0, 0], g[0, 4] = whole * (2.0 * y - 1.0), whole * (2.0 * x - 1.0)
+        g[1, 0], g[1, 4] = -g[0, 0], -g[0, 4]
+        if pattern == 1:
+            g[0, 8], g[1, 8] = same, 1.0 - same
+        return whole * same, whole * (1.0 - same)
+    if pattern == 2:
+        xm, xp, ym, yp = ex[0] - ex[1], ex[1] - ex[2], ey[0] - ey[1], ey[1] - ey[2]
+        g[0, 0], g[0, 1], g[0, 2] = ym, yp - ym, -yp
+        g[0, 4], g[0, 5], g[0, 6] = xm, xp - xm, -xp
+        g[1, 0], g[1, 1], g[1, 2] = yp, ym - yp, -ym
+        g[1, 4], g[1, 5], g[1, 6] = xp, xm - xp, -xm
+        return xp * yp + xm * ym, xp * ym + xm * yp
+    if pattern == 3:
+        g[0, 8] = 1.0
+        return round_[0], 0.0
+    if pattern == 4:
+        g[0, 8], g[0, 9], g[1, 9] = 1.0, -1.0, 1.0
+        return round_[0] - round_[1], round_[1]
+    ax, ay = ex[0] - ex[1], ey[0] - ey[1]
+    bx = by = 1.0
+    if pattern == 5 or pattern == 7:
+        bx, by = ex[2] - ex[3], ey[2] - ey[3]
+    elif pattern == 8:
+        bx, by = ex[0], ey[0]
+    to_ax, to_ay, to_bx, to_by = by - ay, bx - ax, ay, ax
+    g[0, 0], g[0, 1], g[0, 4], g[0, 5] = to_ax, -to_ax, to_ay, -to_ay
+    if pattern == 5 or pattern == 7:
+        g[0, 2], g[0, 3], g[0, 6], g[0, 7] = to_bx, -to_bx, to_by, -to_by
+    elif pattern == 8:
+        g[0, 0] += to_bx
+        g[0, 4] += to_by
+    return bx * ay + ax * by - ax * ay, 0.0
+
+
+@njit(cache=True, nogil=True)
+def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, jacobian: FloatArray) -> None:
+    """Write the grey values (N,) of pixels at ``place`` (N, 2) and, unless it is empty, the Jacobian (N, COUNT)."""
+    cx, cy, blur = theta[0], theta[1], theta[6]
+    axx, axy, ayx, ayy = theta[2], theta[3], theta[4], theta[5]
+    wx, wy = math.hypot(axx, axy), math.hypot(ayx, ayy)
+    offset, slope = np.zeros(4), np.zeros(4)
+    lines = _offsets(pattern, theta[7], offset, slope)
+    is_round = pattern == 1 or pattern == 3 or pattern == 4
+    ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
+    wanted = jacobian.shape[0] > 0
+    for i in range(place.shape[0]):
+        rx, ry = place[i, 0] - cx, place[i, 1] - cy
+        x, y = axx * rx + axy * ry, ayx * rx + ayy * ry
+        for j in range(lines):
+            ex[j], ey[j] = _phi((x - offset[j]) / wx, blur), _phi((y - offset[j]) / wy, blur)
+        nx = ny = ux = uy = 0.0
+        radius = w = 1.0
+        if is_round:
+            radius = max(math.hypot(x, y), 1e-9)
+            nx, ny = -x / radius, -y / radius
+            ux, uy = axx * nx + ayx * ny, axy * nx + ayy * ny
+            w = max(math.hypot(ux, uy), 1e-12)
+            ux, uy = ux / w, uy / w
+            circle[0] = _phi((1.0 - radius) / w, blur)
+            circle[1] = _phi((theta[7] - radius) / w, blur)
+        first, second = _shares(pattern, ex, ey, circle, g)
+        outside = theta[8] + theta[11] * rx + theta[12] * ry
+        to_first, to_second = theta[9] - outside, theta[10] - outside
+        grey[i] = outside + to_first * first + to_second * second
+        if not wanted:
+            continue
+        row = jacobian[i]
+        row[:] = 0.0
+        row[8], row[9], row[10] = 1.0 - first - second, first, second
+        row[11], row[12] = rx * row[8], ry * row[8]
+        row[0] -= theta[11] * row[8]
+        row[1] -= theta[12] * row[8]
+        for j in range(lines):
+            for axis in range(2):
+                size, q = (wx, x) if axis == 0 else (wy, y)
+                hx, hy = (axx / wx, axy / wx) if axis == 0 else (ayx / wy, ayy / wy)
+                d = (q - offset[j]) / size
+                f = (to_first * g[0, 4 * axis + j] + to_second * g[1, 4 * axis + j]) * _density(d, blur)
+                row[2 + 2 * axis] += f * (rx - d * hx) / size
+                row[3 + 2 * axis] += f * (ry - d * hy) / size
+                row[0] -= f * hx
+                row[1] -= f * hy
+                row[6] -= f * d / blur
+                row[7] -= f * slope[j] / size
+        if is_round:
+            vx, vy = axx * ux + axy * uy, ayx * ux + ayy * uy
+            along = vx * nx + vy * ny
+            tx, ty = (vx - nx * along) / radius, (vy - ny * along) / radius
+            for j in range(2 if pattern == 4 else 1):
+                d = ((theta[7] if j == 1 else 1.0) - radius) / w
+                f = (to_first * g[0, 8 + j] + to_second * g[1, 8 + j]) * _density(d, blur)
+                mx, my = nx + d * tx, ny + d * ty
+                row[2] += f * (mx * rx - d * nx * ux) / w
+                row[3] += f * (mx * ry - d * nx * uy) / w
+                row[4] += f * (my * rx - d * ny * ux) / w
+                row[5] += f * (my * ry - d * ny * uy) / w
+                row[0] -= f * (mx * axx + my * ayx) / w
+                row[1] -= f * (mx * axy + my * ayy) / w
+                row[6] -= f * d / blur
+                if j == 1:
+                    row[7] += f / w
+
+
+def level_shares(pattern: Pattern, theta: FloatArray, place: FloatArray) -> Levels:
+    """Return the shares of the levels in pixels at ``place`` (N, 2): the picture is linear in the levels."""
+    parts = []
+    for level in (OUTSIDE, FIRST, SECOND):
+        one = theta.copy()
+        one[OUTSIDE:] = 0.0
+        one[level] = 1.0
+        grey = np.empty(len(place))
+        draw(int(pattern), one, place, grey, np.empty((0, COUNT)))
+        parts.append(grey)
+    return Levels(*parts)
+
+
+@njit(cache=True, nogil=True)
+def _lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: float, reach: float) -> bool:
+    """Return whether a place of the target lies in the pattern or at most ``margin_px`` beside it."""
+    wx, wy = math.hypot(theta[2], theta[3]), math.hypot(theta[4], theta[5])
+    if pattern == 0:
+        return x * x + y * y <= reach * reach
+    if pattern == 1 or pattern == 3 or pattern == 4:
+        radius = math.hypot(x, y)
+        if radius <= 1.0:
+            return True
+        nx, ny = x / radius, y / radius
+        return (radius - 1.0) <= margin_px * math.hypot(theta[2] * nx + theta[4] * ny, theta[3] * nx + theta[5] * ny)
+    low, high, wide, end = -1.0, -1.0, 1.0, 1.0
+    if pattern == 5:
+        low, wide = -theta[7], theta[7]
+    elif pattern == 6:
+        high, end = -reach, reach
+    elif pattern >= 7:
+        low = high = 0.0
+        wide, end = (theta[7], 1.0) if pattern == 7 else (1.0, reach)
+    mx, my = margin_px * wx, margin_px * wy
+    over_x, over_y = mx, my
+    if pattern == 6 or pattern == 8:  # nothing is known of what lies beyond the end
+        over_x = over_y = 0.0
+    bar_x, bar_y = low - mx <= x <= wide + mx, low - my <= y <= wide + my
+    before_x, before_y = (over_x, over_y) if pattern == 6 else (mx, my)
+    long_x, long_y = high - before_x <= x <= end + over_x, high - before_y <= y <= end + over_y
+    return (bar_x and long_y) or (bar_y and long_x)
+
+
+@njit(cache=True, nogil=True)
+def within(pattern: int, theta: FloatArray, place: FloatArray, margin_px: float, reach: float) -> BoolArray:
+    """Return which pixels (N,) at ``place`` (N, 2) lie in the pattern or at most ``margin_px`` beside it; open patterns
+    end at ``reach``, in the target's unit."""
+    inside = np.zeros(len(place), np.bool_)
+    for i in range(len(place)):
+        rx, ry = place[i, 0] - theta[0], place[i, 1] - theta[1]
+        x, y = theta[2] * rx + theta[3] * ry, theta[4] * rx + theta[5] * ry
+        inside[i] = _lies_within(pattern, theta, x, y, margin_px, reach)
+    return inside
+
+
+@njit(cache=True, nogil=True)
+def margin_px(theta: FloatArray) -> float:
+    """Return how far beside a target pixels are taken: as far as the blur of its edges reaches."""
+    return float(1.0 + 1.5 * min(max(theta[6], 0.3), 3.0))
+
+
+@njit(cache=True, nogil=True)
+def box(pattern: int, theta: FloatArray, rows: int, columns: int, reach: float) -> tuple[int, int, int, int]:
+    """Return the first and last column and row, u, v, u, v, of the pixels that may show a pattern in a patch of so many
+    rows and columns; the last is before the first where it leaves the patch, or is no pattern."""
+    a, b, c, d = theta[2], theta[3], theta[4], theta[5]
+    determinant = a * d - b * c
+    if not np.isfinite(theta).all() or abs(determinant) < 1e-7:
+        return 0, 0, -1, -1
+    extent = reach if pattern == 0 or pattern == 6 or pattern == 8 else 1.0
+    if pattern <= 1 or pattern == 3 or pattern == 4:
+        half_u, half_v = math.hypot(b, d), math.hypot(a, c)
+    else:
+        half_u, half_v = abs(b) + abs(d), abs(a) + abs(c)
+    margin = margin_px(theta)
+    half_u = extent * half_u / abs(determinant) + margin
+    half_v = extent * half_v / abs(determinant) + margin
+    if max(half_u, half_v) > MOST_PX or abs(theta[0]) > 1e6 or abs(theta[1]) > 1e6:
+        return 0, 0, -1, -1
+    left, top = max(math.floor(theta[0] - half_u), 0), max(math.floor(theta[1] - half_v), 0)
+    right, bottom = min(math.ceil(theta[0] + half_u), columns - 1), min(math.ceil(theta[1] + half_v), rows - 1)
+    if right - left < 3 or bottom - top < 3:
+        return 0, 0, -1, -1
+    return left, top, right, bottom
+
+
+@njit(cache=True, nogil=True)
+def judge(
+    pattern: int,
+    theta: FloatArray,
+    levels: IntArray,
+    grey: FloatArray,
+    where: IntArray,
+    thinning: int,
+    margin_px: float,
+    reach: float,
+) -> tuple[int, float, float]:
+    """Write the levels that fit a patch (H, W) best into ``theta``; return the number of pixels, the squares that
+    remain, and those about the mean.
+
+    ``levels`` are the places of those that are free, ``where`` the first and last column and row that are looked at.
+    """
+    wx, wy = math.hypot(theta[2], theta[3]), math.hypot(theta[4], theta[5])
+    offset, slope = np.zeros(4), np.zeros(4)
+    lines = _offsets(pattern, theta[7], offset, slope)
+    is_round = pattern == 1 or pattern == 3 or pattern == 4
+    ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
+    p = len(levels)
+    normal, right, share = np.zeros((p, p)), np.zeros(p), np.zeros(3)
+    n, total, squares = 0, 0.0, 0.0
+    for v in range(where[1], where[3] + 1, thinning):
+        for u in range(where[0], where[2] + 1, thinning):
+            rx, ry = u - theta[0], v - theta[1]
+            x, y = theta[2] * rx + theta[3] * ry, theta[4] * rx + theta[5] * ry
+            if not _lies_within(pattern, theta, x, y, margin_px, reach):
+                continue
+            for j in range(lines):
+                ex[j], ey[j] = _rough_phi((x - offset[j]) / wx, theta[6]), _rough_phi((y - offset[j]) / wy, theta[6])
+            if is_round:
+                radius = max(math.hypot(x, y), 1e-9)
+                ux = (theta[2] * x + theta[4] * y) / radius
+                uy = (theta[3] * x + theta[5] * y) / radius
+                w = max(math.hypot(ux, uy), 1e-12)
+                circle[0] = _rough_phi((1.0 - radius) / w, theta[6])
+                circle[1] = _rough_phi((theta[7] - radius) / w, theta[6])
+            first, second = _shares(pattern, ex, ey, circle, g)
+            share[0], share[1], share[2] = 1.0 - first - second, first, second
+            value = grey[v, u]
+            n += 1
+            total += value
+            squares += value * value
+            for i in range(p):
+                right[i] += share[levels[i] - 8] * value
+                for j in range(p):
+                    normal[i, j] += share[levels[i] - 8] * share[levels[j] - 8]
+    if n < 15:
+        return n, 0.0, 0.0
+    damped = normal.copy()
+    for i in range(p):
+        damped[i, i] += 1e-6
+    found = np.linalg.solve(damped, right)
+    for i in range(p):
+        theta[levels[i]] = found[i]
+    left = squares - 2.0 * (found * right).sum() + (found * (normal @ found)).sum()
+    return n, max(left, 0.0), squares - total * total / n
+
+
+@njit(cache=True, nogil=True)
+def judge_all(
+    pattern: int, thetas: FloatArray, levels: IntArray, grey: FloatArray, reach: float, verdict: FloatArray
+) -> None:
+    """Write the levels that fit a patch (H, W) best into ``thetas`` (M, COUNT), and to ``verdict`` (M, 3) the thinning
+    of the pixels that were looked at, the squares that remain, and those about the mean: 0 where nothing is shown."""
+    for m in range(len(thetas)):
+        verdict[m] = 0.0
+        left, top, right, bottom = box(pattern, thetas[m], grey.shape[0], grey.shape[1], reach)
+        if right < left:
+            continue
+        side = math.sqrt(float((right - left) * (bottom - top)))
+        thinning = 1 if side < 18.0 else 2 if side < 36.0 else 3 if side < 54.0 else 4
+        where = np.array([left, top, right, bottom])
+        n, rest, total = judge(pattern, thetas[m], levels, grey, where, thinning, margin_px(thetas[m]), reach)
+        if n >= 15:
+            verdict[m, 0], verdict[m, 1], verdict[m, 2] = thinning, rest, total
