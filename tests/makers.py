@@ -131,3 +131,29 @@ def ground_point(name: str, role: Role = "control", residual_m: Sequence[float] 
 def true_centres(made: SimulatedBlock) -> FloatArray:
     """Return the true projection centres (N, 3) of a simulated block in the world, m."""
     return np.array([pose.position_world_m for pose in made.truth.poses])
+
+
+def without_marks(block: Block) -> Block:
+    """Return a block whose ground points nobody has marked."""
+    nothing = np.zeros(0, dtype=np.int64)
+    bare = replace(
+        block.control_points, mark_photograph=nothing, mark_point=nothing, mark_pixel=np.zeros((0, 2)),
+        mark_sigma_px=np.zeros(0),
+    )  # fmt: skip
+    return replace(block, control_points=bare)
+
+
+def marks_of(block: Block, point: int) -> list[tuple[str, str, tuple[float, float]]]:
+    """Return the marks of a ground point: its name, that of the photograph, u and v."""
+    p = block.control_points
+    return [
+        (p.name[point], block.photographs[p.mark_photograph[m]].name, (float(u), float(v)))
+        for m in np.flatnonzero(p.mark_point == point).tolist() for u, v in [p.mark_pixel[m]]
+    ]  # fmt: skip
+
+
+def in_best_photograph(block: Block) -> tuple[str, str, tuple[float, float]]:
+    """Return a mark of the photograph that has most of them."""
+    best = int(np.bincount(block.control_points.mark_photograph).argmax())
+    every = [mark for g in range(len(block.control_points)) for mark in marks_of(block, g)]
+    return next(mark for mark in every if mark[1] == block.photographs[best].name)

@@ -1,0 +1,172 @@
+"""What marks say of each other while they are made: which of them contradict the rest, and which point they would fit.
+
+The tests are those of the adjustment (Baarda 1968), on a block of tags and marks or on the adjusted one: every ground
+point takes part with its survey, check points too, for nothing of this enters a result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.arrays import FloatArray
+from photogram.errors import AdjustmentError
+from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.marking.tagged_block import with_all_points
+from photogram.quality.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
+from photogram.quality.gross_errors.data_snooping import (
+    PRICE,
+    Search,
+    search,
+    simplified,
+    whole_points,
+    without,
+)
+from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.results import Adjustment
+from photogram.survey import Block
+
+FITS = 0.001
+"""Probability by chance above which a mark fits another point."""
+
+LEAST_MARKS = 3
+"""Marks of a point from which on each of them is compared with the others."""
+
+
+MARKED = ("mark", "control point")
+"""What is suspected while marks are made: a mark, or the coordinates of its point."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedMark:
+    """A mark (its number among the block's) beside where all others put it."""
+
+    mark: int
+    off_px: FloatArray
+    """Mark minus where the others put it (2,), px."""
+    covariance_px2: FloatArray
+    """Covariance (2, 2) of that."""
+    fits: tuple[str, ...]
+    """Names of other points that it would fit; only of a rejected mark."""
+    rejected: bool
+    """Whether it contradicts the others."""
+
+    @property
+    def distance_px(self) -> float:
+        """Return how far it is from where the others put it."""
+        return float(np.hypot(*self.off_px))
+
+    @property
+    def w(self) -> float:
+        """Return the root of its test statistic, χ² with two degrees of freedom."""
+        return float(np.sqrt(self.off_px @ np.linalg.solve(self.covariance_px2, self.off_px)))
+
+
+@dataclass(frozen=True, eq=False)
+class MarkComparison:
+    """The marks of a block, each beside what the others say, what is wrong in words, and where points are to be looked
+    for without what is wrong."""
+
+    marks: tuple[ComparedMark, ...]
+    blunders: tuple[Blunder, ...]
+    places: PredictedPlaces
+    sigma_m: FloatArray
+    """Standard deviations (G, 3) of the ground points along the map's axes as the marks have them, NaN of unmarked."""
+
+
+def compared_marks(block: Block, settings: AdjustmentSettings | None = None) -> MarkComparison:
+    """Test the marks of a block, a ``tagged_block`` or an adjusted one, against each other and what else is measured.
+
+    Raises AdjustmentError where the block is not determined.
+    """
+    settings = settings or AdjustmentSettings(estimate_sigmas=False)
+    known = with_all_points(block)
+    found = _snooped(known, settings)
+    clean = without(known, found.rejected)
+    places = _numbered(predicted_places(clean, settings), known, block)
+    sigma = np.full((len(block.control_points), 3), np.nan)
+    axes = block.frame.rotation_world_from_map(np.zeros(3))
+    marked = set(known.control_points.mark_point.tolist())
+    for g, covariance in enumerate(found.result.ground_covariance_m2):
+        if g in marked:
+            own = block.control_points.name.index(known.control_points.name[g])
+            sigma[own] = np.sqrt(np.diag(axes.T @ covariance @ axes))
+    marks, blunders = tuple(_compared(block, known, found, places)), tuple(name_blunders(known, found))
+    return MarkComparison(marks, blunders, places, sigma)
+
+
+def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
+    """Return the marks and coordinates that contradict the rest, and the adjustment without them: the cheapest of the
+    explanations from all measurements, and from those that a robust adjustment does not find grossly off."""
+
+    def believing_tags(block: Block) -> Adjustment:
+        """Adjust without a test of the tags: what they have in common is estimated, and a photograph of few marks
+        could not tell a wrong mark from a wrong tag."""
+        result = adjust(block, settings)
+        r = result.reliability
+        untested = replace(
+            r, gnss_left_out_m=np.full_like(r.gnss_left_out_m, np.nan), gnss_w=np.full_like(r.gnss_w, np.nan),
+            attitude_left_out_rad=np.full_like(r.attitude_left_out_rad, np.nan),
+            focal_left_out_px=np.full_like(r.focal_left_out_px, np.nan),
+        )  # fmt: skip
+        return replace(result, reliability=untested, held_flights=())
+
+    gross = [a for a in grossly_off(block, settings) if a.kind in MARKED]
+    ways = [way for way in (simplified(gross), whole_points(gross)) if way]
+    found, faults = [], []
+    for suspects in [*ways, []]:
+        try:
+            found.append(search(block, believing_tags(without(block, suspects)), believing_tags, suspects))
+            if suspects and len(found[-1].rejected) <= len(suspects):
+                break  # what is grossly off explains everything
+        except AdjustmentError as fault:
+            faults.append(fault)
+    if not found:
+        raise faults[-1]
+    # two points that were exchanged are one mistake, not two
+    return min(found, key=lambda one: one.cost() - PRICE * len(exchanged_points(block, one)))
+
+
+def _numbered(places: PredictedPlaces, known: Block, block: Block) -> PredictedPlaces:
+    """Return the places with the numbers that their points have in the whole block."""
+    number = np.array([block.control_points.name.index(n) for n in known.control_points.name], dtype=np.int64)
+    return replace(places, point=number[places.point])
+
+
+def _compared(block: Block, known: Block, found: Search, places: PredictedPlaces) -> Iterator[ComparedMark]:
+    points, names = block.control_points, [p.name for p in block.photographs]
+    rejected = {a.what for a in found.rejected}
+    count = np.bincount(points.mark_point, minlength=len(points))
+    at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
+    r, left = found.result.reliability, known.control_points
+    of = {
+        (left.name[g], int(i)): m
+        for m, (g, i) in enumerate(zip(left.mark_point.tolist(), left.mark_photograph.tolist(), strict=True))
+    }
+    for m, (g, i) in enumerate(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)):
+        own, k = points.mark_sigma_px[m] ** 2 * np.eye(2), at.get((g, i))
+        wrong = ("mark", points.name[g], names[i]) in rejected
+        if wrong and k is not None:
+            off, covariance = points.mark_pixel[m] - places.pixel[k], places.covariance_px2[k] + own
+            yield ComparedMark(m, off, covariance, tuple(_fitted(block, places, m, g)), True)
+        elif not wrong and count[g] >= LEAST_MARKS and (points.name[g], i) in of:
+            n = of[points.name[g], i]
+            if np.isfinite(r.mark_left_out_px[n]).all():
+                yield ComparedMark(m, -r.mark_left_out_px[n], r.mark_left_out_covariance_px2[n], (), False)
+
+
+def _fitted(block: Block, places: PredictedPlaces, mark: int, point: int) -> Iterator[str]:
+    """Yield the names of other points that a mark fits, the nearest first."""
+    points = block.control_points
+    there = np.flatnonzero((places.photograph == points.mark_photograph[mark]) & (places.point != point))
+    off = points.mark_pixel[mark] - places.pixel[there]
+    spread = places.covariance_px2[there] + points.mark_sigma_px[mark] ** 2 * np.eye(2)
+    T = np.einsum("ki,ki->k", off, np.linalg.solve(spread, off[..., None])[..., 0])
+    for k in np.argsort(T, kind="stable").tolist():
+        if chi2.sf(T[k], 2) > FITS:
+            yield points.name[places.point[there[k]]]

@@ -1,0 +1,66 @@
+"""Marks that contradict the others, in simulated surveys that have nothing but tags."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from photogram.marking.mark_comparison import MarkComparison, compared_marks
+from photogram.marking.tagged_block import tagged_block
+from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
+from photogram.survey import Block, ControlPoints
+
+PLAN = replace(whole_survey_plan(), control_points=8, check_points=2, heading_error_deg=4.0)
+
+
+@cache
+def survey(seed: int) -> Block:
+    """A survey of tags and marks."""
+    return tagged_block(simulate_block(PLAN, seed).block)
+
+
+def told(seed: int, points: ControlPoints) -> MarkComparison:
+    """What is said of these marks."""
+    return compared_marks(replace(survey(seed), control_points=points))
+
+
+def test_nobody_is_accused_where_all_marks_are_right() -> None:
+    points = survey(1).control_points
+    found = told(1, points)
+    assert not found.blunders
+    assert not any(compared.rejected for compared in found.marks)
+    assert len(found.marks) > 0.8 * len(points.mark_point)
+    assert 0.7 < np.sqrt(np.mean([compared.w**2 for compared in found.marks]) / 2.0) < 1.3
+    assert np.isfinite(found.sigma_m).all()
+
+
+def test_a_mark_on_the_neighbouring_target_is_named_with_the_point_that_it_fits() -> None:
+    points = survey(2).control_points
+    both = next(
+        (a, b) for a in range(len(points.mark_point)) for b in range(len(points.mark_point))
+        if points.mark_photograph[a] == points.mark_photograph[b] and points.mark_point[a] < points.mark_point[b]
+    )  # fmt: skip
+    pixel = points.mark_pixel.copy()
+    pixel[both[0]] = pixel[both[1]] + 0.2
+    found = told(2, replace(points, mark_pixel=pixel))
+    (wrong,) = [compared for compared in found.marks if compared.rejected]
+    assert wrong.mark == both[0]
+    assert wrong.fits == (points.name[points.mark_point[both[1]]],)
+    right_px = points.mark_pixel[both[0]] - pixel[both[0]]
+    assert wrong.distance_px == pytest.approx(float(np.hypot(*right_px)), rel=0.2)
+
+
+def test_exchanged_points_are_named() -> None:
+    points = survey(3).control_points
+    number = np.array([1, 0, *range(2, len(points))])
+    swapped = number[points.mark_point]
+    order = np.argsort(swapped, kind="stable")
+    found = told(3, replace(
+        points, mark_point=swapped[order], mark_photograph=points.mark_photograph[order],
+        mark_pixel=points.mark_pixel[order], mark_sigma_px=points.mark_sigma_px[order],
+    ))  # fmt: skip
+    named = {name for blunder in found.blunders for name in blunder.points}
+    assert {points.name[0], points.name[1]} == named
