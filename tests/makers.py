@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from photogram.camera import Camera
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.marker.session import MarkingSession
 from photogram.report.record.ground import GroundPointRecord
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, Role
@@ -157,3 +159,11 @@ def in_best_photograph(block: Block) -> tuple[str, str, tuple[float, float]]:
     best = int(np.bincount(block.control_points.mark_photograph).argmax())
     every = [mark for g in range(len(block.control_points)) for mark in marks_of(block, g)]
     return next(mark for mark in every if mark[1] == block.photographs[best].name)
+
+
+def reckoned(session: MarkingSession) -> None:
+    """Wait until what follows from the marks of a session is known."""
+    limit = time.monotonic() + 120
+    while session.moment().is_reckoning:
+        assert time.monotonic() < limit
+        time.sleep(0.02)

@@ -44,7 +44,10 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     for file in draft.control:
         table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
-            table.add_row("", f"no marks in photographs for {escape(file.path)}: give them with --marks FILE")
+            table.add_row(
+                "",
+                f"no marks in photographs for {escape(file.path)}: photogram mark makes them, --marks FILE gives them",
+            )
     for site in draft.other_sites:
         where = f"{site.distance_m / 1000:.1f} km away at {site.longitude_deg:.4f}, {site.latitude_deg:.4f}"
         table.add_row(
@@ -73,4 +76,9 @@ def run(wanted: Request) -> None:
     _show(draft, project)
     for finding in read_back(project):
         console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
-    console.print(f"Next: photogram check {escape(str(project))}, then photogram adjust {escape(str(project))}")
+    name = escape(str(project))
+    if any(not file.has_marks and file.marks is None for file in draft.control):
+        console.print(f"Next: photogram mark {name}, to mark the points in the photographs")
+        console.print(f"Then: photogram check {name}, then photogram adjust {name}")
+    else:
+        console.print(f"Next: photogram check {name}, then photogram adjust {name}")

@@ -32,6 +32,7 @@ __all__ = [
     "read_pixels",
     "read_small",
     "read_tags",
+    "read_window",
     "thumbnail",
     "write_photograph",
 ]
@@ -229,6 +230,29 @@ def read_small(path: Path, longest_px: int) -> ByteArray:
     picture.draft("RGB", size)
     _decode(path, picture)
     return np.array(picture.convert("RGB").resize(size, Image.Resampling.BOX))
+
+
+def read_window(
+    path: Path, box: tuple[int, int, int, int], reduction: int = 1, size_px: tuple[int, int] | None = None
+) -> ByteArray:
+    """Return a part of the photograph as red, green, blue (height, width, 3), reduced 1, 2, 4 or 8 times; each pixel of
+    a reduced one is the mean of a square of so many, as far as the photograph reaches.
+
+    ``box`` is left, upper, right, lower in reduced pixels, within ceil(width / reduction) and ceil(height / reduction).
+    JPEG is decoded at the reduced size. Raises ImageError as read_pixels does.
+    """
+    picture = _open(path, size_px)
+    width, height = picture.size
+    if reduction > 1 and min(width, height) >= reduction:
+        picture.draft("RGB", (width // reduction, height // reduction))
+    _decode(path, picture)
+    left, upper, right, lower = box
+    if reduction == 1 or picture.size != (width, height):
+        return np.array(picture.crop(box).convert("RGB"))
+    # the decoder has reduced nothing: all but JPEG
+    whole = min(right * reduction, width), min(lower * reduction, height)
+    part = picture.crop((left * reduction, upper * reduction, *whole)).convert("RGB")
+    return np.array(part.reduce(reduction))
 
 
 def _rational(value: float, denominator: int) -> IFDRational:

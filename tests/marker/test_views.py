@@ -1,0 +1,87 @@
+"""What the page is told of a session."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from makers import in_best_photograph, marks_of, reckoned, without_marks
+
+from photogram.files.marks.actions import NewPoint
+from photogram.marker.session import MarkingSession
+from photogram.marker.views import LEAST_SPAN_PX, Views, said_of, span_px
+from photogram.marking.mark_comparison import ComparedMark
+from photogram.marking.tagged_block import tagged_block
+from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
+
+PLAN = replace(whole_survey_plan(), control_points=24, check_points=4)
+
+
+def test_a_survey_before_between_and_after_its_marks(tmp_path: Path) -> None:
+    whole = tagged_block(simulate_block(PLAN, 2).block)
+    session = MarkingSession(without_marks(whole), tmp_path / "j", tmp_path / "marks.csv")
+    views = Views(session)
+    before = views.state()
+    names = [point["name"] for point in before["points"]]
+    assert names == list(whole.control_points.name)
+    assert before["reckoning"]
+    unknown = views.point(names[0])
+    assert len(unknown["photographs"]) == len(whole.photographs), "nothing says yet where it is"
+    assert all(p["u"] is None for p in unknown["photographs"])
+    session.start()
+    reckoned(session)
+    told = views.point(names[0])
+    assert 0 < len(told["photographs"]) <= len(whole.photographs)
+    assert told["span_px"] > LEAST_SPAN_PX
+    inside = [p["inside"] for p in told["photographs"]]
+    assert inside == sorted(inside, reverse=True)
+    for g in range(len(names)):
+        for mark in marks_of(whole, g):
+            session.mark(*mark)
+    wrong = in_best_photograph(whole)
+    session.mark(wrong[0], wrong[1], (wrong[2][0] + 25.0, wrong[2][1]))
+    reckoned(session)
+    after, point = views.state(), views.point(wrong[0])
+    json.dumps([after, point, views.plan()], allow_nan=False)
+    assert [p["name"] for p in after["points"] if p["wrong"]] == [wrong[0]]
+    assert any(wrong[1] in sentence for sentence in after["blunders"])
+    (bad,) = [p for p in point["photographs"] if p["rejected"]]
+    assert bad["name"] == wrong[1]
+    assert "others put it" in bad["words"]
+    good = [p for p in after["points"] if not p["wrong"]]
+    assert all("sigma of the point" in p["words"] for p in good if p["marks"] > 2)
+    assert any(p["enough"] for p in good)
+    session.close()
+
+
+def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> None:
+    whole = tagged_block(simulate_block(PLAN, 2).block)
+    session = MarkingSession(without_marks(whole), tmp_path / "j", tmp_path / "marks.csv")
+    views = Views(session)
+    session.add_point(NewPoint("roof"))
+    assert views.state()["points"][-1] | {"words": ""} == {
+        "name": "roof", "role": "tie", "surveyed": False, "marks": 0, "wrong": False, "doubtful": 0, "enough": False,
+        "words": "",
+    }  # fmt: skip
+    assert "roof" not in [place["name"] for place in views.plan()["points"]]
+    with pytest.raises(KeyError):
+        views.point("cellar")
+    session.close()
+
+
+def test_words_of_a_mark() -> None:
+    def compared(rejected: bool, *fits: str) -> ComparedMark:
+        return ComparedMark(0, np.array([6.0, 1.6]), np.eye(2), fits, rejected)
+
+    assert said_of(compared(True, "P7"), 4) == "6.2 px from where the four others put it; it would fit P7"
+    assert said_of(compared(True), 1) == "6.2 px from where the other puts it"
+    assert said_of(compared(False), 12) == "6.2 px from the 12 others"
+
+
+def test_the_ellipse_fills_a_third_of_a_patch() -> None:
+    assert span_px([100.0, 90.0, 300.0], [(4000, 3000)]) == 600.0
+    assert span_px([2.0], [(4000, 3000)]) == LEAST_SPAN_PX
+    assert span_px([1e5], [(4000, 3000)]) == 4000.0

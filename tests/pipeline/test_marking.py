@@ -1,0 +1,70 @@
+"""A survey opened for marking."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from photogram.errors import ProjectError, WorkspaceError
+from photogram.pipeline import marking
+from photogram.pipeline.marking import adjusted_block, open_marking
+
+Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
+
+
+def unmarked(values: dict[str, Any]) -> None:
+    for point in values["control_points"]["list"]:
+        del point["marks"]
+
+
+def test_points_without_marks_are_opened_with_the_poses_of_their_tags(survey: Path, edit: Edit) -> None:
+    edit(survey / "project.yaml", unmarked)
+    read: list[int] = []
+    opened = open_marking(survey / "project.yaml", progress=lambda done, *_: read.append(done))
+    assert read[-1] == len(opened.block.photographs)
+    assert len(opened.block.control_points.mark_point) == 0
+    assert all(pose is not None for pose in opened.block.poses)
+    assert opened.journal.parent.is_dir()
+    assert opened.marks == survey / "marks.csv"
+    assert adjusted_block(opened) is None
+
+
+def test_what_is_stored_is_not_read_again(survey: Path) -> None:
+    first = open_marking(survey / "project.yaml")
+    for path in (survey / "photographs").iterdir():
+        os.utime(path)
+    read: list[int] = []
+    again = open_marking(survey / "project.yaml", progress=lambda done, *_: read.append(done))
+    assert read == []
+    np.testing.assert_array_equal(
+        again.block.control_points.position_world_m, first.block.control_points.position_world_m
+    )
+
+
+def test_an_adjusted_survey_gives_its_adjusted_poses(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = open_marking(adjusted_survey / "project.yaml")
+    block = adjusted_block(opened)
+    assert block is not None
+    assert len(block.tie_points) > 100
+    monkeypatch.setattr(marking, "MOST_TIE_POINTS", 50)
+    thinned = adjusted_block(opened)
+    assert thinned is not None
+    assert 25 < len(thinned.tie_points) <= 50
+
+
+def test_a_damaged_adjustment_is_told(adjusted_survey: Path) -> None:
+    opened = open_marking(adjusted_survey / "project.yaml")
+    (adjusted_survey / "work" / "adjustment.stage" / "adjustment.npz").unlink()
+    with pytest.raises(WorkspaceError, match="photogram adjust"):
+        adjusted_block(opened)
+
+
+def test_without_ground_points_there_is_nothing_to_mark(survey: Path, edit: Edit) -> None:
+    edit(survey / "project.yaml", lambda values: values.pop("control_points"))
+    with pytest.raises(ProjectError, match="no ground points"):
+        open_marking(survey / "project.yaml")
