@@ -61,6 +61,7 @@ __all__ = [
     "compare",
     "contour_lines",
     "diagnose",
+    "export_marks",
     "find_features",
     "init",
     "intersect",
@@ -93,6 +94,7 @@ _PLACES = {
     "OpenedSurvey": "photogram.pipeline.opened_survey:OpenedSurvey",
     "open": "photogram.pipeline.opened_survey:open_survey",
     "view": "photogram.pipeline.view:write_view",
+    "export_marks": "photogram.pipeline.mark_export:export_marks",
     # the data of a survey
     "Block": "photogram.survey:Block",
     "Camera": "photogram.camera:Camera",
@@ -181,6 +183,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.files.photographs.images import read_pixels as read_photograph
     from photogram.frames import LocalFrame
     from photogram.pipeline.input_validation import validate_project_file as check
+    from photogram.pipeline.mark_export import export_marks
     from photogram.pipeline.new_project import NewProject, init
     from photogram.pipeline.opened_survey import OpenedSurvey
     from photogram.pipeline.opened_survey import open_survey as open

@@ -3,13 +3,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Literal
 
 import typer
 
 from photogram.cli.app import app
 from photogram.cli.arguments import Photographs, ProjectFile
 from photogram.cli.beforehand import check_project_file
+
+FormatName = Literal["gcp_list", "metashape", "pix4d", "csv"]
+
+
+def _check_export(export: Path | None, form: FormatName | None, overwrite: bool, others: bool) -> None:
+    """Raise BadParameter where options contradict each other."""
+    if export is None and (form is not None or overwrite):
+        raise typer.BadParameter("--format and --overwrite belong to --export: give the file to write with --export")
+    if export is not None and others:
+        raise typer.BadParameter("--export writes what is marked and ends: leave out --propose and --detect-only")
 
 
 @app.command()
@@ -28,13 +39,37 @@ def mark(
     detect_only: Annotated[
         bool, typer.Option("--detect-only", help="Look for targets, write proposals and pictures of them, and end.")
     ] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            "--export",
+            metavar="FILE",
+            help="Write points and marks for another program, and end; doubtful marks are left out.",
+            show_default=False,
+        ),
+    ] = None,
+    form: Annotated[
+        FormatName | None,
+        typer.Option(
+            "--format",
+            help="Format of the export; without it the file's name tells: gcp_list.txt, .xml, .csv.",
+            show_default=False,
+        ),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Export even where the file exists.")] = False,
 ) -> None:
     """Mark ground points in photographs, on a page in the browser of this machine; writes marks.csv beside the project.
 
     Works before anything is processed, and better after photogram adjust. Every mark is saved when it is made;
     Ctrl-C ends.
     """
+    _check_export(export, form, overwrite, propose or detect_only)
     check_project_file(project)
+    if export is not None:
+        from photogram.cli.work import mark_export
+
+        mark_export.run(project, photographs, export, form, overwrite)
+        return
     from photogram.cli.work.mark import detect, run
 
     if detect_only:

@@ -25,6 +25,10 @@ SIGMA_M = (1e-5, 1e4)
 SIGMA_PX = (1e-4, 1e3)
 """What standard deviations may be, ends included."""
 
+MARK_KIND = re.compile(r"[a-z][a-z0-9_-]{0,39}")
+"""How a mark was measured, a word."""
+
+_QUOTED = frozenset(',;"\t#')
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
@@ -106,3 +110,10 @@ def lines_of(
             faults.note(number, f"holds the character {printable(found[0])}, which cannot be printed: remove it")
     faults.raise_all()
     return kept
+
+
+def quoted(text: str) -> str:
+    """Return a cell of a table as it is written, in quotes where it else would end, or begin a comment."""
+    if not _QUOTED.intersection(text):
+        return text
+    return '"' + text.replace('"', '""') + '"'

@@ -45,7 +45,16 @@ def _patches(proposals: Sequence[Proposal], numbers: Mapping[str, int], patches:
         sigma = "" if mark.sigma_px is None else f", ± {max(mark.sigma_px):.2f} px"
         pixels = patches.pixels(numbers[mark.photograph], wanted)
         made.append(
-            MarkPatch(mark.photograph, pixels, cut.left, cut.upper, mark.pixel, "proposed", f"{mark.kind}{sigma}")
+            MarkPatch(
+                mark.photograph,
+                pixels,
+                cut.left,
+                cut.upper,
+                mark.pixel,
+                "proposed",
+                f"{mark.kind}{sigma}",
+                half_px=HALF_PX,
+            )
         )
     return made
 

@@ -185,7 +185,11 @@ STAGES = (
         "results",
         STAGE_TITLES["results"],
         ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
-        lambda run: [str(run.project.results), run.project.report],
+        lambda run: [
+            str(run.project.results),
+            run.project.report,
+            [point.mark_kind for point in run.project.surveyed.control_points],
+        ],
         publish,
     ),
 )

@@ -56,6 +56,8 @@ class GroundPoint:
     """Image coordinates (M, 2)."""
     mark_sigma_px: FloatArray
     """Standard deviations (M,)."""
+    mark_kind: tuple[str, ...]
+    """How they were measured (M,)."""
     heights: HeightSystem | None
     """Height system it was given in, None if not declared."""
 
@@ -472,6 +474,7 @@ def _complete(
             tuple(marks[i].photograph for i in own),
             pixel[own],
             np.array([sigma_px[marks[i].line] for i in own], dtype=np.float64),
+            tuple(marks[i].kind for i in own),
             source.heights,
         )
 

@@ -22,6 +22,7 @@ from photogram.camera import Camera
 from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.files.maps.seam_files import read_seams
+from photogram.files.tables.control_files import IMPORTED
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.control_points import GroundPoint, read_point_files
@@ -124,6 +125,8 @@ class ProjectControlPoint:
     """Standard deviations (M,)."""
     heights: HeightSystem | None = None
     """Height system it was given in, None if not declared."""
+    mark_kind: tuple[str, ...] = ()
+    """How they were measured (M,); IMPORTED, all of them, if not given."""
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -131,6 +134,10 @@ class ProjectControlPoint:
         check_shape("sigma_m", self.sigma_m, (3,))
         check_shape("mark_pixel", self.mark_pixel, (marks, 2))
         check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+        if marks and not self.mark_kind:
+            object.__setattr__(self, "mark_kind", (IMPORTED,) * marks)
+        if len(self.mark_kind) != marks:
+            raise ValueError("every mark needs a kind")
 
     @property
     def role(self) -> Role:
@@ -564,6 +571,7 @@ def _control_points(
                 point.mark_pixel,
                 point.mark_sigma_px,
                 point.heights,
+                point.mark_kind,
             )
         )
     return tuple(points)

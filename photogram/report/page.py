@@ -12,7 +12,9 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from photogram.projection import CAMERA_PARAMETERS
+from photogram.report.figures.mark_patches import figure_key
 from photogram.report.identity import grouped
+from photogram.report.marks import point_marks
 from photogram.report.numbers.overall import length
 from photogram.report.numbers.traffic_lights import AXES, number
 from photogram.report.numbers.wording import (
@@ -116,6 +118,7 @@ def report_page(report: Report, figures: Sequence[Mapping[str, str]]) -> str:
         predicted_points=[row for row in control if row["predicted"]],
         check=_ground_rows(report, "check"),
         marks=_marks(report),
+        marked_points=_marked_points(report, {figure["key"]: figure for figure in figures}),
         marks_total=sum(len(p["marks"]) for p in report["control_points"]),
         photographs=_photographs(report),
         calibration=_calibration(report),
@@ -194,6 +197,12 @@ def _marks(report: Report) -> list[Row]:
     marks = [(point, mark) for point in report["control_points"] for mark in point["marks"] if mark["residual_px"]]
     largest = sorted(marks, key=size, reverse=True)[:MAXIMUM_MARKS]
     return [{"point": point["name"], "role": point["role"], **mark} for point, mark in largest]
+
+
+def _marked_points(report: Report, figures: Mapping[str, Mapping[str, str]]) -> list[Row]:
+    """Return the marks of each ground point in short, with the picture of them where there is one."""
+    points = point_marks(report["control_points"])
+    return [{"marks": marks, "figure": figures.get(figure_key(marks.name))} for marks in points]
 
 
 def _surface_checks(report: Report) -> list[SurfacePointRecord]:

@@ -26,13 +26,16 @@ def test_the_page_is_served_until_it_is_interrupted(survey: Path) -> None:
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     ) as served:
         assert served.stdout is not None
+        assert served.stderr is not None
         said = served.stdout.readline()
         address = re.search(r"http://127\.0\.0\.1:\d+/\S+/", said)
         assert address, said
         with urllib.request.urlopen(f"{address[0]}state", timeout=60) as answer:
             state = json.load(answer)
         served.send_signal(signal.SIGINT)
-        out, err = served.communicate(timeout=60)
+        # not communicate, which loses the lines that came with the first
+        out, err = served.stdout.read(), served.stderr.read()
+        served.wait(timeout=60)
     assert served.returncode == 0
     assert err == ""
     marks = sum(point["marks"] for point in state["points"])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.errors import ControlPointError
-from photogram.files.tables.control_files import PointFile, read_marks, read_points
+from photogram.files.tables.control_files import IMPORTED, PointFile, read_marks, read_points
 
 
 def points(tmp_path: Path, text: str, name: str = "points.txt") -> PointFile:
@@ -273,6 +273,24 @@ def test_table_of_marks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("header", "kinds"),
+    [
+        ("name,photograph,u,v,kind", ["circle", IMPORTED]),
+        ("name,photograph,u,v,raw_u,raw_v,kind", ["circle", "raw"]),
+        ("name,photograph,u,v,#kind", [IMPORTED, IMPORTED]),
+        ("name,photograph,u,v", [IMPORTED, IMPORTED]),
+    ],
+)
+def test_the_kind_of_a_mark_is_what_its_table_says(tmp_path: Path, header: str, kinds: list[str]) -> None:
+    """An empty one is a click in photogram's own table, and not known in others."""
+    empty = ",," if "raw_u" in header else ""
+    rows = [f"A,{n}.jpg,1,2{empty}{kind}" for n, kind in enumerate((",circle", ","))]
+    cut = [row if "kind" in header else row.rpartition(",")[0] for row in rows]
+    (tmp_path / "marks.csv").write_text("\n".join([header, *cut]) + "\n")
+    assert [mark.kind for mark in read_marks(tmp_path / "marks.csv")] == kinds
+
+
+@pytest.mark.parametrize(
     ("text", "expected"),
     [
         ("name,photograph,u\nA,a,1\n", ["1: no column for v: the first line must name the columns"]),
@@ -280,6 +298,7 @@ def test_table_of_marks(tmp_path: Path) -> None:
         ("name,photo,u,v\nA,a,1,b\n", ["2: v must be a number, found 'b'"]),
         ("name,photo,u,v\nA,a,1,2\nB,a,1,2\nA,a,3,4\n", ["4: point A is marked twice in a, first in line 2"]),
         ("name,photo,u,v,sigma\nA,a,1,2,-1\n", ["2: sigma must be from 0.0001 to 1000, found -1"]),
+        ("name,photo,u,v,kind\nA,a,1,2,By hand\n", ["2: kind must be a word in lower case, found 'By hand': correct"]),
     ],
 )
 def test_faults_of_a_table_of_marks(tmp_path: Path, text: str, expected: list[str]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import zlib
@@ -19,12 +20,14 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
+from photogram.files.photographs import images
 from photogram.files.photographs.images import (
     Dewarp,
     PhotographTags,
     check_photograph,
     inspect_photograph,
     read_grey,
+    read_patches,
     read_pixels,
     read_tags,
     thumbnail,
@@ -565,3 +568,27 @@ def test_camera_with_geotags_and_exif_alone(tmp_path: Path, unit: int | None, re
     assert tags.gnss_horizontal_error_m == pytest.approx(0.04)
     assert (tags.lens, tags.serial, tags.focal_35mm_mm) == ("FE 35mm F1.8", "S01", 35.0)
     assert camera_angles(tags) == (None, None, None)
+
+
+def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.jpg"
+    write_photograph(path, np.random.default_rng(2).integers(0, 256, (60, 80, 3)).astype(np.uint8), PhotographTags())
+    whole = read_pixels(path)
+    decoded: list[Path] = []
+    decode = images._decode
+
+    def noted(path: Path, picture: Image.Image) -> None:
+        decoded.append(path)
+        decode(path, picture)
+
+    monkeypatch.setattr(images, "_decode", noted)
+    boxes = [(0, 0, 5, 7), (75, 50, 80, 60), (10, 20, 11, 21)]
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    found = read_patches(path, boxes, (80, 60), sha256)
+    assert len(decoded) == 1
+    for (left, upper, right, lower), patch in zip(boxes, found, strict=True):
+        np.testing.assert_array_equal(patch, whole[upper:lower, left:right])
+    with pytest.raises(ImageError, match="was modified since the run began"):
+        read_patches(path, boxes, None, "0" * 64)
+    with pytest.raises(ImageError, match="but its camera has 81 × 60 px"):
+        read_patches(path, boxes, (81, 60))

@@ -143,7 +143,11 @@ def first_marks(names: Sequence[str], count: int) -> Callable[[Survey], Survey]:
     def keep(p: ProjectControlPoint) -> ProjectControlPoint:
         few = slice(0, count)
         return replace(
-            p, mark_photograph=p.mark_photograph[few], mark_pixel=p.mark_pixel[few], mark_sigma_px=p.mark_sigma_px[few]
+            p,
+            mark_photograph=p.mark_photograph[few],
+            mark_pixel=p.mark_pixel[few],
+            mark_sigma_px=p.mark_sigma_px[few],
+            mark_kind=p.mark_kind[few],
         )
 
     return lambda survey: with_points(survey, lambda p: keep(p) if p.name in names else p)

@@ -134,7 +134,7 @@ def test_wrong_values_are_refused(
 
 
 def test_no_key_but_the_optional_may_be_absent(report: Json, validator: Draft202012Validator) -> None:
-    optional = {"dense", "orthophoto", "estimated_sigmas"}
+    optional = {"dense", "orthophoto", "estimated_sigmas", "marks"}
     for key in report:
         without = {k: v for k, v in report.items() if k != key}
         assert validator.is_valid(without) == (key in optional), key

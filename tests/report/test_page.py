@@ -30,6 +30,7 @@ from photogram.report.printing import find_browser, print_pdf
 from photogram.report.titles import STAGE_TITLES
 
 VOID = {"meta", "link", "img", "br"}
+FIGURES, MARKED_POINTS = 14, 12
 NOTHING_ASKED = ReportSettings()
 
 
@@ -68,9 +69,21 @@ def bare(finished_survey: Path) -> Json:
     return read_json(finished_survey / "results/report.json")
 
 
-SECTIONS = ("verdict", "summary", "accuracy", "plan", "ground", "photographs", "calibration", "prediction", "surface")
+SECTIONS = (
+    "verdict",
+    "summary",
+    "accuracy",
+    "plan",
+    "ground",
+    "marks",
+    "photographs",
+    "calibration",
+    "prediction",
+    "surface",
+)
 TABLES = (
-    "accuracy", "product", "control", "check", "leave-one-out", "marks", "gnss", "photographs", "calibration-1",
+    "accuracy", "product", "control", "check", "leave-one-out", "mark-kinds", "marked-points", "marks", "gnss",
+    "photographs", "calibration-1",
     "correlation-1", "focal", "remedies", "prediction", "variance", "dense", "dense-accuracy", "dense-check",
     "clouds", "discarded", "heights", "stages", "deliverables",
 )  # fmt: skip
@@ -82,7 +95,7 @@ def test_page_holds_every_section_table_and_figure(full_report: Json, figures: l
     assert {f"table-{name}" for name in TABLES} <= set(page.ids)
     assert {f"figure-{f['key'].replace(' ', '-')}" for f in figures} <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
-    assert len(page.alternatives) == len(figures) == 14
+    assert len(page.alternatives) == len(figures) == FIGURES + MARKED_POINTS
     assert all(page.alternatives)
 
 
@@ -187,6 +200,7 @@ def test_a_dense_surface_that_nothing_tests_says_so(full_report: Json) -> None:
 
 
 def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dict[str, str]]) -> None:
+    figures = [f for f in figures if not f["key"].startswith("marks ")]
     assert [f["key"] for f in figures] == [
         "plan", "ellipses", "residuals 0", "histograms", "height sigma", "comparison",
         "orthophoto", "dense surface", "dense sigma", "dense rays", "dense sigma histogram", "dense profiles",
@@ -445,7 +459,7 @@ def test_page_is_made_again_with_what_the_project_now_says(
     asprs = read_json(numbers)["asprs"]
     assert asprs["target_rmse_h_m"] == 1.0
     assert len(asprs["statements"]) == 2
-    assert text.count("<img ") == 14
+    assert text.count("<img ") == FIGURES + MARKED_POINTS
 
 
 def test_page_without_the_work_folder_says_what_is_left_out(

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeVar, get_args
 
 from photogram.errors import ControlPointError
-from photogram.files.text_lines import LONGEST_NAME, SIGMA_M, SIGMA_PX
+from photogram.files.text_lines import LONGEST_NAME, MARK_KIND, SIGMA_M, SIGMA_PX
 from photogram.wording import printable, shortened
 
 PointRole = Literal["control", "check", "tie"]
@@ -21,7 +21,6 @@ ROLES: tuple[PointRole, ...] = get_args(PointRole)
 Place = tuple[str, str]
 """A point and a photograph, by their names."""
 
-_KIND = re.compile(r"[a-z][a-z0-9_-]{0,39}")
 _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?Z")
 _LOW, _HIGH = -1e9, 1e9
 KeyT = TypeVar("KeyT")
@@ -43,7 +42,7 @@ def _check_name(what: str, name: str) -> None:
 
 @lru_cache(maxsize=1024)
 def _is_kind(kind: str) -> bool:
-    return _KIND.fullmatch(kind) is not None
+    return MARK_KIND.fullmatch(kind) is not None
 
 
 def _check_place(point: str, photograph: str) -> None:
@@ -221,6 +220,21 @@ class Redo:
 
 
 Action = PlaceMarks | RemoveMarks | SetNotVisible | SetRole | AddPoint | ConfirmProposals | Undo | Redo
+
+
+def touched_places(actions: Iterable[Action]) -> set[Place]:
+    """Return the places where a mark was ever made or taken away, whatever was undone since."""
+    places = set[Place]()
+    for action in actions:
+        if isinstance(action, PlaceMarks):
+            places |= {mark.place for mark in action.marks}
+        elif isinstance(action, ConfirmProposals):
+            places |= {proposal.mark.place for proposal in action.proposals}
+        elif isinstance(action, RemoveMarks):
+            places |= set(action.places)
+        elif isinstance(action, SetNotVisible):
+            places.add((action.point, action.photograph))
+    return places
 
 
 # ---- state ---------------------------------------------------------------------------------------------------------

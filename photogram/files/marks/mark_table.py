@@ -15,23 +15,16 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.actions import Mark, Proposal
 from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
 from photogram.files.tables.control_files import Row as _Row
-from photogram.files.text_lines import Faults, lines_of
+from photogram.files.text_lines import Faults, lines_of, quoted
 
 MARKS, PROPOSALS = "marks.csv", "proposals.csv"
 """What the tables are called."""
 
 COLUMNS = ("point", "photograph", "u", "v", "sigma_u", "sigma_v", "rho", "kind", "time", "raw_u", "raw_v", "doubtful")
-_QUOTED = set(',;"\t#')
 _DOUBTFUL = {"": False, "no": False, "yes": True}
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------
-
-
-def _cell(text: str) -> str:
-    if not _QUOTED.intersection(text):
-        return text
-    return '"' + text.replace('"', '""') + '"'
 
 
 def _pair(pair: tuple[float, float] | None) -> tuple[str, str]:
@@ -41,8 +34,8 @@ def _pair(pair: tuple[float, float] | None) -> tuple[str, str]:
 def _cells(mark: Mark) -> list[str]:
     rho = "" if mark.sigma_px is None and not mark.rho else repr(float(mark.rho))
     return [
-        _cell(mark.point),
-        _cell(mark.photograph),
+        quoted(mark.point),
+        quoted(mark.photograph),
         *_pair(mark.pixel),
         *_pair(mark.sigma_px),
         rho,
@@ -53,17 +46,25 @@ def _cells(mark: Mark) -> list[str]:
     ]
 
 
-def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    text = "".join(",".join(row) + "\n" for row in (header, *rows))
+def _text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return "".join(",".join(row) + "\n" for row in (header, *rows))
+
+
+def _write(path: Path, text: str) -> None:
     with replacing(path) as partial, partial.open("wb") as stream:
         stream.write(text.encode())
         stream.flush()
         os.fsync(stream.fileno())
 
 
+def text_of_marks(marks: Iterable[Mark]) -> str:
+    """Return the table of marks, as ``write_marks`` writes it."""
+    return _text(COLUMNS, map(_cells, sorted(marks, key=lambda mark: mark.place)))
+
+
 def write_marks(path: Path, marks: Iterable[Mark]) -> None:
     """Write a table of marks. Raises WorkspaceError where it cannot be written."""
-    _write(path, COLUMNS, map(_cells, sorted(marks, key=lambda mark: mark.place)))
+    _write(path, text_of_marks(marks))
 
 
 def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
@@ -71,7 +72,7 @@ def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
     written."""
     ordered = sorted(proposals, key=lambda proposal: proposal.mark.place)
     rows = ([*_cells(p.mark), repr(float(p.score))] for p in ordered)
-    _write(path, (PROPOSED, *COLUMNS[1:], "score"), rows)
+    _write(path, _text((PROPOSED, *COLUMNS[1:], "score"), rows))
 
 
 # ---- reading -------------------------------------------------------------------------------------------------------

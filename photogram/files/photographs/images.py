@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -29,6 +30,7 @@ __all__ = [
     "check_photograph",
     "inspect_photograph",
     "read_grey",
+    "read_patches",
     "read_pixels",
     "read_small",
     "read_tags",
@@ -253,6 +255,19 @@ def read_window(
     whole = min(right * reduction, width), min(lower * reduction, height)
     part = picture.crop((left * reduction, upper * reduction, *whole)).convert("RGB")
     return np.array(part.reduce(reduction))
+
+
+def read_patches(
+    path: Path,
+    boxes: Sequence[tuple[int, int, int, int]],
+    size_px: tuple[int, int] | None = None,
+    sha256: str | None = None,
+) -> list[ByteArray]:
+    """Return parts of the photograph as red, green, blue (height, width, 3) from decoding it once; a ``box`` is left,
+    upper, right, lower in its pixels, within it. Raises ImageError as read_pixels does."""
+    picture = _open(path, size_px, sha256)
+    _decode(path, picture)
+    return [np.array(picture.crop(box).convert("RGB")) for box in boxes]
 
 
 def _rational(value: float, denominator: int) -> IFDRational:

@@ -15,12 +15,15 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from photogram.errors import ControlPointError
-from photogram.files.text_lines import NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
+from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
 from photogram.survey import Role, Roles
 from photogram.wording import shortened
 
 Sigma3 = tuple[float | None, float | None, float | None]
 Row = dict[str, str]
+
+IMPORTED, RAW = "imported", "raw"
+"""Kinds of a mark whose file does not say how it was measured, and of a click as it is."""
 
 _SEPARATORS = (";", "\t", ",")
 _ROLES: tuple[Role, ...] = get_args(Role)
@@ -50,11 +53,12 @@ MARK_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sigma": ("sigma",),
     "sigma_u": ("sigma_u",),
     "sigma_v": ("sigma_v",),
+    "kind": ("kind",),
 }
 PROPOSED = "proposed_point"
 """The first column of a table of proposals, which no reader takes for marks."""
 
-_OF_MARKS = ("doubtful", "kind", "raw_u", "raw_v", "rho")
+_OF_MARKS = ("doubtful", "raw_u", "raw_v", "rho")
 _PASSED_OVER = ("code", "comment", "date", "description", "note", "remark", "remarks", "time")
 
 
@@ -79,6 +83,7 @@ class FileMark:
 
     ``is_of_photogram`` says that the origin is photogram's whatever the project says, because the format defines it;
     ``may_lack_suffix`` that the photograph is named as another program does, with folders or without its suffix.
+    ``kind`` is how it was measured, IMPORTED where the file does not say.
     """
 
     point: str
@@ -88,6 +93,7 @@ class FileMark:
     line: int
     is_of_photogram: bool = False
     may_lack_suffix: bool = False
+    kind: str = IMPORTED
 
 
 @dataclass(frozen=True)
@@ -400,9 +406,18 @@ def _mark_sigma_px(row: Row, line: int, faults: Faults) -> float | None:
     return whole if u is None or v is None else ((u * u + v * v) / 2.0) ** 0.5
 
 
+def _kind(row: Row, untold: str, line: int, faults: Faults) -> str:
+    """Return how a mark was measured, ``untold`` where its row does not say."""
+    kind = row.get("kind", "")
+    if kind and not MARK_KIND.fullmatch(kind):
+        text = f"kind must be a word in lower case, found {shortened(kind)!r}: correct it"
+        faults.note(line, f"{text}, or begin the name of the column with # to skip it")
+    return kind or untold
+
+
 def read_marks(path: Path) -> tuple[FileMark, ...]:
-    """Return the image marks of a table: columns name, photograph, u, v and, where given, sigma_px, or sigma_u and
-    sigma_v, of which the root mean square counts.
+    """Return the image marks of a table: columns name, photograph, u, v and, where given, kind and sigma_px, or sigma_u
+    and sigma_v, of which the root mean square counts.
 
     The columns raw_u and raw_v tell a table in which each mark is kept beside its click; its pixels are photogram's.
     Raises ControlPointError with one line for each fault, as read_points does.
@@ -421,8 +436,10 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
             continue
         pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
         sigma_px = _mark_sigma_px(row, line, faults)
+        kind = _kind(row, RAW if of_photogram else IMPORTED, line, faults)
         if pixel is not None:
-            marks.append(FileMark(row["name"], row["photograph"], (pixel[0], pixel[1]), sigma_px, line, of_photogram))
+            at = (pixel[0], pixel[1])
+            marks.append(FileMark(row["name"], row["photograph"], at, sigma_px, line, of_photogram, kind=kind))
     _check_marks(marks, faults)
     faults.raise_all()
     return tuple(marks)

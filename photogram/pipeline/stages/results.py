@@ -24,6 +24,7 @@ from photogram.files.matlab import write_tie_points
 from photogram.files.npz_json import read_json, write_record
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stages.mark_pictures import mark_pictures
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.report_files import (
@@ -49,6 +50,7 @@ from photogram.report.figures.style import (
     shaded_surface,
 )
 from photogram.report.local_frame import distance_numbers, local_frame_numbers, marked_points
+from photogram.report.marks import mark_kind_numbers
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
@@ -231,6 +233,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         found=found_blunders(run),
         disbelieved=disbelieved(run),
         measured=run.block().surveyed.control_points,
+        mark_kinds=run.mark_kinds(),
         sources=run.project.camera_source,
     )
     facts = run_facts(run, stages)
@@ -251,6 +254,9 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         "processed": today(),
         "deliverables": deliverables(outcome.results, [*products, *surfaces.result(), *surface.pictures]),
     }
+    marks = mark_pictures(run, adjusted["control_points"])
+    if adjusted["control_points"]:
+        numbers["marks"] = {"kinds": mark_kind_numbers(adjusted["control_points"]), "not_shown": marks.not_shown}
     local = local_frame_numbers(outcome.whole, run.block(), run.project.orientation.vertical)
     if local is not None:
         numbers["local_frame"] = local
@@ -268,4 +274,5 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     figures = page_figures(
         outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons(), upright=upright
     )
-    return write_report(run.project, numbers, figures + surface.figures, outcome.folder) + surface.pictures
+    figures += surface.figures + marks.figures
+    return write_report(run.project, numbers, figures, outcome.folder) + surface.pictures

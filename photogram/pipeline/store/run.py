@@ -120,6 +120,17 @@ class Run:
             self._blocks[mark] = block_of(self.project, measured)
         return self._blocks[mark]
 
+    def mark_kinds(self) -> dict[tuple[str, str], str]:
+        """Return how each mark of a ground point was measured, by the names of point and photograph. A copy of a
+        photograph gives its marks to the photograph itself, as in ``block``. Needs the stage `photographs`."""
+        original = read_arrays(self.workspace.file("photographs", MEASURED))["original"]
+        own, of_copies = dict[tuple[str, str], str](), dict[tuple[str, str], str]()
+        for point in self.project.control_points:
+            for i, kind in zip(point.mark_photograph.tolist(), point.mark_kind, strict=True):
+                kinds = own if original[i] == i else of_copies
+                kinds.setdefault((point.name, self.names[original[i]]), kind)
+        return {**of_copies, **own}
+
     def notes(self) -> list[PhotographNote]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
         `photographs`."""

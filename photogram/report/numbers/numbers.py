@@ -39,6 +39,9 @@ from photogram.survey import ControlPoints, Photograph, PointCloud
 Held = Mapping[str, Mapping[str, str]]
 """Why parameters are held, by the names of the camera and of the parameter."""
 
+MarkKinds = Mapping[tuple[str, str], str]
+"""How marks were measured, by the names of the point and of the photograph."""
+
 
 @dataclass(frozen=True)
 class Disbelieved:
@@ -283,11 +286,15 @@ def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[Ax
 
 
 def ground_numbers(
-    result: Adjustment, blunders: Sequence[BlunderRecord] = (), measured: ControlPoints | None = None
+    result: Adjustment,
+    blunders: Sequence[BlunderRecord] = (),
+    measured: ControlPoints | None = None,
+    mark_kinds: MarkKinds = MappingProxyType({}),
 ) -> list[GroundPointRecord]:
     """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment.
 
-    ``measured`` are the points as they were given, with what was left out of the adjustment.
+    ``measured`` are the points as they were given, with what was left out of the adjustment, ``mark_kinds`` how their
+    marks were measured, where that is known.
     """
     frame, used = result.block.frame, result.block.control_points
     points = used if measured is None else measured
@@ -296,6 +303,7 @@ def ground_numbers(
         surveyed = _map(frame, points.position_world_m[g])
         known = bool(np.isfinite(result.ground_world_m[g]).all())
         adjusted = _map(frame, result.ground_world_m[g])
+        marks = np.flatnonzero(points.mark_point == g).tolist()
         tested, predicted = _tested(r.ground_redundancy[g], r.ground_w[g], used.sigma_m[g]), _predicted(result, g)
         numbers.append(
             {
@@ -318,7 +326,7 @@ def ground_numbers(
                 "left_out_sigma_m": predicted.left_out_sigma_m,
                 "chi2": control_test(r.ground_left_out_m[g], r.ground_left_out_covariance_m2[g]),
                 "verdict": control_verdict(result, g, blunders),
-                "marks": [_mark(result, points, m) for m in np.flatnonzero(points.mark_point == g).tolist()],
+                "marks": [_mark(result, points, m, mark_kinds) for m in marks],
                 "z": None,
                 "mahalanobis": None,
             }
@@ -326,12 +334,13 @@ def ground_numbers(
     return numbers
 
 
-def _mark(result: Adjustment, points: ControlPoints, m: int) -> MarkRecord:
+def _mark(result: Adjustment, points: ControlPoints, m: int, kinds: MarkKinds) -> MarkRecord:
     reliability, residual_px = result.reliability, result.mark_residual_px[m]
     sigma_px = np.full(2, points.mark_sigma_px[m])
     tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], sigma_px)
-    return {
-        "photograph": result.block.photographs[points.mark_photograph[m]].name,
+    photograph = result.block.photographs[points.mark_photograph[m]].name
+    entry: MarkRecord = {
+        "photograph": photograph,
         "left_out": bool(np.isinf(result.block.control_points.mark_sigma_px[m])),
         "pixel": points.mark_pixel[m].tolist(),
         "residual_px": residual_px.tolist() if np.isfinite(residual_px).all() else None,
@@ -340,6 +349,12 @@ def _mark(result: Adjustment, points: ControlPoints, m: int) -> MarkRecord:
         "mdb_px": tested.mdb,
         "suspect": tested.suspect,
     }
+    if np.isfinite(sigma_px).all():
+        entry["sigma_px"] = float(sigma_px[0])
+    kind = kinds.get((points.name[points.mark_point[m]], photograph))
+    if kind is not None:
+        entry["kind"] = kind
+    return entry
 
 
 def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
@@ -430,15 +445,17 @@ def report_numbers(
     found: FoundBlunders = NO_BLUNDERS,
     disbelieved: Disbelieved = BELIEVED,
     measured: ControlPoints | None = None,
+    mark_kinds: MarkKinds = MappingProxyType({}),
 ) -> AdjustedNumbers:
     """Return what report.json says of an adjusted block.
 
     ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
     calibration of each camera comes from, empty texts where that is not known, ``found`` the blunders found,
-    ``disbelieved`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given.
+    ``disbelieved`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given,
+    ``mark_kinds`` how their marks were measured.
     """
     frame = result.block.frame
-    points = ground_numbers(result, found.blunders, measured)
+    points = ground_numbers(result, found.blunders, measured, mark_kinds)
     consistency = consistency_numbers(result, points)
     return {
         "photogram": version,

@@ -45,6 +45,46 @@ class MarkRecord(TypedDict):
     w: _PixelFigures | None
     mdb_px: Annotated[list[Pixels | None], Field(min_length=2, max_length=2)] | None
     suspect: bool | None
+    kind: NotRequired[str]
+    sigma_px: NotRequired[Pixels]
+
+
+class SpreadRecord(TypedDict):
+    """Median, least and largest of standard deviations."""
+
+    median: Pixels
+    least: Pixels
+    largest: Pixels
+
+
+class MarkKindRecord(TypedDict):
+    """Marks of ground points that were measured in one way: how many, of control points among them, rejected; their
+    stated sigmas, and how those that were not rejected fit: root mean squares over u and v of the residuals, and of
+    residuals over sigmas. `sigma_factor` is the latter over the root of the mean redundancy number, of control points
+    alone."""
+
+    kind: str
+    marks: Count
+    of_control_points: Count
+    rejected: Count
+    sigma_px: SpreadRecord
+    residual_rms_px: Pixels | None
+    residual_over_sigma: float | None
+    sigma_factor: float | None
+
+
+class NotShownRecord(TypedDict):
+    """A photograph of which no patches could be shown, and why."""
+
+    photograph: str
+    reason: str
+
+
+class MarksRecord(TypedDict):
+    """Marks of ground points by the way they were measured, and photographs that could not be read for pictures."""
+
+    kinds: list[MarkKindRecord]
+    not_shown: list[NotShownRecord]
 
 
 class GroundPointRecord(TypedDict):

@@ -19,6 +19,7 @@ from photogram.report.record.ground import (
     EstimatedSigmaRecord,
     GroundPointRecord,
     LeaveOneOutRecord,
+    MarksRecord,
     PredictionTestRecord,
     SuspectRecord,
     VarianceComponentRecord,
@@ -75,6 +76,7 @@ class AdjustedNumbers(TypedDict):
     local_frame: NotRequired[LocalFrameRecord]
     distances: NotRequired[list[DistanceRecord]]
     marked_points: NotRequired[list[MarkedPointRecord]]
+    marks: NotRequired[MarksRecord]
 
 
 class SurveyNumbers(AdjustedNumbers):

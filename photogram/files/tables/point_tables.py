@@ -1,0 +1,28 @@
+"""Tables of surveyed points, written: what ``control_files.read_points`` reads, with every digit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from photogram.files.atomic import replacing
+from photogram.files.tables.control_files import FilePoint
+from photogram.files.text_lines import quoted
+
+COLUMNS = (
+    "name", "easting", "northing", "height", "sigma_easting", "sigma_northing", "sigma_height", "role_plan",
+    "role_height",
+)  # fmt: skip
+
+
+def write_point_table(path: Path, points: Iterable[FilePoint]) -> None:
+    """Write points of a map grid, in their order; what a point does not say is empty. The CRS has no place in it.
+
+    Raises WorkspaceError where the file cannot be written.
+    """
+    rows = [",".join(COLUMNS)]
+    for point in points:
+        numbers = ("" if value is None else repr(float(value)) for value in (*point.position, *point.sigma_m))
+        rows.append(",".join((quoted(point.name), *numbers, *(point.role or ("", "")))))
+    with replacing(path) as partial:
+        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")

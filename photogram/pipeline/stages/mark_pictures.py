@@ -1,0 +1,112 @@
+"""Pictures of the marks of ground points for the report, cut from the photographs: each is decoded once, and only its
+patches are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogram.camera import Camera
+from photogram.errors import ImageError
+from photogram.files.photographs.images import read_patches
+from photogram.pipeline.store.run import Run
+from photogram.report.figures.mark_patches import PhotographPatch, mark_figure, reduced, shown_marks
+from photogram.report.figures.page_figures import PageFigure
+from photogram.report.record.ground import GroundPointRecord, MarkRecord, NotShownRecord
+from photogram.sfm.tie_points.features import photographs_at_once
+
+HALF_PX, MOST_HALF_PX = 32.0, 256.0
+"""Half of the side of what is shown around a mark: a target and what surrounds it; more where the adjustment puts the
+point farther off."""
+
+FINEST_PX = 97
+"""Of the side of a patch, at most: larger ones are reduced."""
+
+Patches = dict[str, dict[str, PhotographPatch]]
+"""Patches by the names of point and photograph."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkPictures:
+    """Figures of the marks of each point, and the photographs that could not be read for them."""
+
+    figures: list[PageFigure]
+    not_shown: list[NotShownRecord]
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A mark whose surroundings are to be shown."""
+
+    point: str
+    mark: MarkRecord
+
+
+def mark_pictures(run: Run, points: Sequence[GroundPointRecord]) -> MarkPictures:
+    """Return pictures of the marks of ground points; of photographs that cannot be read, why."""
+    index = {name: i for i, name in enumerate(run.names)}
+    of_photograph: dict[int, list[_Wanted]] = {}
+    for point in points:
+        for mark in shown_marks(point):
+            of_photograph.setdefault(index[mark["photograph"]], []).append(_Wanted(point["name"], mark))
+    patches: Patches = {point["name"]: {} for point in points}
+    not_shown: list[NotShownRecord] = []
+    ordered = sorted(of_photograph)
+    largest = max((camera.width_px * camera.height_px for camera in run.project.cameras), default=1)
+    at_once = photographs_at_once(largest)
+    for begin in range(0, len(ordered), at_once):
+        some = ordered[begin : begin + at_once]
+        for i, found in zip(some, run.executor.map(lambda i: _cut(run, i, of_photograph[i]), some), strict=True):
+            if isinstance(found, str):
+                not_shown.append({"photograph": run.names[i], "reason": found})
+                continue
+            for wanted, patch in zip(of_photograph[i], found, strict=True):
+                patches[wanted.point][run.names[i]] = patch
+    figures = [mark_figure(point, patches[point["name"]]) for point in points]
+    return MarkPictures([figure for figure in figures if figure is not None], not_shown)
+
+
+def _cut(run: Run, index: int, wanted: Sequence[_Wanted]) -> list[PhotographPatch] | str:
+    """Return the patches of marks in a photograph, or why it cannot be read."""
+    source = run.project.photographs[index]
+    camera = run.project.cameras[source.camera]
+    windows = [_window(entry.mark, camera) for entry in wanted]
+    boxes = [window.box for window in windows]
+    try:
+        pixels = read_patches(
+            source.path, boxes, (camera.width_px, camera.height_px), run.photograph_fingerprints[index]
+        )
+    except ImageError as fault:
+        return str(fault).removeprefix(f"photograph {source.path}: ")
+    return [
+        PhotographPatch(reduced(part, w.reduction), w.box[0], w.box[1], w.reduction, w.half_px)
+        for part, w in zip(pixels, windows, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What is cut from a photograph: left, upper, right, lower, by how much it is reduced, and half of the side of what
+    is shown of it."""
+
+    box: tuple[int, int, int, int]
+    reduction: int
+    half_px: float
+
+
+def _window(mark: MarkRecord, camera: Camera) -> _Window:
+    """Return the surroundings of a mark with the place where the adjustment puts the point, where that is near."""
+    off_px = max(map(abs, mark["residual_px"] or [0.0]))
+    half_px = HALF_PX if off_px > 0.8 * MOST_HALF_PX else max(HALF_PX, 1.25 * off_px)
+    reduction = max(1, int(np.ceil(2.0 * half_px / FINEST_PX)))
+    u, v = mark["pixel"]
+    left, upper = (max(0, int(np.floor(at - half_px))) for at in (u, v))
+    # at least one pixel of the patch, and whole ones
+    right, lower = (
+        min(side, begin + reduction * max(1, int(np.ceil((at + half_px + 1.0 - begin) / reduction))))
+        for at, begin, side in ((u, left, camera.width_px), (v, upper, camera.height_px))
+    )
+    left, upper = min(left, right - reduction), min(upper, lower - reduction)
+    return _Window((left, upper, right, lower), reduction, half_px)

@@ -1,0 +1,135 @@
+"""Numbers of the marks of ground points: by the way they were measured, and of each point."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogram.report.record.ground import GroundPointRecord, MarkKindRecord, MarkRecord, SpreadRecord
+
+UNKNOWN = "unknown"
+"""Kind of marks in a report that does not say how they were measured."""
+
+LEAST_REDUNDANCY = 1.0
+"""Sum of redundancy numbers from which on residuals say anything of the sigmas."""
+
+
+def mark_kind_numbers(points: Iterable[GroundPointRecord]) -> list[MarkKindRecord]:
+    """Return the marks of ground points by kind, the most frequent first."""
+    of_kind: dict[str, list[MarkRecord]] = {}
+    of_control = Counter[str]()
+    for point in points:
+        for mark in point["marks"]:
+            kind = mark.get("kind", UNKNOWN)
+            of_kind.setdefault(kind, []).append(mark)
+            of_control[kind] += point["role"] == "control"
+    ordered = sorted(of_kind.items(), key=lambda entry: (-len(entry[1]), entry[0]))
+    return [record for kind, marks in ordered if (record := _of_kind(kind, marks, of_control[kind])) is not None]
+
+
+def _of_kind(kind: str, marks: Sequence[MarkRecord], of_control_points: int) -> MarkKindRecord | None:
+    spread = _spread([mark["sigma_px"] for mark in marks if "sigma_px" in mark])
+    if spread is None:
+        return None
+    fitted = [(mark, *at) for mark in marks if (at := _residual_and_sigma(mark)) is not None]
+    squares_px2 = [residual**2 for _, px, _ in fitted for residual in px]
+    scaled = [(residual / sigma) ** 2 for _, px, sigma in fitted for residual in px]
+    return {
+        "kind": kind,
+        "marks": len(marks),
+        "of_control_points": of_control_points,
+        "rejected": sum(mark["left_out"] for mark in marks),
+        "sigma_px": spread,
+        "residual_rms_px": _root_mean(squares_px2),
+        "residual_over_sigma": _root_mean(scaled),
+        "sigma_factor": _sigma_factor([(mark, px, sigma) for mark, px, sigma in fitted if mark["redundancy"]]),
+    }
+
+
+def _residual_and_sigma(mark: MarkRecord) -> tuple[list[float], float] | None:
+    """Return residual and sigma of a mark that says how well marks fit, None of others."""
+    if mark["left_out"] or mark["residual_px"] is None or "sigma_px" not in mark:
+        return None
+    return mark["residual_px"], mark["sigma_px"]
+
+
+def _spread(values: Sequence[float]) -> SpreadRecord | None:
+    if not values:
+        return None
+    return {"median": float(np.median(values)), "least": min(values), "largest": max(values)}
+
+
+def _root_mean(squares: Sequence[float]) -> float | None:
+    return math.sqrt(math.fsum(squares) / len(squares)) if squares else None
+
+
+def _sigma_factor(fitted: Sequence[tuple[MarkRecord, list[float], float]]) -> float | None:
+    """Return by what the stated sigmas would be multiplied to fit the residuals: the root of the sum of (v / sigma)²
+    over the sum of redundancy numbers, which is a variance component by its first iteration."""
+    redundancy = math.fsum(r for mark, _, _ in fitted for r in mark["redundancy"] or () if r is not None)
+    if redundancy < LEAST_REDUNDANCY:
+        return None
+    return math.sqrt(math.fsum((v / sigma) ** 2 for _, px, sigma in fitted for v in px) / redundancy)
+
+
+# ---- of each point -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PointMarks:
+    """The marks of a point in short, for people."""
+
+    name: str
+    """Name of the point."""
+    role: str
+    """Its role."""
+    marks: int
+    """Number of marks."""
+    rejected: int
+    """Number of those that the adjustment has rejected."""
+    largest: MarkRecord | None
+    """The mark with the largest residual of those that were not rejected, None where none has a residual."""
+    is_flagged: bool
+    """Whether a mark is rejected or suspect."""
+
+    @property
+    def largest_px(self) -> float | None:
+        """Return the length of the largest residual."""
+        return None if self.largest is None else residual_length_px(self.largest)
+
+    @property
+    def w(self) -> float | None:
+        """Return the larger w-test of the mark with the largest residual, None where it is not tested."""
+        return None if self.largest is None else largest_w(self.largest)
+
+
+def residual_length_px(mark: MarkRecord) -> float | None:
+    """Return the length of a mark's residual, None where it has none."""
+    return None if mark["residual_px"] is None else math.hypot(*mark["residual_px"])
+
+
+def largest_w(mark: MarkRecord) -> float | None:
+    """Return the w-test of a mark that is farther from zero, None where it is not tested."""
+    return max((w for w in mark["w"] or () if w is not None), key=abs, default=None)
+
+
+def by_misfit(marks: Iterable[MarkRecord]) -> list[MarkRecord]:
+    """Return marks with those first that fit worst: rejected ones, then by their residuals."""
+    return sorted(marks, key=lambda mark: (not mark["left_out"], -(residual_length_px(mark) or 0.0)))
+
+
+def point_marks(points: Iterable[GroundPointRecord]) -> list[PointMarks]:
+    """Return the marks of each point that has any."""
+    found = []
+    for point in points:
+        kept = [mark for mark in by_misfit(point["marks"]) if not mark["left_out"] and mark["residual_px"] is not None]
+        rejected = sum(mark["left_out"] for mark in point["marks"])
+        flagged = rejected > 0 or any(mark["suspect"] for mark in point["marks"])
+        if point["marks"]:
+            largest = kept[0] if kept else None
+            found.append(PointMarks(point["name"], point["role"], len(point["marks"]), rejected, largest, flagged))
+    return found
