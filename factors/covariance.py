@@ -206,6 +206,39 @@ def predicted_marks(
     return linear.residual, covariance
 
 
+@dataclass(frozen=True, eq=False)
+class JointMarks:
+    """Where photographs show control points, predicted together (M)."""
+
+    pixel: FloatArray
+    """Places (M, 2), px, NaN behind a camera."""
+    covariance: FloatArray
+    """Their joint covariance (2 M, 2 M), px²: u and v of the first, of the second, …"""
+    by_point: FloatArray
+    """Derivatives (M, 2, 3) of the places by their points, px/m."""
+
+
+def joint_marks(
+    problem: Problem, state: State, found: Covariances, photograph: IntArray, point: IntArray
+) -> JointMarks:
+    """Return what ``predicted_marks`` does, with the covariances of all places with each other.
+
+    Two images have U₁ S⁻¹ U₂ᵀ, and those of one point B₁ V⁻¹ B₂ᵀ beside, with U = A − B V⁻¹ Wᵀ.
+    """
+    asked = Observations(photograph, point, np.zeros((len(point), 2)), np.ones(len(point)))
+    linear = linearise(asked, state.cameras, state.control)
+    _, _, inverse, turned = _control_columns(problem, state, found)
+    U = _rows(asked, linear, found.layout) - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
+    columns = U.reshape(-1, U.shape[2]).T
+    joint = found.between(columns, columns)
+    for g in np.unique(point).tolist():
+        own = np.flatnonzero(point == g)
+        B = linear.point[own].reshape(-1, 3)
+        at = (2 * own[:, None] + np.arange(2)).ravel()
+        joint[np.ix_(at, at)] += B @ inverse[g] @ B.T
+    return JointMarks(linear.residual, joint, linear.point)
+
+
 def _projected(
     point: IntArray, linear: Linearisation, rows: FloatArray, inverse: FloatArray, turned: FloatArray,
     found: Covariances,

@@ -1,8 +1,9 @@
 """Which of the targets found in photographs are which ground points.
 
 Where the ellipse of a point holds one target alone, that is taken for it; what the adjustment then rejects is not.
-Before that, where ellipses are so wide that each holds several, a photograph's targets are laid over its predicted
-places as a whole: compass and position are off for all of them together.
+Where ellipses are so wide that each holds several, a photograph's targets are laid over its predicted places as a
+whole: compass and position are off for all of them together. What is taken in some photographs tells the compass of
+all, so the others are tried again.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ def assigned_targets(
     comparison: MarkComparison | None = None
     places = predicted_places(block, settings)
     for number in range(ROUNDS):
-        new = _laid(places, found, marked) if number == 0 else {}
-        new = {**_alone(places, found, marked | set(taken)), **new}
-        new = {pair: k for pair, k in new.items() if pair not in taken and (pair, k) not in refused}
+        done, used = marked | set(taken), set(taken.values())
+        new = {**_alone(places, found, done), **_laid(places, found, done)}
+        new = {pair: k for pair, k in new.items() if k not in used and (pair, k) not in refused}
         if not new and number > 0:
             break
         whole = with_targets(block, found, {**taken, **new})

@@ -6,7 +6,7 @@ point takes part with its survey, check points too, for nothing of this enters a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,11 +16,15 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
+from photogram.marking.gross_marks import gross_marks
 from photogram.marking.predictions import PredictedPlaces, predicted_places
 from photogram.marking.tagged_block import with_all_points
 from photogram.quality.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
 from photogram.quality.gross_errors.data_snooping import (
     PRICE,
+    REINSTATED,
+    Adjuster,
+    Hypothesis,
     Search,
     search,
     simplified,
@@ -29,7 +33,7 @@ from photogram.quality.gross_errors.data_snooping import (
 )
 from photogram.quality.gross_errors.robust_start import grossly_off
 from photogram.results import Adjustment
-from photogram.survey import Block
+from photogram.survey import Block, ControlPoints
 
 FITS = 0.001
 """Probability by chance above which a mark fits another point."""
@@ -101,8 +105,12 @@ def compared_marks(block: Block, settings: AdjustmentSettings | None = None) -> 
 
 
 def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
-    """Return the marks and coordinates that contradict the rest, and the adjustment without them: the cheapest of the
-    explanations from all measurements, and from those that a robust adjustment does not find grossly off."""
+    """Return the marks and coordinates that contradict the rest, and the adjustment without them.
+
+    What does so grossly is found first, since it would bend all adjustments. Where the block is not determined without
+    its marks, the cheapest of the explanations is taken from all measurements, and from those that a robust adjustment
+    does not find grossly off.
+    """
 
     def believing_tags(block: Block) -> Adjustment:
         """Adjust without a test of the tags: what they have in common is estimated, and a photograph of few marks
@@ -116,12 +124,58 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
         )  # fmt: skip
         return replace(result, reliability=untested, held_flights=())
 
+    gross = gross_marks(block, settings)
+    if gross is not None:
+        found = _without_gross(block, gross, believing_tags)
+        wrong = _still_wrong(block, gross, found, settings)
+        return found if len(wrong) == len(gross) else _without_gross(block, wrong, believing_tags)
+    return _cheapest(block, settings, believing_tags)
+
+
+def _without_gross(block: Block, gross: Sequence[Hypothesis], adjuster: Adjuster) -> Search:
+    """Return what contradicts the rest beside what does so grossly, and that."""
+    rest = without(block, gross)
+    found = search(rest, adjuster(rest), adjuster)
+    grossly = {a.what for a in gross}
+    return Search((*gross, *(a for a in found.rejected if a.what not in grossly)), found.result)
+
+
+def _still_wrong(
+    block: Block, gross: Sequence[Hypothesis], found: Search, settings: AdjustmentSettings
+) -> list[Hypothesis]:
+    """Return the gross contradictions without the marks that the adjustment without any of them predicts."""
+    if not any(a.kind == "mark" for a in gross):
+        return list(gross)
+    points, names = block.control_points, {p.name: i for i, p in enumerate(block.photographs)}
+    places = predicted_places(without(block, found.rejected), settings)
+    at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
+    wrong = []
+    for a in gross:
+        g = points.name.index(a.name)
+        i = names.get(str(a.photograph), -1)
+        k = at.get((g, i))
+        if a.kind == "mark" and k is not None:
+            (m,) = np.flatnonzero((points.mark_point == g) & (points.mark_photograph == i)).tolist()
+            off, spread = _off(points, places, m, k)
+            if chi2.sf(off @ np.linalg.solve(spread, off), 2) > REINSTATED:
+                continue
+        wrong.append(a)
+    return wrong
+
+
+def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) -> tuple[FloatArray, FloatArray]:
+    """Return mark minus place (2,), px, and the covariance (2, 2) of that."""
+    own = points.mark_sigma_px[mark] ** 2 * np.eye(2)
+    return points.mark_pixel[mark] - places.pixel[place], places.covariance_px2[place] + own
+
+
+def _cheapest(block: Block, settings: AdjustmentSettings, adjuster: Adjuster) -> Search:
     gross = [a for a in grossly_off(block, settings) if a.kind in MARKED]
     ways = [way for way in (simplified(gross), whole_points(gross)) if way]
     found, faults = [], []
     for suspects in [*ways, []]:
         try:
-            found.append(search(block, believing_tags(without(block, suspects)), believing_tags, suspects))
+            found.append(search(block, adjuster(without(block, suspects)), adjuster, suspects))
             if suspects and len(found[-1].rejected) <= len(suspects):
                 break  # what is grossly off explains everything
         except AdjustmentError as fault:
@@ -149,10 +203,10 @@ def _compared(block: Block, known: Block, found: Search, places: PredictedPlaces
         for m, (g, i) in enumerate(zip(left.mark_point.tolist(), left.mark_photograph.tolist(), strict=True))
     }
     for m, (g, i) in enumerate(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)):
-        own, k = points.mark_sigma_px[m] ** 2 * np.eye(2), at.get((g, i))
+        k = at.get((g, i))
         wrong = ("mark", points.name[g], names[i]) in rejected
         if wrong and k is not None:
-            off, covariance = points.mark_pixel[m] - places.pixel[k], places.covariance_px2[k] + own
+            off, covariance = _off(points, places, m, k)
             yield ComparedMark(m, off, covariance, tuple(_fitted(block, places, m, g)), True)
         elif not wrong and count[g] >= LEAST_MARKS and (points.name[g], i) in of:
             n = of[points.name[g], i]

@@ -17,6 +17,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, minim
 from photogram.adjustment.solvability import undetermined
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
+from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances, predicted_marks
 from photogram.factors.graph import IndeterminateError
 from photogram.marking.tagged_block import with_all_points
@@ -66,6 +67,10 @@ def predicted_places(block: Block, settings: AdjustmentSettings | None = None) -
     """
     settings = settings or AdjustmentSettings(estimate_sigmas=False)
     known, kept = registered_block(with_all_points(block))
+    if not len(kept):
+        raise AdjustmentError(
+            "no photograph has a position and an attitude, so nothing says where points are to be looked for: mark them"
+        )
     numbers = {name: g for g, name in enumerate(block.control_points.name)}
     problem = make_problem(known, settings)
     try:

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from photogram.errors import DamagedStageError, ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within
 from photogram.files.marks.mark_table import MARKS
+from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.store.run import Run
@@ -22,9 +21,6 @@ from photogram.project.project import Project
 from photogram.survey import Block
 
 FOLDER, JOURNAL = "marking", "journal.jsonl"
-MOST_TIE_POINTS = 20_000
-"""Tie points of an adjusted block that hold its photographs together while points are marked; more take time and move
-nothing."""
 
 Progress = Callable[[int, int, str], None]
 
@@ -111,8 +107,8 @@ def _stored_block(run: Run) -> Block | None:
 
 
 def adjusted_block(survey: MarkingSurvey) -> Block | None:
-    """Return the block as it was adjusted with the present project and photographs, None where it was not; with at most
-    MOST_TIE_POINTS of its tie points.
+    """Return the block as it was adjusted with the present project and photographs, None where it was not; with as many
+    of its tie points as hold its photographs together (``representative_points``).
 
     Reads all photographs for their checksums, which takes a while. Raises WorkspaceError while another photogram works
     on the survey.
@@ -124,8 +120,4 @@ def adjusted_block(survey: MarkingSurvey) -> Block | None:
             block = run.adjusted_block()
         except DamagedStageError as fault:
             raise WorkspaceError(f"{fault.path}: {fault.what}: photogram adjust makes it again") from fault
-    every = -(-len(block.tie_points) // MOST_TIE_POINTS)
-    if every > 1:
-        kept = np.arange(len(block.tie_points)) % every == 0
-        block = replace(block, tie_points=block.tie_points.select(kept))
-    return block
+    return replace(block, tie_points=representative_points(block))

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from photogram.errors import ProjectError, WorkspaceError
-from photogram.pipeline import marking
 from photogram.pipeline.marking import adjusted_block, open_marking
+from photogram.pipeline.pipeline import load_project, open_run
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
@@ -46,15 +46,16 @@ def test_what_is_stored_is_not_read_again(survey: Path) -> None:
     )
 
 
-def test_an_adjusted_survey_gives_its_adjusted_poses(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = open_marking(adjusted_survey / "project.yaml")
-    block = adjusted_block(opened)
+def test_an_adjusted_survey_gives_its_adjusted_poses_and_some_tie_points(adjusted_survey: Path) -> None:
+    block = adjusted_block(open_marking(adjusted_survey / "project.yaml"))
     assert block is not None
-    assert len(block.tie_points) > 100
-    monkeypatch.setattr(marking, "MOST_TIE_POINTS", 50)
-    thinned = adjusted_block(opened)
-    assert thinned is not None
-    assert 25 < len(thinned.tie_points) <= 50
+    with open_run(load_project(adjusted_survey / "project.yaml")) as run:
+        whole = run.adjusted_block()
+    for pose, expected in zip(block.poses, whole.poses, strict=True):
+        assert pose is not None
+        assert expected is not None
+        np.testing.assert_array_equal(pose.position_world_m, expected.position_world_m)
+    assert 25 < len(block.tie_points) < len(whole.tie_points) / 2
 
 
 def test_a_damaged_adjustment_is_told(adjusted_survey: Path) -> None:
