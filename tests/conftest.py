@@ -330,6 +330,8 @@ def open_browser(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         chrome = Chrome(options=options, service=Service(driver))
         try:
+            chrome.get("about:blank")  # instead of the distribution's start page
+            chrome.get_log("performance")
             yield chrome
         finally:
             chrome.quit()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
 from photogram.files.marks.actions import Mark, MarkState, Place, PointRole, Proposal
+from photogram.marker.snapping import Snapped
 from photogram.marking.mark_comparison import LEAST_MARKS, ComparedMark, MarkComparison, compared_marks
 from photogram.marking.predictions import PredictedPlaces, predicted_places
 from photogram.marking.tagged_block import with_all_points
@@ -19,6 +20,10 @@ from photogram.survey import Block, ControlPoints, Role
 
 RAW_SIGMA_PX = 1.0
 """Standard deviation of a click as it is, along each axis: what hands do on a clear target at the scale it is shown."""
+
+
+BESIDE_SIGMAS = 3.5
+"""Standard deviations of a click from which on it is said to lie beside a target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +46,8 @@ class Outlook:
     """Positions (G, 3) of the points, surveyed or where their marks meet; NaN where nothing places them."""
     agreeing: frozenset[Place] = frozenset()
     """Proposals that agree with the marks, and with each other where a point has three or more of both."""
+    beside: Mapping[Place, Snapped] = field(default_factory=dict)
+    """What the click of a mark that was taken as it is would have been taken for, where that lies well beside it."""
 
     def sigma_m(self, point: str) -> FloatArray | None:
         """Return the standard deviations (3,) of a marked point along the map's axes."""
@@ -53,6 +60,11 @@ class Outlook:
 def isotropic_px(mark: Mark) -> float:
     """Return the standard deviation of a mark along each axis, as the adjustment takes it."""
     return RAW_SIGMA_PX if mark.sigma_px is None else float(np.sqrt(np.mean(np.square(mark.sigma_px))))
+
+
+def lies_beside(mark: Mark, found: Snapped) -> bool:
+    """Return whether a mark lies well beside what its click would have been taken for."""
+    return float(np.hypot(*np.subtract(mark.pixel, found.pixel))) > BESIDE_SIGMAS * isotropic_px(mark)
 
 
 def marked_block(block: Block, state: MarkState, roles: Mapping[str, PointRole], numbers: Mapping[str, int]) -> Block:

@@ -15,7 +15,7 @@ from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError, PhotogramError
 from photogram.files.marks.actions import Mark, Place, Proposal
 from photogram.files.marks.journal import utc_now
-from photogram.marker.patches import PatchReader, Window
+from photogram.marker.patches import LARGEST_SIDE, PatchReader, Window
 from photogram.marker.snapping import LENS_PX
 from photogram.marking.assignment import FoundTargets, assigned_targets
 from photogram.marking.predictions import PredictedPlaces, predicted_places
@@ -56,8 +56,8 @@ def proposed_marks(
     is not determined, ImageError where a photograph cannot be read.
     """
     names = [p.name for p in block.photographs]
-    at_point, at_photograph = block.control_points.name.index, {name: i for i, name in enumerate(names)}
-    unseen = frozenset((at_point(g), at_photograph[i]) for g, i in hidden if i in at_photograph)
+    at_point, at_photograph = ({n: k for k, n in enumerate(every)} for every in (block.control_points.name, names))
+    unseen = frozenset((at_point[g], at_photograph[i]) for g, i in hidden if g in at_point and i in at_photograph)
     found = _found_targets(block, predicted_places(block), patches, unseen, progress)
     if not found:
         return ()
@@ -178,13 +178,20 @@ def _found_targets(
 
 
 def merged(boxes: Sequence[Box]) -> list[Box]:
-    """Return boxes in place of these, where two that overlap are one if that is no larger than both."""
+    """Return boxes in place of these, where two that overlap are one if that is no larger than both, nor than a patch
+    may be."""
     left = sorted(set(boxes))
     while True:
-        pair = next(((a, b) for a, b in combinations(left, 2) if _area(_hull(a, b)) <= _area(a) + _area(b)), None)
+        pair = next(((a, b) for a, b in combinations(left, 2) if _are_one(a, b)), None)
         if pair is None:
             return left
         left = sorted({*(box for box in left if box not in pair), _hull(*pair)})
+
+
+def _are_one(one: Box, other: Box) -> bool:
+    whole = _hull(one, other)
+    is_patch = max(whole[2] - whole[0], whole[3] - whole[1]) <= LARGEST_SIDE
+    return is_patch and _area(whole) <= _area(one) + _area(other)
 
 
 def _hull(one: Box, other: Box) -> Box:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.errors import ControlPointError, PhotogramError, WorkspaceError
+from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
 from photogram.files.marks.actions import (
     Action,
     AddPoint,
@@ -41,6 +41,7 @@ from photogram.marker.outlook import (
     Outlook,
     agreeing_proposals,
     isotropic_px,
+    lies_beside,
     marked_block,
     reckoned,
 )
@@ -57,6 +58,11 @@ Propose = Callable[[Block, frozenset[Place], Progress], Iterable[Proposal]]
 
 IMPORTED = "imported"
 """Kind of a mark that the project had before."""
+RAW = "raw"
+"""Kind of a click that was taken as it is."""
+
+BESIDE_PX = 12.0
+"""How far from such a click a target is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +171,7 @@ class MarkingSession:
         self._is_stale, self._is_reckoning = True, False
         self._outlook: Outlook | None = None
         self._basis, self._known = "tags", block
+        self._meant: dict[Mark, Snapped | None] = {}
         self._ended = False
         self._acting = threading.Lock()
         self._state = self._journal.state
@@ -251,7 +258,7 @@ class MarkingSession:
             raise ControlPointError(
                 f"({pixel[0]:.1f}, {pixel[1]:.1f}) px lies outside of {photograph}: click within the photograph"
             )
-        mark = Mark(point, photograph, pixel, (RAW_SIGMA_PX, RAW_SIGMA_PX), kind="raw", time=utc_now(), raw_pixel=pixel)
+        mark = Mark(point, photograph, pixel, (RAW_SIGMA_PX, RAW_SIGMA_PX), kind=RAW, time=utc_now(), raw_pixel=pixel)
         found = None if raw or self._snap is None else self._snap(self._click(point, number, pixel, reach_px))
         if found is not None and self._contains(number, found.pixel):
             mark = measured_mark(mark, found)
@@ -431,10 +438,26 @@ class MarkingSession:
         outlook = reckoned(known, state, roles, self.numbers)
         if proposals:
             outlook = replace(outlook, agreeing=agreeing_proposals(known, state, roles, self.numbers, proposals))
+        outlook = replace(outlook, beside=self._beside(state))
         with self._changed:
             self._outlook, self._is_reckoning = outlook, False
             self._version += 1
             self._changed.notify_all()
+
+    def _beside(self, state: MarkState) -> dict[Place, Snapped]:
+        """Return what clicks that were taken as they are lie beside; each is looked at once."""
+        own = [m for m in state.marks.values() if m.kind == RAW and m.photograph in self.numbers]
+        self._meant = {mark: self._meant[mark] if mark in self._meant else self._measured(mark) for mark in own}
+        found = {mark: there for mark, there in self._meant.items() if there is not None}
+        return {mark.place: there for mark, there in found.items() if lies_beside(mark, there)}
+
+    def _measured(self, mark: Mark) -> Snapped | None:
+        if self._snap is None:
+            return None
+        try:
+            return self._snap(self._click(mark.point, self.numbers[mark.photograph], mark.pixel, BESIDE_PX))
+        except ImageError:
+            return None  # who looks at the photograph is told
 
 
 def found_in_words(count: int) -> str:

@@ -21,7 +21,7 @@ from photogram.targets.kinds import MeasuredCentre
 from photogram.targets.matching import HALF_PX, Template, match_centre
 from photogram.targets.measurement import LOOK_PX, snap
 
-REACH_PX = (4.0, 40.0)
+REACH_PX = (7.0, 40.0)
 """How far from a click the centre of a target may lie, at least and at most."""
 LENS_PX = 0.1
 """Standard deviation, along each axis, of what the calibration of a lens leaves at a target: grey values do not show

@@ -13,9 +13,11 @@ from photogram.files.marks.actions import Mark, Place
 from photogram.marker.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
 from photogram.marker.outlook import RAW_SIGMA_PX, Outlook
 from photogram.marker.session import MarkingSession, Moment, agreeing
+from photogram.marker.snapping import Snapped, ground_scale
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.predictions import SURE, PredictedPlaces
 from photogram.survey import Block
+from photogram.targets.kinds import Kind
 from photogram.wording import things
 
 ELLIPSE_SHARE = 1.0 / 3.0
@@ -26,6 +28,12 @@ LEAST_SPAN_PX = 80.0
 
 IN_LINE = 0.1
 """Ratio of the spread of control points across to that along, below which they lie nearly in one line."""
+
+FEW = 4
+"""Photographs of a point by which points are compared that could be marked next."""
+
+AT_ONE_HEIGHT = 0.002
+"""Range of the heights of control points, in flying heights, below which they lie nearly at one."""
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
@@ -58,8 +66,16 @@ class ProposalRecord(TypedDict):
     agrees: bool
 
 
+class BesideRecord(TypedDict):
+    """A target beside which a click was taken as it is."""
+
+    u: float
+    v: float
+
+
 class PhotographRecord(TypedDict):
-    """A photograph of a point; ``u``, ``v`` is where the point is predicted, None where nothing predicts it."""
+    """A photograph of a point; ``u``, ``v`` is where the point is predicted, None where nothing predicts it;
+    ``north_rad`` the direction of north there, from u towards v."""
 
     name: str
     width_px: int
@@ -67,11 +83,13 @@ class PhotographRecord(TypedDict):
     u: float | None
     v: float | None
     ellipse: EllipseRecord | None
+    north_rad: float | None
     inside: bool
     hidden: bool
     gain: float | None
     proposal: ProposalRecord | None
     mark: MarkRecord | None
+    beside: BesideRecord | None
     rejected: bool
     w: float | None
     off_px: float | None
@@ -170,6 +188,13 @@ def _proposal(moment: Moment, place: Place) -> ProposalRecord | None:
     }  # fmt: skip
 
 
+def said_beside(mark: Mark, found: Snapped) -> str:
+    """Return what is said of a click that was taken as it is beside a target."""
+    distance = float(np.hypot(*np.subtract(mark.pixel, found.pixel)))
+    what = "what the other marks show" if found.kind == Kind.MATCHED.value else f"the centre of a target ({found.kind})"
+    return f"{distance:.1f} px beside {what}"
+
+
 def said_of(compared: ComparedMark, others: int) -> str:
     """Return what is said of a mark beside the others of its point, of which there are so many."""
     many = _NUMBERS[others] if others < len(_NUMBERS) else str(others)
@@ -221,10 +246,19 @@ class Views:
         if len(control) < 3:
             return [f"{things(len(control), 'control point')} marked in two photographs or more: three are needed"]
         at = outlook.position_world_m[[outlook.names.index(n) for n in control if n in outlook.names]]
-        at = at[np.isfinite(at).all(axis=1)][:, :2]
-        spread = np.linalg.svd(at - at.mean(axis=0), compute_uv=False) if len(at) > 2 else np.ones(2)
+        at = at[np.isfinite(at).all(axis=1)]
+        if len(at) < 3:
+            return []
+        spread = np.linalg.svd(at[:, :2] - at[:, :2].mean(axis=0), compute_uv=False)
         if spread[1] < IN_LINE * spread[0]:
             return ["the control points marked so far lie nearly in one line: mark one beside it"]
+        flown = [pose.position_world_m[2] for pose in self._session.block.poses if pose is not None]
+        above = float(np.median(flown) - np.median(at[:, 2])) if flown else 0.0
+        if np.ptp(at[:, 2]) < AT_ONE_HEIGHT * above:
+            return [
+                "the control points marked so far lie nearly at one height: a focal length that is wrong shows only "
+                "at others, so mark one that lies higher or lower"
+            ]
         return []
 
     def _point(self, moment: Moment, name: str) -> PointRecord:
@@ -232,6 +266,7 @@ class Views:
         own = [m for m in moment.state.marks.values() if m.point == name]
         wrong = outlook is not None and (
             any(self._of_mark(outlook, m) is not None and outlook.compared[m.place].rejected for m in own)
+            or any(self._beside(outlook, m) is not None for m in own)
             or (outlook.comparison is not None and any(name in b.points for b in outlook.comparison.blunders))
         )
         gains = list(self._gains_of(outlook, name, moment).values())
@@ -252,6 +287,10 @@ class Views:
     def _of_mark(self, outlook: Outlook, mark: Mark) -> ComparedMark | None:
         """Return what was found of a mark, None where it is another one now."""
         return outlook.compared.get(mark.place) if outlook.marks.get(mark.place) == mark else None
+
+    def _beside(self, outlook: Outlook, mark: Mark) -> Snapped | None:
+        """Return what a mark lies beside, None where it is another one now."""
+        return outlook.beside.get(mark.place) if outlook.marks.get(mark.place) == mark else None
 
     def _gains_of(self, outlook: Outlook | None, name: str, moment: Moment) -> dict[int, float]:
         """Return by photograph what one more mark of a point would gain, where it is not marked and may be seen."""
@@ -295,17 +334,37 @@ class Views:
         if record is None:
             raise KeyError(name)
         photographs, radii = self._photographs(moment, name)
-        names = list(moment.roles)
-        after = names[names.index(name) + 1 :] + names[: names.index(name)]
-        following = next((other for other in after if not self._point(moment, other)["enough"]), None)
         return {
             "version": moment.version,
             "point": record,
             "span_px": span_px(radii, [(p["width_px"], p["height_px"]) for p in photographs]),
             "photographs": photographs,
-            "next": following,
+            "next": self._following(moment, name),
             "problem": "" if moment.outlook is None else moment.outlook.problem,
         }
+
+    def _following(self, moment: Moment, name: str) -> str | None:
+        """Return which other point to mark next, the one whose marks would tell most; None where all have enough."""
+        names = list(moment.roles)
+        after = names[names.index(name) + 1 :] + names[: names.index(name)]
+        left = [other for other in after if not self._point(moment, other)["enough"]]
+        return max(left, key=lambda other: self._told_nats(moment, other), default=None)
+
+    def _told_nats(self, moment: Moment, name: str) -> float:
+        """Return what marks of a point in FEW photographs would tell of these, ½ ln det (I + C / σ²) of each (Shannon),
+        those that tell most; minus infinity where nothing says where the point is."""
+        outlook = moment.outlook
+        places = None if outlook is None else outlook.places
+        if outlook is None or places is None or name not in outlook.names:
+            return -np.inf
+        photographs, marks, hidden = self._session.block.photographs, moment.state.marks, moment.state.not_visible
+        told = []
+        for k in places.of_point(outlook.names.index(name)).tolist():
+            place = name, photographs[int(places.photograph[k])].name
+            if places.inside[k] and place not in marks and place not in hidden:
+                share = np.eye(2) + places.covariance_px2[k] / RAW_SIGMA_PX**2
+                told.append(0.5 * float(np.linalg.slogdet(share)[1]))
+        return sum(sorted(told, reverse=True)[:FEW]) if told else -np.inf
 
     def _photographs(self, moment: Moment, name: str) -> tuple[list[PhotographRecord], list[float]]:
         block, outlook = self._session.block, moment.outlook
@@ -365,6 +424,9 @@ class Views:
         mark = moment.state.marks.get((name, title))
         compared = None if mark is None or outlook is None else self._of_mark(outlook, mark)
         words = "" if compared is None else said_of(compared, max(_counts(moment)[name] - 1, 0))
+        beside = None if mark is None or outlook is None else self._beside(outlook, mark)
+        if mark is not None and beside is not None and not (compared is not None and compared.rejected):
+            words = said_beside(mark, beside)
         return {
             "name": title,
             "width_px": camera.width_px,
@@ -372,17 +434,28 @@ class Views:
             "u": float(places.pixel[place, 0]) if places is not None and place is not None else None,
             "v": float(places.pixel[place, 1]) if places is not None and place is not None else None,
             "ellipse": _ellipse(places.covariance_px2[place]) if places is not None and place is not None else None,
+            "north_rad": self._north_rad(outlook, name, photograph),
             "inside": bool(places.inside[place]) if places is not None and place is not None else True,
             "hidden": (name, title) in moment.state.not_visible,
             "gain": gain,
             "proposal": _proposal(moment, (name, title)),
             "mark": None if mark is None else _mark(mark),
+            "beside": None if beside is None else {"u": beside.pixel[0], "v": beside.pixel[1]},
             "rejected": compared is not None and compared.rejected,
             "w": None if compared is None else compared.w,
             "off_px": None if compared is None else compared.distance_px,
             "fits": [] if compared is None else list(compared.fits),
             "words": words,
         }
+
+    def _north_rad(self, outlook: Outlook | None, name: str, photograph: int) -> float | None:
+        """Return the direction of north at a point in a photograph, None where nothing says it."""
+        block = self._session.block
+        if outlook is None or name not in outlook.names:
+            return None
+        position = outlook.position_world_m[outlook.names.index(name)]
+        scale = ground_scale(_camera(block, photograph), block.poses[photograph], position)
+        return None if scale is None else float(np.arctan2(scale[1, 1], scale[0, 1]))
 
     def plan(self) -> PlanView:
         """Return the survey in plan: surveyed points, and photographs that have a position."""

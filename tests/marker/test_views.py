@@ -63,8 +63,8 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
     views = Views(session)
     session.add_point(NewPoint("roof"))
     assert views.state()["points"][-1] | {"words": ""} == {
-        "name": "roof", "role": "tie", "surveyed": False, "marks": 0, "wrong": False, "doubtful": 0, "enough": False,
-        "words": "",
+        "name": "roof", "role": "tie", "surveyed": False, "marks": 0, "proposals": 0, "wrong": False, "doubtful": 0,
+        "enough": False, "words": "",
     }  # fmt: skip
     assert "roof" not in [place["name"] for place in views.plan()["points"]]
     with pytest.raises(KeyError):

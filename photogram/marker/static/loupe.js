@@ -12,8 +12,8 @@ export function hide() {
 }
 
 // Show the surroundings of a pixel beside the pointer.
-export function follow(record, pixel, event, filter) {
-  wanted = { record, pixel };
+export function follow(record, pixel, event, filter, turn) {
+  wanted = { record, pixel, turn };
   canvas.hidden = false;
   canvas.style.filter = filter;
   const far = 24, x = event.clientX + far + SIDE > innerWidth ? event.clientX - far - SIDE : event.clientX + far;
@@ -57,9 +57,11 @@ function draw() {
   const [u, v] = wanted.pixel;
   if (tile?.photograph === wanted.record.name) {
     context.imageSmoothingEnabled = false;
-    context.drawImage(
-      tile.bitmap, side / 2 + (tile.left - 0.5 - u) * k, side / 2 + (tile.upper - 0.5 - v) * k, tile.width * k, tile.height * k,
-    );
+    context.save();
+    context.translate(side / 2, side / 2);
+    context.rotate(wanted.turn);
+    context.drawImage(tile.bitmap, (tile.left - 0.5 - u) * k, (tile.upper - 0.5 - v) * k, tile.width * k, tile.height * k);
+    context.restore();
   }
   context.beginPath();
   context.moveTo(side / 2, 0); context.lineTo(side / 2, side); context.moveTo(0, side / 2); context.lineTo(side, side / 2);

@@ -12,7 +12,7 @@ const $ = (id) => document.getElementById(id);
 let session = null; // what the server says of all points
 let view = null; // and of the one that is chosen
 let places = null; // the survey from above
-let chosen = null, active = null, shown = FIRST, ownSpan = null, amount = 1, version = 0;
+let chosen = null, active = null, shown = FIRST, ownSpan = null, amount = 1, northUp = false, version = 0;
 let order = [], patches = new Map(), sending = Promise.resolve(), pause = 0;
 
 // ---- what is shown --------------------------------------------------------------------------------------------------
@@ -95,6 +95,7 @@ function showPoint() {
     if (!patch) {
       patch = new Patch(records.get(name), hands);
       patch.contrast(amount);
+      patch.northUp = northUp;
       patches.set(name, patch);
       $("patches").append(patch.figure);
     }
@@ -127,6 +128,7 @@ async function refresh() {
     view = seen;
     showPoint();
     document.body.dataset.ready = session.reckoning ? "places" : "all";
+    document.body.dataset.version = Math.min(session.version, seen.version);
   }
 }
 
@@ -226,7 +228,7 @@ const hands = {
     zoom(times);
   },
   hovered(patch, event) {
-    loupe.follow(patch.record, patch.pixel(event), event, patch.picture.style.filter);
+    loupe.follow(patch.record, patch.pixel(event), event, patch.picture.style.filter, patch.turn);
   },
   left() {
     loupe.hide();
@@ -237,7 +239,7 @@ function zoom(times) {
   const patch = active ?? patches.values().next().value;
   if (!patch) return;
   const largest = Math.max(patch.record.width_px, patch.record.height_px);
-  ownSpan = times === null ? null : Math.min(Math.max(patch.span * times, 12), largest);
+  ownSpan = times === null ? null : Math.min(Math.max(patch.span * times, 6), largest);
   for (const each of patches.values()) each.zoom(ownSpan ?? view.span_px);
   showScale();
 }
@@ -286,6 +288,12 @@ function key(event) {
   event.preventDefault();
 }
 
+function turn() {
+  northUp = !northUp;
+  $("north").setAttribute("aria-pressed", String(northUp));
+  for (const patch of patches.values()) { patch.northUp = northUp; patch.show(); }
+}
+
 const COMMANDS = {
   x: () => { if (active?.mark) acted({ do: "remove", ...of(active) }); },
   u: (event) => acted({ do: event.shiftKey ? "redo" : "undo" }),
@@ -296,6 +304,7 @@ const COMMANDS = {
   t: () => { if (!session.searching) acted({ do: "look" }); },
   a: () => { if (session.agreeing && !session.reckoning) acted({ do: "confirm_agreeing" }); },
   n: () => choose(view.next),
+  o: turn,
   p: () => neighbour(-1),
   r: () => { if (active) { active.back(active.span); active.show(); } },
   "+": () => zoom(0.8),
@@ -324,6 +333,7 @@ function added(event) {
 document.addEventListener("keydown", key);
 $("in").addEventListener("click", () => zoom(0.8));
 $("out").addEventListener("click", () => zoom(1.25));
+$("north").addEventListener("click", turn);
 $("undo").addEventListener("click", () => acted({ do: "undo" }));
 $("redo").addEventListener("click", () => acted({ do: "redo" }));
 $("next").addEventListener("click", () => choose(view.next));

@@ -4,6 +4,7 @@
 import * as api from "./api.js";
 
 const CLICK = 4; // CSS px that a pointer may move and still click
+const HOLD_MS = 300; // that a finger rests before the loupe follows it
 const HALO = "#000b", MARK = "#ffe14d", PLACE = "#5fe3ff", PROPOSED = "#e9b0ff", WRONG = "#ff5a3c";
 
 export class Patch {
@@ -18,6 +19,7 @@ export class Patch {
     this.shown = null; // the picture that is there, with its window
     this.asked = null;
     this.over = false;
+    this.northUp = false;
     this.build();
   }
 
@@ -40,7 +42,8 @@ export class Patch {
     at.addEventListener("pointerdown", (event) => this.pressed(event));
     at.addEventListener("pointermove", (event) => this.dragged(event));
     at.addEventListener("pointerup", (event) => this.released(event));
-    at.addEventListener("pointercancel", () => { this.press = null; });
+    at.addEventListener("pointercancel", () => this.letGo());
+    at.addEventListener("touchmove", (event) => { if (this.press?.held) event.preventDefault(); }, { passive: false });
     at.addEventListener("pointerenter", () => { this.over = true; });
     at.addEventListener("pointerleave", () => { this.over = false; this.hands.left(this); });
     at.addEventListener("wheel", (event) => {
@@ -120,7 +123,7 @@ export class Patch {
     };
     line(record.name, "photograph");
     if (record.hidden) line("not visible here");
-    else if (record.rejected) line(record.words, "wrong");
+    else if (record.rejected || record.beside) line(record.words, "wrong");
     else if (record.mark) {
       const kind = { raw: "as clicked", imported: "given" }[record.mark.kind] ?? record.mark.kind;
       const parts = [kind, record.words, record.mark.doubtful ? "doubtful" : ""].filter(Boolean);
@@ -146,22 +149,36 @@ export class Patch {
     this.show();
   }
 
-  // The edges of the view: the first pixel's own edge is at -0.5.
-  get edges() {
-    return [this.centre[0] - this.span / 2, this.centre[1] - this.span / 2];
+  // By how much the picture is turned on the screen, clockwise: north points up where that is wanted and known.
+  get turn() {
+    const { north_rad } = this.record;
+    return this.northUp && north_rad !== null ? -Math.PI / 2 - north_rad : 0;
+  }
+
+  // Offsets in the photograph as they are on the screen, and back.
+  turned(du, dv, turn = this.turn) {
+    if (turn === 0) return [du, dv];
+    const c = Math.cos(turn), s = Math.sin(turn);
+    return [c * du - s * dv, s * du + c * dv];
+  }
+
+  backTurned(dx, dy) {
+    return this.turned(dx, dy, -this.turn);
   }
 
   show() {
     if (this.centre === null || this.span === null) return;
     this.draw();
-    const scale = this.wantedScale(), [u, v] = this.edges;
-    const left = Math.floor(u + 0.5), upper = Math.floor(v + 0.5), side = Math.ceil(this.span) + 1;
+    const scale = this.wantedScale(), turn = this.turn;
+    const reach = this.span / 2 * (Math.abs(Math.cos(turn)) + Math.abs(Math.sin(turn)));
+    const left = Math.floor(this.centre[0] - reach + 0.5), upper = Math.floor(this.centre[1] - reach + 0.5);
+    const side = Math.ceil(2 * reach) + 1;
     const { width_px, height_px } = this.record;
     const box = [Math.max(left, 0), Math.max(upper, 0), Math.min(left + side, width_px), Math.min(upper + side, height_px)];
     if (box[2] <= box[0] || box[3] <= box[1]) return;
     const key = [left, upper, side, scale].join();
     if (key === this.key) return;
-    this.key = key;
+    this.key = this.figure.dataset.asked = key;
     this.asked?.abort();
     const asked = this.asked = new AbortController();
     api.patch(this.record.name, left, upper, side, side, scale, asked.signal).then((shown) => {
@@ -186,22 +203,30 @@ export class Patch {
   draw() {
     if (this.centre === null) return;
     const { width, height } = this.picture, context = this.picture.getContext("2d");
-    const k = width / this.span, [u, v] = this.edges;
+    const k = width / this.span, [u, v] = this.centre;
     context.fillStyle = "#333";
     context.fillRect(0, 0, width, height);
     if (this.shown) {
       const { bitmap, left, upper, width: across, height: down, scale } = this.shown;
+      context.save();
       context.imageSmoothingEnabled = k * scale < 2;
       context.imageSmoothingQuality = "high";
+      context.translate(width / 2, height / 2);
+      context.rotate(this.turn);
       context.drawImage(bitmap, (left - 0.5 - u) * k, (upper - 0.5 - v) * k, across * k, down * k);
+      context.restore();
     }
     this.draws();
   }
 
   draws() {
     const { width, height } = this.drawing, context = this.drawing.getContext("2d");
-    const k = width / this.span, [u0, v0] = this.edges, ratio = window.devicePixelRatio;
-    const x = (u) => (u - u0) * k, y = (v) => (v - v0) * k;
+    const k = width / this.span, turn = this.turn, ratio = window.devicePixelRatio;
+    const at = (u, v) => {
+      const [dx, dy] = this.turned(u - this.centre[0], v - this.centre[1], turn);
+      return [width / 2 + dx * k, height / 2 + dy * k];
+    };
+    this.figure.dataset.view = [...this.centre, this.span, turn].join(" ");
     context.clearRect(0, 0, width, height);
     const stroke = (colour, dash = []) => {
       for (const [style, thick] of [[HALO, 3.6], [colour, 1.6]]) {
@@ -215,11 +240,11 @@ export class Patch {
     if (record.u !== null && !mark) {
       const { long_px, short_px, angle_rad } = record.ellipse;
       context.beginPath();
-      context.ellipse(x(record.u), y(record.v), Math.max(long_px * k, 2), Math.max(short_px * k, 2), angle_rad, 0, 2 * Math.PI);
+      context.ellipse(...at(record.u, record.v), Math.max(long_px * k, 2), Math.max(short_px * k, 2), angle_rad + turn, 0, 2 * Math.PI);
       stroke(PLACE, [6, 4]);
     }
     if (!mark && record.proposal) { // a dotted ring, and its centre
-      const a = x(record.proposal.u), b = y(record.proposal.v);
+      const [a, b] = at(record.proposal.u, record.proposal.v);
       context.beginPath();
       context.arc(a, b, 12 * ratio, 0, 2 * Math.PI);
       stroke(PROPOSED, record.proposal.agrees ? [] : [2, 4]);
@@ -228,13 +253,14 @@ export class Patch {
       stroke(PROPOSED);
     }
     if (mark) {
-      const colour = record.rejected ? WRONG : MARK, far = 13 * ratio, near = 4 * ratio, a = x(mark.u), b = y(mark.v);
+      const { rejected, beside } = record, other = rejected && record.u !== null ? record : this.moved ? null : beside;
+      const colour = rejected || beside ? WRONG : MARK, far = 13 * ratio, near = 4 * ratio, [a, b] = at(mark.u, mark.v);
       context.beginPath();
       for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
         context.moveTo(a + dx * near, b + dy * near);
         context.lineTo(a + dx * far, b + dy * far);
       }
-      if (record.rejected) { // a diamond around it
+      if (rejected || beside) { // a diamond around it
         const r = 18 * ratio;
         context.moveTo(a, b - r); context.lineTo(a + r, b); context.lineTo(a, b + r); context.lineTo(a - r, b);
         context.closePath();
@@ -249,14 +275,14 @@ export class Patch {
         context.fillStyle = colour;
         context.fillText("?", a + far, b - near);
       }
-      if (record.rejected && record.u !== null) { // where the others put it
+      if (other) { // where the others put it, or the target is
         context.beginPath();
         context.moveTo(a, b);
-        context.lineTo(x(record.u), y(record.v));
+        context.lineTo(...at(other.u, other.v));
         stroke(WRONG, [2, 3]);
       }
     } else if (this.figure.classList.contains("active") && this.cursor) {
-      const a = x(this.cursor[0]), b = y(this.cursor[1]), far = 10 * ratio;
+      const [a, b] = at(...this.cursor), far = 10 * ratio;
       context.beginPath();
       context.moveTo(a - far, b); context.lineTo(a + far, b); context.moveTo(a, b - far); context.lineTo(a, b + far);
       stroke("#fff", [2, 2]);
@@ -271,32 +297,46 @@ export class Patch {
 
   // The pixel of the photograph under a pointer: the canvas as it lies on the page has the whole span, at any zoom.
   pixel(event) {
-    const { left, top, width, height } = this.drawing.getBoundingClientRect(), [u, v] = this.edges;
-    return [u + (event.clientX - left) / width * this.span, v + (event.clientY - top) / height * this.span];
+    const { left, top, width, height } = this.drawing.getBoundingClientRect(), [u, v] = this.centre;
+    const across = ((event.clientX - left) / width - 0.5) * this.span, down = ((event.clientY - top) / height - 0.5) * this.span;
+    const [du, dv] = this.backTurned(across, down);
+    return [u + du, v + dv];
   }
 
   pressed(event) {
     if (event.button !== 0) return;
-    this.press = { x: event.clientX, y: event.clientY, centre: this.centre, far: false };
+    const press = this.press = { x: event.clientX, y: event.clientY, centre: this.centre, far: false, held: false };
+    if (event.pointerType === "touch") { // a finger hides what it points at: the loupe shows it
+      press.timer = setTimeout(() => { press.held = !press.far; if (press.held) this.hands.hovered(this, event); }, HOLD_MS);
+    }
     this.drawing.setPointerCapture(event.pointerId);
     this.figure.focus({ preventScroll: true });
   }
 
   dragged(event) {
-    this.hands.hovered(this, event);
-    if (!this.press) return;
-    const dx = event.clientX - this.press.x, dy = event.clientY - this.press.y;
-    this.press.far ||= Math.hypot(dx, dy) > CLICK;
-    if (!this.press.far) return;
+    const { press } = this;
+    if (event.pointerType !== "touch" || press?.held) this.hands.hovered(this, event);
+    if (!press || press.held) return;
+    const dx = event.clientX - press.x, dy = event.clientY - press.y;
+    press.far ||= Math.hypot(dx, dy) > CLICK;
+    if (!press.far) return;
     const { width } = this.drawing.getBoundingClientRect();
-    this.centre = [this.press.centre[0] - dx / width * this.span, this.press.centre[1] - dy / width * this.span];
+    const [du, dv] = this.backTurned(dx / width * this.span, dy / width * this.span);
+    this.centre = [press.centre[0] - du, press.centre[1] - dv];
     this.panned = true;
     this.show();
   }
 
-  released(event) {
-    const press = this.press;
+  letGo() {
+    const { press } = this;
+    clearTimeout(press?.timer);
     this.press = null;
+    if (press?.held) this.hands.left(this);
+    return press;
+  }
+
+  released(event) {
+    const press = this.letGo();
     if (!press || press.far) return;
     const [u, v] = this.pixel(event), { width_px, height_px } = this.record;
     if (u < -0.5 || v < -0.5 || u > width_px - 0.5 || v > height_px - 0.5) return;
@@ -318,7 +358,8 @@ export class Patch {
   }
 
   // Move the mark by keys, or the cross-hair where there is no mark.
-  move(du, dv) {
+  move(dx, dy) {
+    const [du, dv] = this.backTurned(dx, dy);
     const { width_px, height_px } = this.record, within = (value, size) => Math.min(Math.max(value, -0.5), size - 0.5);
     const from = this.mark ? [this.mark.u, this.mark.v] : this.cursor;
     const to = [within(from[0] + du, width_px), within(from[1] + dv, height_px)];
