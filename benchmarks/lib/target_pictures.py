@@ -207,3 +207,14 @@ def finish(rng: np.random.Generator, grey: np.ndarray) -> np.ndarray:
 def bare(rng: np.random.Generator, kind: str, side_px: int = 96) -> np.ndarray:
     """Return a photograph of ground without a target."""
     return finish(rng, texture(rng, side_px, side_px, kind))
+
+
+def crowded(rng: np.random.Generator, kind: str, side_px: int) -> np.ndarray:
+    """Return a photograph of ground with a target in each quarter."""
+    grey = bare(rng, kind, side_px)
+    half = side_px // 2
+    for corner in range(4):
+        own = render(rng, str(rng.choice(SHAPES)), float(rng.uniform(12, 40)), float(rng.uniform(0, 50)), 0.7).grey
+        top, left = (int(rng.integers(0, half - own.shape[0])) + half * n for n in divmod(corner, 2))
+        grey[top : top + own.shape[0], left : left + own.shape[1]] = own
+    return grey

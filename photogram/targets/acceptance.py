@@ -2,6 +2,10 @@
 
 A sum over all pixels can be good where one part is wrong: a stone is bright all around but for one side, a shadow's
 edge is half of a cross. So every sector of the pattern is asked by itself, and each level against the noise.
+
+Among many stones one is round. So a target must differ from the ground by more than the ground's own blobs do, whose
+strength is √det H σ² with the Hessian H of the grey values under a Gaussian blur σ (Lindeberg 1998): an edge, of a kerb
+or a shadow, has none.
 """
 
 from __future__ import annotations
@@ -14,15 +18,42 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.targets.fitting import Fit
 from photogram.targets.picture import BLUR, CX, CY, FIRST, FREE, OUTSIDE, SECOND, SHAPE, Pattern, level_shares
-from photogram.targets.starts import texture_scatter
+from photogram.targets.starts import texture, texture_scatter
 
 SECTORS = 8
 LEAST_PIXELS = 4
 """Pixels that make a sector worth asking."""
-AROUND_PX = 10
-"""How far around a target its texture is taken."""
+LEAST_OUTER_EDGE = 0.15
+"""By how much a ring must stand out from the ground, over its contrast: else it is the circle that it encloses."""
+AROUND_PX, FURTHER_PX = 10, 20
+"""How far around a target the texture is taken, and how far the ground's blobs."""
+BLOB_PX, MOST_BLOBS = 2.0, 0.9
+"""Blur under which blobs are taken, and the share of the ground where they are weaker than what is compared."""
+USUAL_MISFIT = 0.03
+"""Share of the squares left unexplained for which the contrast over blobs is asked as it stands: it must be more where
+more is left, by the fourth root, which tells stones from targets best."""
+SMALL_PX, OF_SMALL = 9.5, 1.5
+"""Length below which a target might be a stone or a leaf, and how many times as much is asked of it."""
 SADDLES = (Pattern.FIELDS, Pattern.DISC_OF_QUADRANTS, Pattern.SQUARE_OF_QUADRANTS)
 OPEN = (Pattern.FIELDS, Pattern.OPEN_CROSS, Pattern.OPEN_CORNER)
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What the ground in a patch (H, W) is like."""
+
+    texture: FloatArray
+    """Grey values without what is finer or coarser than what could pass for a target."""
+    blobs: FloatArray
+    """Strength of blobs, DN."""
+
+
+def ground(grey: FloatArray) -> Ground:
+    """Return what the ground in a patch (H, W) of grey values is like."""
+    smooth = cv2.GaussianBlur(grey, (0, 0), BLOB_PX)
+    second, mixed = np.array([[1.0, -2.0, 1.0]]), np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
+    lxx, lyy, lxy = (cv2.filter2D(smooth, cv2.CV_64F, kernel) for kernel in (second, second.T, 0.25 * mixed))
+    return Ground(texture(grey), BLOB_PX**2 * np.sqrt(np.maximum(lxx * lyy - lxy**2, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -39,6 +70,11 @@ class Evidence:
     """The same over the standard deviation of what lies beside it."""
     contrast_over_texture: float
     """The same over the scatter of the texture further around, infinite where none is asked."""
+    contrast_over_blobs: float
+    """The same over the strength of the ground's blobs, by the share explained and the size as above."""
+    outer_edge: float
+    """By how much a ring stands out from what lies around it, over its contrast; negative where the levels only rise or
+    only fall inwards, as in a blurred circle; infinite for all but rings."""
     weakest_sector: float
     """Share of the squares that the picture explains in the sector where it does so least."""
     width_px: float
@@ -59,23 +95,35 @@ def axes_px(fit: Fit) -> tuple[float, float]:
     return float(whole * half[0]), float(whole * half[1])
 
 
-def _texture_scatter(fit: Fit, band: FloatArray) -> float:
-    """Return the scatter of a texture (H, W) further around a target."""
-    height, width = band.shape
-    own = np.zeros(band.shape, np.uint8)
+def _around(fit: Fit, field: FloatArray, near_px: int, far_px: int) -> FloatArray:
+    """Return the values (N,) of a field (H, W) in a belt around a target."""
+    height, width = field.shape
+    own = np.zeros(field.shape, np.uint8)
     own[fit.place[:, 1], fit.place[:, 0]] = 1
-    low = np.maximum(fit.place.min(axis=0) - AROUND_PX, 0)
-    high = np.minimum(fit.place.max(axis=0) + AROUND_PX + 1, [width, height])
+    low = np.maximum(fit.place.min(axis=0) - far_px, 0)
+    high = np.minimum(fit.place.max(axis=0) + far_px + 1, [width, height])
     part = own[low[1] : high[1], low[0] : high[0]]
-    near, far = (cv2.dilate(part, np.ones((2 * n + 1, 2 * n + 1), np.uint8)) for n in (2, AROUND_PX))
-    value = band[low[1] : high[1], low[0] : high[0]][(far > 0) & (near == 0)]
-    if len(value) < 30:
-        return 0.0
-    return texture_scatter(value)
+    near, far = (cv2.dilate(part, np.ones((2 * n + 1, 2 * n + 1), np.uint8)) for n in (near_px, far_px))
+    return np.asarray(field[low[1] : high[1], low[0] : high[0]][(far > 0) & (near == 0)], np.float64)
 
 
-def evidence(fit: Fit, band: FloatArray | None = None) -> Evidence:
-    """Return what speaks for a fitted pattern; ``band`` (H, W) is the texture of the patch."""
+def _texture_scatter(fit: Fit, around: Ground) -> float:
+    """Return the scatter of the texture around a target."""
+    value = _around(fit, around.texture, 2, AROUND_PX)
+    return texture_scatter(value) if len(value) >= 30 else 0.0
+
+
+def _blob_strength(fit: Fit, around: Ground, length_px: float) -> float:
+    """Return the strength of the ground's blobs around a target, DN, as a target that leaves as much unexplained and is
+    as long must exceed it."""
+    value = _around(fit, around.blobs, 3, FURTHER_PX)
+    strength = float(np.quantile(value, MOST_BLOBS)) if len(value) >= 30 else 0.0
+    misfit = float((max(1.0 - fit.explained, 1e-6) / USUAL_MISFIT) ** 0.25)
+    return strength * misfit * (OF_SMALL if length_px < SMALL_PX else 1.0)
+
+
+def evidence(fit: Fit, around: Ground | None = None) -> Evidence:
+    """Return what speaks for a fitted pattern; ``around`` is the ground of the patch."""
     theta, pattern = fit.theta, fit.pattern
     place = fit.place.astype(np.float64)
     shares = level_shares(pattern, theta, place)
@@ -88,7 +136,7 @@ def evidence(fit: Fit, band: FloatArray | None = None) -> Evidence:
     ground = float(np.std(fit.residual[beside])) if beside.sum() >= 8 else noise
     length, width = axes_px(fit)
     part = 0.5 * width if pattern in SADDLES else width
-    if pattern in (Pattern.CROSS, Pattern.CORNER):
+    if pattern in (Pattern.CROSS, Pattern.CORNER, Pattern.CROSSED_SQUARE):
         part = width * float(theta[SHAPE])
     elif pattern in (Pattern.OPEN_CROSS, Pattern.OPEN_CORNER):
         part = width / fit.reach
@@ -99,13 +147,23 @@ def evidence(fit: Fit, band: FloatArray | None = None) -> Evidence:
         contrast,
         contrast / max(noise, 0.5),
         contrast / max(ground, 0.5),
-        np.inf if band is None else contrast / max(_texture_scatter(fit, band), 0.5),
+        np.inf if around is None else contrast / max(_texture_scatter(fit, around), 0.5),
+        np.inf if around is None else contrast / max(_blob_strength(fit, around, length), 0.3),
+        _outer_edge(fit),
         _weakest_sector(fit, outside),
         width,
         length,
         part / float(theta[BLUR]),
         float(theta[SHAPE]),
     )
+
+
+def _outer_edge(fit: Fit) -> float:
+    """Return by how much a ring stands out from what lies around it, as of Evidence."""
+    if fit.pattern != Pattern.RING:
+        return np.inf
+    outside, ring, inside = (float(fit.theta[i]) for i in (OUTSIDE, FIRST, SECOND))
+    return (ring - outside) * float(np.sign(ring - inside)) / max(abs(ring - inside), 1e-9)
 
 
 def _weakest_sector(fit: Fit, outside: FloatArray) -> float:
@@ -123,10 +181,10 @@ def _weakest_sector(fit: Fit, outside: FloatArray) -> float:
 
 
 def _weakest_bar(fit: Fit, q: FloatArray) -> float:
-    """Return the same for the near and far halves of both bars and for what lies between them and outside."""
+    """Return the same for the thirds of both bars and what lies beside them, the last with what lies behind it."""
     end = fit.reach if fit.pattern == Pattern.OPEN_CORNER else 1.0
-    far = np.maximum(q[:, 0], q[:, 1]) > 0.5 * end
-    return _weakest(fit, 2 * (q[:, 0] > q[:, 1]).astype(int) + far, np.ones(len(q), bool))
+    third = np.clip(np.floor(3.0 * np.maximum(q[:, 0], q[:, 1]) / end), 0, 2).astype(np.int64)
+    return _weakest(fit, 3 * (q[:, 0] > q[:, 1]) + third, np.ones(len(q), bool))
 
 
 def _weakest(fit: Fit, sector: IntArray, counted: BoolArray) -> float:
@@ -142,12 +200,12 @@ def _weakest(fit: Fit, sector: IntArray, counted: BoolArray) -> float:
     return weakest
 
 
-def is_target(fit: Fit, band: FloatArray | None = None) -> bool:
-    """Return whether a fitted pattern is a target; ``band`` as of evidence."""
+def is_target(fit: Fit, around: Ground | None = None) -> bool:
+    """Return whether a fitted pattern is a target; ``around`` as of evidence."""
     least = LEAST[fit.pattern]
     if fit.explained < least.explained:  # as of most, and the rest takes time
         return False
-    return _is_enough(evidence(fit, band), least) and _sigma_px(fit) <= least.sigma_px
+    return _is_enough(evidence(fit, around), least) and _sigma_px(fit) <= least.sigma_px
 
 
 def _sigma_px(fit: Fit) -> float:
@@ -162,6 +220,8 @@ def _is_enough(found: Evidence, least: Least) -> bool:
         and found.contrast_over_noise >= least.contrast_over_noise
         and found.contrast_over_ground >= least.contrast_over_ground
         and found.contrast_over_texture >= least.contrast_over_texture
+        and found.contrast_over_blobs >= least.contrast_over_blobs
+        and found.outer_edge >= LEAST_OUTER_EDGE
         and found.width_px >= least.width_px
         and least.length_px <= found.length_px <= 140.0
         and found.length_px <= 4.0 * found.width_px
@@ -177,10 +237,11 @@ class Least:
     explained: float
     weakest_sector: float
     sharpness: float
-    contrast_dn: float = 20.0
+    contrast_dn: float = 30.0
     contrast_over_noise: float = 9.0
     contrast_over_ground: float = 3.0
-    contrast_over_texture: float = 7.0
+    contrast_over_texture: float = 5.0
+    contrast_over_blobs: float = 17.0
     width_px: float = 3.5
     length_px: float = 7.0
     sigma_px: float = 0.5
@@ -188,14 +249,37 @@ class Least:
 
 
 LEAST: dict[Pattern, Least] = {
-    Pattern.FIELDS: Least(0.97, 0.8, 1.5, contrast_dn=40.0, contrast_over_texture=0.0),
-    Pattern.DISC_OF_QUADRANTS: Least(0.90, 0.6, 1.2),
-    Pattern.SQUARE_OF_QUADRANTS: Least(0.90, 0.6, 1.2),
-    Pattern.CIRCLE: Least(0.92, 0.75, 1.5, contrast_over_ground=5.0, width_px=4.5),
-    Pattern.RING: Least(0.88, 0.6, 0.6, shape=(0.15, 0.85)),
-    Pattern.CROSS: Least(0.90, 0.6, 0.15, width_px=4.5, shape=(0.0, 0.42)),
-    Pattern.OPEN_CROSS: Least(0.94, 0.8, 0.9, contrast_dn=35.0, width_px=2.5, length_px=3.3),
-    Pattern.CORNER: Least(0.93, 0.7, 0.5, width_px=4.5),
-    Pattern.OPEN_CORNER: Least(0.92, 0.75, 0.9),
+    Pattern.FIELDS: Least(
+        0.975,
+        0.9,
+        1.5,
+        contrast_dn=40.0,
+        contrast_over_noise=14.0,
+        contrast_over_texture=0.0,
+        contrast_over_blobs=10.5,
+        length_px=6.3,
+    ),
+    Pattern.DISC_OF_QUADRANTS: Least(0.90, 0.7, 1.2, contrast_over_noise=13.0),
+    Pattern.SQUARE_OF_QUADRANTS: Least(0.92, 0.7, 1.2, contrast_over_noise=14.0),
+    Pattern.CIRCLE: Least(0.92, 0.65, 1.5, contrast_over_noise=13.0, contrast_over_ground=4.5, width_px=4.5),
+    Pattern.RING: Least(0.89, 0.7, 0.6, contrast_dn=25.0, shape=(0.15, 0.85)),
+    Pattern.CROSS: Least(0.89, 0.65, 0.7, contrast_over_noise=12.0, width_px=4.5, shape=(0.0, 0.42)),
+    Pattern.CROSSED_SQUARE: Least(
+        0.92, 0.75, 0.5, contrast_dn=40.0, contrast_over_noise=11.0, width_px=4.5, shape=(0.08, 0.42)
+    ),
+    Pattern.OPEN_CROSS: Least(
+        0.95,
+        0.85,
+        0.8,
+        contrast_dn=35.0,
+        contrast_over_noise=14.0,
+        contrast_over_blobs=13.0,
+        width_px=2.5,
+        length_px=3.3,
+    ),
+    Pattern.CORNER: Least(
+        0.905, 0.7, 0.45, contrast_over_noise=11.0, contrast_over_blobs=12.5, width_px=4.5, sigma_px=0.8
+    ),
+    Pattern.OPEN_CORNER: Least(0.975, 0.75, 0.9, contrast_over_noise=13.0, contrast_over_blobs=13.5, sigma_px=0.8),
 }
 """By pattern; `benchmarks/targets.py` prints what this finds, and what it takes for a target that is none."""

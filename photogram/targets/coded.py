@@ -7,6 +7,7 @@ to the grey values: q = A (p − c) / (1 + h·(p − c)), so that c is where the
 from __future__ import annotations
 
 from functools import cache
+from math import factorial
 from typing import Any
 
 import cv2
@@ -29,7 +30,9 @@ FAMILIES = {
     "aruco original": cv2.aruco.DICT_ARUCO_ORIGINAL,
 }
 """Families of codes and OpenCV's number of each."""
-LEAST_EXPLAINED = 0.85
+LEAST_EXPLAINED = 0.94
+MODEL_ERROR = 0.9
+"""Factor of standard deviations, as of fitting: what the picture lacks along all edges counts as noise."""
 LEAST_CONTRAST_DN = 20.0
 SHORTEST_PX = 40.0
 """Perimeter from which a coded target may be read: a field has two pixels or less there."""
@@ -119,7 +122,8 @@ def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> M
     contrast = float(theta[-1] - theta[-2])
     if explained < LEAST_EXPLAINED or contrast < LEAST_CONTRAST_DN:
         return None
-    covariance = centre_covariance(place, -np.asarray(solution.jac), residual, np.ones(len(own)), np.zeros(len(own)))
+    own_noise = centre_covariance(place, -np.asarray(solution.jac), residual, np.ones(len(own)), np.zeros(len(own)))
+    covariance = MODEL_ERROR**2 * own_noise
     sides = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1)
     return MeasuredCentre(
         Kind.CODED, theta[:2].copy(), covariance, explained, float(sides.max()), float(theta[_BLUR]), contrast,
@@ -136,14 +140,29 @@ def _centred(H: FloatArray) -> FloatArray:
     return np.concatenate([centre, shifted[:2, :2].ravel(), shifted[2, :2]])
 
 
-def _target_place(theta: FloatArray, place: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where pixels (N, 2) lie in the target (N, 2), and how many of its units a pixel is along its axes."""
+def _target_place(theta: FloatArray, place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return where pixels (N, 2) lie in the target (N, 2), how many of its units a pixel is along its axes (N, 2), and
+    the cosine (N,) of the angle between the directions of its edges."""
     r = place - theta[:2]
     A, h = theta[2:6].reshape(2, 2), theta[6:8]
     scale = 1.0 + r @ h
     q = (r @ A.T) / scale[:, None]
     gradient = (A[None] - q[:, :, None] * h[None, None, :]) / scale[:, None, None]
-    return q, np.linalg.norm(gradient, axis=2)
+    unit = np.linalg.norm(gradient, axis=2)
+    return q, unit, (gradient[:, 0] * gradient[:, 1]).sum(axis=1) / unit.prod(axis=1)
+
+
+def _leaning(fields: FloatArray, distance: FloatArray, cosine: FloatArray) -> FloatArray:
+    """Return how much more white (N,) pixels are than the products of their shares, because edges at a ``distance``
+    (N, n − 1, 2), in standard deviations of the blur, cross at a ``cosine`` (N,): Pearson's series, as of picture."""
+    corner = np.diff(np.diff(fields, axis=0), axis=1).T  # across x, across y
+    density = np.exp(-0.5 * distance**2) / np.sqrt(2.0 * np.pi)
+    hermite = (np.ones_like(distance), distance, distance**2 - 1.0, distance * (distance**2 - 3.0))
+    gain = np.zeros(len(distance))
+    for n, polynomial in enumerate(hermite, 1):
+        part = density * polynomial
+        gain += cosine**n / factorial(n) * ((part[:, :, 0] @ corner) * part[:, :, 1]).sum(axis=1)
+    return gain
 
 
 def picture(fields: FloatArray, theta: FloatArray, place: FloatArray) -> FloatArray:
@@ -151,12 +170,13 @@ def picture(fields: FloatArray, theta: FloatArray, place: FloatArray) -> FloatAr
 
     ``theta`` (11,) are centre, affine map to fields, h, blur px, dark and bright level DN.
     """
-    q, unit = _target_place(theta, place)
+    q, unit, cosine = _target_place(theta, place)
     n = len(fields)
     line = np.arange(1, n) - 0.5 * n
     sigma = theta[_BLUR] * unit
-    past = ndtr((q[:, None, :] - line[None, :, None]) / sigma[:, None, :])
+    distance = (q[:, None, :] - line[None, :, None]) / sigma[:, None, :]
+    past = ndtr(distance)
     ends = np.concatenate([np.ones((len(q), 1, 2)), past, np.zeros((len(q), 1, 2))], axis=1)
     share = ends[:, :-1] - ends[:, 1:]
-    white = ((share[:, :, 1] @ fields) * share[:, :, 0]).sum(axis=1)
+    white = ((share[:, :, 1] @ fields) * share[:, :, 0]).sum(axis=1) + _leaning(fields, distance, cosine)
     return np.asarray(theta[9] + (theta[10] - theta[9]) * white)

@@ -39,17 +39,28 @@ LAGS = 10
 """Up to which lag, in px, residuals are taken as correlated."""
 LEAST_NOISE_DN = 0.5
 """Noise below which grey values are not believed: they are rounded, and the blur of a lens is not quite Gaussian."""
-WORTHWHILE = (0.55, 0.65, 0.7)
+WORTHWHILE = (0.6, 0.8, 0.85)
 """Share of the variance that a picture must explain each time to be fitted further."""
-MODEL_ERROR = {Pattern.CORNER: 1.4, Pattern.OPEN_CORNER: 1.4}
-"""By what standard deviations grow for what the picture of a pattern lacks: edges that cross at an angle, whose shares
-are multiplied. `benchmarks/targets.py` shows whether they are true."""
+MODEL_ERROR = {
+    Pattern.CORNER: 1.4,
+    Pattern.OPEN_CORNER: 1.4,
+    Pattern.CIRCLE: 1.1,
+    Pattern.RING: 0.75,
+    Pattern.FIELDS: 0.8,
+}
+"""Factors of standard deviations for what the picture of a pattern lacks, from rendered targets: what it lacks on one
+side of an L moves the corner; what it lacks all around a ring or a crossing counts as noise but moves nothing.
+`benchmarks/targets.py` shows whether they are true."""
 LOCAL_PX = 2.0
 """Over how far the noise of a place is taken from the residuals around it."""
-SHRINKINGS, WELL_EXPLAINED, SMALLEST_FIELD_PX = 4, 0.98, 3.0
+SHRINKINGS, WELL_EXPLAINED, SMALLEST_FIELD_PX = 5, 0.985, 3.0
 """How often fields that go on are looked at more closely, until what share is explained, down to which radius."""
-ENDS = (1e-3, 1e-4, 1e-6)
+ENDS = (1e-2, 1e-3, 1e-6)
 """Share of the squares below which a step is the last: one for each time that pixels and weights are chosen anew."""
+ITERATIONS = (8, 10, 15)
+"""How many steps each time at most: what has not come near by then is no target."""
+ENOUGH_PIXELS = 300
+"""How many pixels are enough for all but the last fit."""
 ZONES = 30.0
 """Ratio of the variances beside and in a target, at most."""
 
@@ -161,10 +172,12 @@ def fit(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float = 1.
     go on are fitted as far around their corner as the patch shows them.
     """
     found = _fitted(grey, pattern, start, reach)
+    closer = start.copy()
     for _ in range(SHRINKINGS if pattern == Pattern.FIELDS else 0):
-        if found is None or found.explained > WELL_EXPLAINED:
-            break
-        closer = found.theta.copy()
+        if found is not None:
+            if found.explained > WELL_EXPLAINED:
+                break
+            closer[:] = found.theta
         closer[2:6] *= 1.3
         if np.linalg.svd(closer[2:6].reshape(2, 2), compute_uv=False)[0] > 1.0 / SMALLEST_FIELD_PX:
             break
@@ -179,11 +192,13 @@ def _fitted(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float 
         at = pixels(pattern, theta, (grey.shape[0], grey.shape[1]), reach)
         if at is None:
             return None
-        place = at
+        place = at if n == len(ENDS) - 1 else _thinned(at)
         own = grey[place[:, 1], place[:, 0]]
         exact = place.astype(np.float64)
         weight = np.ones(len(own)) if weight_at is None else _weight(pattern, theta, exact, weight_at)
-        theta, cost = _minimise(int(pattern), theta, FREE[pattern], exact, own, np.sqrt(weight), 25, ENDS[n])
+        theta, cost = _minimise(int(pattern), theta, FREE[pattern], exact, own, np.sqrt(weight), ITERATIONS[n], ENDS[n])
+        if pattern == Pattern.FIELDS:
+            theta = _as_large(theta, start)
         if not np.isfinite(cost) or not _is_sane(theta, start):
             return None
         shown, jacobian = np.empty(len(own)), np.empty((len(own), COUNT))
@@ -193,6 +208,21 @@ def _fitted(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float 
             return None
         weight_at = _zones(pattern, theta, exact, residual)
     return Fit(pattern, theta, jacobian[:, FREE[pattern]], place, own, residual, weight, reach)
+
+
+def _thinned(place: IntArray) -> IntArray:
+    """Return enough of many pixels (N, 2), on a lattice."""
+    step = math.isqrt(max(len(place) // ENOUGH_PIXELS, 1))
+    return place[(place % step == 0).all(axis=1)] if step > 1 else place
+
+
+def _as_large(theta: FloatArray, start: FloatArray) -> FloatArray:
+    """Return the parameters of fields that go on, with normals as long as those they start with: no picture tells how
+    long they are, and they say which pixels are taken."""
+    own = theta.copy()
+    for row in (slice(2, 4), slice(4, 6)):
+        own[row] *= float(np.linalg.norm(start[row])) / max(float(np.linalg.norm(theta[row])), 1e-12)
+    return own
 
 
 def _is_sane(theta: FloatArray, start: FloatArray) -> bool:

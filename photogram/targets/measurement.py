@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.targets.acceptance import SADDLES, axes_px, evidence, is_target
+from photogram.targets.acceptance import SADDLES, axes_px, evidence, ground, is_target
 from photogram.targets.coded import find_coded
+from photogram.targets.cross_starts import cross_starts
 from photogram.targets.fitting import Fit, fit
 from photogram.targets.kinds import Kind, MeasuredCentre
 from photogram.targets.picture import BLUR, Pattern
@@ -18,7 +21,6 @@ from photogram.targets.starts import (
     regions,
     saddle_starts,
     saddles,
-    texture,
 )
 
 GreyPatch = NDArray[np.uint8] | NDArray[np.float32]
@@ -29,12 +31,21 @@ FOCAL_PX = 3000.0
 """Focal length where none is given, shorter than that of most cameras: what it stands for is an upper bound."""
 LOOK_PX = 75
 """How much of a patch around a rough place, beyond the reach, is looked at."""
-FITS = 8
-"""How many starts are fitted around one place, at most."""
+FITS = 4
+"""How many starts of each pattern are fitted around one place, at most."""
 LEAST_START = 0.5
 """Share of its squares that a start must explain to be fitted."""
 UNEXPLAINED = 6.0
 """Of several fits the one is taken that explains most squares, less so many times the squares it leaves."""
+PERSPECTIVE = {
+    Pattern.CIRCLE: 1.0,
+    Pattern.RING: 0.5,
+    Pattern.DISC_OF_QUADRANTS: 0.2,
+    Pattern.SQUARE_OF_QUADRANTS: 0.3,
+    Pattern.CROSS: 0.3,
+    Pattern.CROSSED_SQUARE: 0.3,
+}
+"""What share of the eccentricity of its outer edge the fitted centre has: where lines cross in it, they hold it."""
 _KINDS = {
     Pattern.FIELDS: Kind.CHEQUERED,
     Pattern.DISC_OF_QUADRANTS: Kind.QUARTERED,
@@ -45,6 +56,7 @@ _KINDS = {
     Pattern.OPEN_CROSS: Kind.CROSS,
     Pattern.CORNER: Kind.CORNER,
     Pattern.OPEN_CORNER: Kind.CORNER,
+    Pattern.CROSSED_SQUARE: Kind.CROSS,
 }
 
 
@@ -65,7 +77,7 @@ def snap(
         return None
     place = near - low
     own = part.astype(np.float64)
-    found = _accepted(own, _starts_near(own, place, reach_px), 2 * FITS)
+    found = _accepted(own, _starts_near(own, place, reach_px), FITS)
     nearest = min((_distance(f, place) for f in found if f.pattern in SADDLES), default=np.inf)
     # of a board's corners the nearest is meant, and none that lies beyond the fields around the rough place
     found = [f for f in found if f.pattern not in SADDLES or _distance(f, place) <= nearest + 1.0]
@@ -87,7 +99,7 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
         return []
     own = grey.astype(np.float64)
     starts: list[Start] = []
-    for centre, normals in saddles(own, 10 + own.size // 1000):
+    for centre, normals in saddles(own, 10 + own.size // 2500):
         starts += saddle_starts(own, centre, normals, (0.7, 1.8))
     for region in regions(own):
         starts += region_starts(own, region)
@@ -95,7 +107,7 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     ranked = [(_coded_gain(c), c) for c in find_coded(grey)]
     ranked += [
         (_gain(f), _measured(f, zero, focal_px))
-        for f in _accepted(own, starts, 20 + own.size // 600)
+        for f in _accepted(own, starts, 4 + own.size // 10_000)
         if f.pattern != Pattern.OPEN_CROSS
     ]
     ranked.sort(key=lambda pair: -pair[0])
@@ -109,31 +121,36 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
 
 def _starts_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[Start]:
     starts: list[Start] = []
-    for centre, normals in saddles(grey, 8, near, reach_px):
+    for centre, normals in saddles(grey, 10, near, reach_px):
         starts += saddle_starts(grey, centre, normals, (0.7, 1.8))
     for region in regions(grey, near, reach_px):
         starts += region_starts(grey, region)
     starts += corner_starts(grey, near, reach_px)
-    return [s for s in starts if np.hypot(*(s.theta[:2] - near)) <= reach_px + 3.0]
+    starts += cross_starts(grey, near, reach_px)
+    apart = [float(np.hypot(*(s.theta[:2] - near))) / reach_px for s in starts]
+    # where a click is, its target is rather than a larger one beside it
+    return [
+        replace(s, promise=s.promise * float(np.exp(-3.0 * d**2)))
+        for s, d in zip(starts, apart, strict=True)
+        if d <= 1.0 + 3.0 / reach_px
+    ]
 
 
 def _accepted(grey: FloatArray, starts: list[Start], most: int) -> list[Fit]:
-    """Return the fits that are targets, of starts that differ, the most promising first."""
+    """Return the fits that are targets, of starts that differ, the most promising first: at most so many of each
+    pattern, or one that promises much would leave no room for another that is true."""
     found: list[Fit] = []
     taken: list[Start] = []
-    band = texture(grey)
+    around = ground(grey)
     for start in sorted(starts, key=lambda s: -s.promise):
-        if len(taken) >= most:
-            break
-        if any(_alike(start, other) for other in taken):
+        same = [other for other in taken if other.pattern == start.pattern]
+        if len(same) >= most or start.explained < LEAST_START or any(_alike(start, other) for other in same):
             continue
         taken.append(start)
-        if start.explained < LEAST_START:
-            continue
         fitted = fit(grey, start.pattern, start.theta, start.reach)
         if fitted is None or np.hypot(*(fitted.theta[:2] - start.theta[:2])) > _leash(start):
             continue
-        if is_target(fitted, band):
+        if is_target(fitted, around):
             found.append(fitted)
     return found
 
@@ -172,8 +189,9 @@ def _distance(found: Fit, place: FloatArray) -> float:
 
 def _measured(found: Fit, shift: NDArray[np.int64], focal_px: float) -> MeasuredCentre:
     covariance = found.covariance_px2
-    if found.pattern in (Pattern.CIRCLE, Pattern.RING):
-        covariance = covariance + eccentricity_px2(found.theta[2:6].reshape(2, 2), focal_px)
+    if found.pattern in PERSPECTIVE:
+        eccentricity = eccentricity_px2(found.theta[2:6].reshape(2, 2), focal_px)
+        covariance = covariance + PERSPECTIVE[found.pattern] ** 2 * eccentricity
     own = evidence(found)
     return MeasuredCentre(
         _KINDS[found.pattern],

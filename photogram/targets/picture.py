@@ -3,8 +3,12 @@
 A point p of the photograph lies at q = A (p − c) in the target, c its centre. Edges are lines q_x = o, q_y = o, or
 circles |q| = ρ. A pixel at the distance d px from an edge, to first order d = s / |Aᵀn| with s the signed distance in
 the target and n its direction, is covered to the share Φ(d/σ): a step under a Gaussian blur σ (Nalwa & Binford 1986),
-in which the pixel's own area has its part. Where edges cross their shares are multiplied, which is exact where they are
-perpendicular; elsewhere what is missing is symmetric about the crossing.
+in which the pixel's own area has its part. Where two edges cross whose directions have the cosine ρ, a pixel lies
+beyond both to the share
+
+    Φ₂(a, b; ρ) = Φ(a) Φ(b) + φ(a) φ(b) Σ_n ρⁿ/n! He_{n−1}(a) He_{n−1}(b)
+
+with a and b their distances over σ: the tetrachoric series (Pearson 1900), here to ρ⁴.
 """
 
 from __future__ import annotations
@@ -14,7 +18,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erfc
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
@@ -32,6 +35,7 @@ class Pattern(IntEnum):
     OPEN_CROSS = 6  # bars of half width 1
     CORNER = 7  # bars of length 1 and width shape along +q_x and +q_y, outer corner at the origin
     OPEN_CORNER = 8  # bars of width 1
+    CROSSED_SQUARE = 9  # |q_x|, |q_y| < 1, bars of half width shape across it from edge to edge
 
 
 CX, CY, AXX, AXY, AYX, AYY, BLUR, SHAPE, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V = range(13)
@@ -52,13 +56,14 @@ FREE: dict[Pattern, IntArray] = {
     Pattern.OPEN_CROSS: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
     Pattern.CORNER: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, RISE_U, RISE_V]),
     Pattern.OPEN_CORNER: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
+    Pattern.CROSSED_SQUARE: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V]),
 }
 """Parameters that are estimated. What the picture cannot tell (how a circle is turned, the scale of fields that go on)
 stays where it starts."""
 
 
-_ROUGH_END, _ROUGH_STEPS = 4.0, 64.0
-_ROUGH = 0.5 * erfc(-np.arange(-4.0, 4.0 + 0.5 / 64.0, 1.0 / 64.0) / np.sqrt(2.0))
+FAR = 6.0
+"""Standard deviations from which on a pixel is wholly on one side of an edge, to 1e-9."""
 
 
 class Levels(NamedTuple):
@@ -71,28 +76,20 @@ class Levels(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _phi(d: float, blur: float) -> float:
+    if abs(d) > FAR * blur:
+        return 1.0 if d > 0.0 else 0.0
     return 0.5 * math.erfc(-d / blur * 0.7071067811865476)
 
 
 @njit(cache=True, nogil=True)
-def _rough_phi(d: float, blur: float) -> float:
-    """Return _phi to 1e-4: enough to judge what is then fitted."""
-    x = (d / blur + _ROUGH_END) * _ROUGH_STEPS
-    if x <= 0.0:
-        return 0.0
-    i = int(x)
-    if i >= len(_ROUGH) - 1:
-        return 1.0
-    return float(_ROUGH[i] + (x - i) * (_ROUGH[i + 1] - _ROUGH[i]))
-
-
-@njit(cache=True, nogil=True)
 def _density(d: float, blur: float) -> float:
+    if abs(d) > FAR * blur:
+        return 0.0
     return math.exp(-0.5 * (d / blur) ** 2) * 0.3989422804014327 / blur
 
 
 @njit(cache=True, nogil=True)
-def _offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) -> int:
+def offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) -> int:
     """Write where the lines across an axis lie and how they move with the shape; return their number."""
     slope[:] = 0.0
     if pattern <= 1:
@@ -101,7 +98,7 @@ def _offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) 
     if pattern == 2:
         offset[0], offset[1], offset[2] = -1.0, 0.0, 1.0
         return 3
-    if pattern == 5:
+    if pattern == 5 or pattern == 9:
         offset[0], offset[1], offset[2], offset[3] = -shape, shape, -1.0, 1.0
         slope[0], slope[1] = -1.0, 1.0
         return 4
@@ -119,7 +116,7 @@ def _offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) 
 
 
 @njit(cache=True, nogil=True)
-def _shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: FloatArray) -> tuple[float, float]:
+def shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: FloatArray) -> tuple[float, float]:
     """Return the shares of the first and second level from those of the edges, and write their derivatives g (2, 10):
     by the edges across x (4), across y (4), by the outer and the inner circle."""
     g[:] = 0.0
@@ -146,18 +143,146 @@ def _shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g:
         return round_[0] - round_[1], round_[1]
     ax, ay = ex[0] - ex[1], ey[0] - ey[1]
     bx = by = 1.0
-    if pattern == 5 or pattern == 7:
+    if pattern == 5 or pattern == 7 or pattern == 9:
         bx, by = ex[2] - ex[3], ey[2] - ey[3]
     elif pattern == 8:
         bx, by = ex[0], ey[0]
     to_ax, to_ay, to_bx, to_by = by - ay, bx - ax, ay, ax
     g[0, 0], g[0, 1], g[0, 4], g[0, 5] = to_ax, -to_ax, to_ay, -to_ay
-    if pattern == 5 or pattern == 7:
+    if pattern == 5 or pattern == 7 or pattern == 9:
         g[0, 2], g[0, 3], g[0, 6], g[0, 7] = to_bx, -to_bx, to_by, -to_by
     elif pattern == 8:
         g[0, 0] += to_bx
         g[0, 4] += to_by
-    return bx * ay + ax * by - ax * ay, 0.0
+    bars = bx * ay + ax * by - ax * ay
+    if pattern == 9:
+        g[1] = -g[0]
+        g[1, 2] += by
+        g[1, 3] -= by
+        g[1, 6] += bx
+        g[1, 7] -= bx
+        return bars, bx * by - bars
+    return bars, 0.0
+
+
+@njit(cache=True, nogil=True)
+def _crossings(pattern: int) -> FloatArray:
+    """Return how often (2, 4, 4) the share beyond an edge across x and one across y counts in either level; of a disc
+    of quadrants within its circle."""
+    count = np.zeros((2, 4, 4))
+    if pattern <= 1:
+        count[0, 0, 0], count[1, 0, 0] = 2.0, -2.0
+    elif pattern == 2:
+        low, high = np.array([1.0, -1.0, 0.0, 0.0]), np.array([0.0, 1.0, -1.0, 0.0])
+        count[0] = np.outer(high, high) + np.outer(low, low)
+        count[1] = np.outer(high, low) + np.outer(low, high)
+    elif pattern >= 5:
+        bar, end = np.array([1.0, -1.0, 0.0, 0.0]), np.zeros(4)
+        if pattern == 5 or pattern == 7 or pattern == 9:
+            end[2], end[3] = 1.0, -1.0
+        elif pattern == 8:
+            end[0] = 1.0
+        count[0] = np.outer(end, bar) + np.outer(bar, end) - np.outer(bar, bar)
+        if pattern == 9:
+            count[1] = np.outer(end, end) - count[0]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _leaning(rho: float, a: float, b: float) -> tuple[float, float, float, float]:
+    """Return by how much Φ₂(a, b; ρ) exceeds Φ(a) Φ(b), and its derivatives by a, b and ρ."""
+    weight = math.exp(-0.5 * (a * a + b * b)) * 0.15915494309189535
+    a2, b2, a3, b3 = a * a - 1.0, b * b - 1.0, a * (a * a - 3.0), b * (b * b - 3.0)
+    r2, r3, r4 = rho**2 / 2.0, rho**3 / 6.0, rho**4 / 24.0
+    value = weight * (rho + r2 * a * b + r3 * a2 * b2 + r4 * a3 * b3)
+    by_a = weight * (r2 * b + 2.0 * r3 * a * b2 + 3.0 * r4 * a2 * b3) - a * value
+    by_b = weight * (r2 * a + 2.0 * r3 * b * a2 + 3.0 * r4 * b2 * a3) - b * value
+    return value, by_a, by_b, weight * (1.0 + rho * a * b + r2 * a2 * b2 + r3 * a3 * b3)
+
+
+@njit(cache=True, nogil=True)
+def _lean(
+    count: FloatArray, lines: int, rho: float, a: FloatArray, b: FloatArray, by: FloatArray
+) -> tuple[float, float]:
+    """Return what the levels gain because edges lean, and write derivatives ``by`` (2, 9): by the distances over the
+    blur of the edges across x (4), across y (4), by ρ."""
+    by[:] = 0.0
+    first = second = 0.0
+    for i in range(lines):
+        if abs(a[i]) > FAR:
+            continue
+        for j in range(lines):
+            if abs(b[j]) > FAR:
+                continue
+            value, by_a, by_b, by_rho = _leaning(rho, a[i], b[j])
+            first += count[0, i, j] * value
+            second += count[1, i, j] * value
+            for level in range(2):
+                by[level, i] += count[level, i, j] * by_a
+                by[level, 4 + j] += count[level, i, j] * by_b
+                by[level, 8] += count[level, i, j] * by_rho
+    return first, second
+
+
+@njit(cache=True, nogil=True)
+def _by_lines(
+    row: FloatArray,
+    theta: FloatArray,
+    rx: float,
+    ry: float,
+    axis: int,
+    lines: int,
+    offset: FloatArray,
+    slope: FloatArray,
+    to_first: float,
+    to_second: float,
+    g: FloatArray,
+    by: FloatArray,
+) -> None:
+    """Add to a row (COUNT,) of the Jacobian what the lines across an axis give, for a pixel at (rx, ry) px from the
+    centre: ``g`` as of shares, ``by`` as of _lean, the differences of both levels from what lies outside."""
+    ax, ay, blur = theta[2 + 2 * axis], theta[3 + 2 * axis], theta[6]
+    size = math.hypot(ax, ay)
+    hx, hy = ax / size, ay / size
+    for j in range(lines):
+        d = hx * rx + hy * ry - offset[j] / size
+        if abs(d) > FAR * blur:
+            continue
+        k = 4 * axis + j
+        f = (to_first * g[0, k] + to_second * g[1, k]) * _density(d, blur)
+        f += (to_first * by[0, k] + to_second * by[1, k]) / blur
+        row[2 + 2 * axis] += f * (rx - d * hx) / size
+        row[3 + 2 * axis] += f * (ry - d * hy) / size
+        row[0] -= f * hx
+        row[1] -= f * hy
+        row[6] -= f * d / blur
+        row[7] -= f * slope[j] / size
+
+
+@njit(cache=True, nogil=True)
+def _by_circle(row: FloatArray, theta: FloatArray, rx: float, ry: float, rho: float, gain: float) -> float:
+    """Add to a row (COUNT,) of the Jacobian what the circle |q| = rho gives, for a pixel at (rx, ry) px from the centre
+    and ``gain`` the grey value by the share of the circle; return its derivative by rho."""
+    axx, axy, ayx, ayy, blur = theta[2], theta[3], theta[4], theta[5], theta[6]
+    x, y = axx * rx + axy * ry, ayx * rx + ayy * ry
+    radius = max(math.hypot(x, y), 1e-9)
+    nx, ny = -x / radius, -y / radius
+    ux, uy = axx * nx + ayx * ny, axy * nx + ayy * ny
+    w = max(math.hypot(ux, uy), 1e-12)
+    ux, uy = ux / w, uy / w
+    d = (rho - radius) / w
+    f = gain * _density(d, blur)
+    vx, vy = axx * ux + axy * uy, ayx * ux + ayy * uy
+    along = vx * nx + vy * ny
+    mx, my = nx + d * (vx - nx * along) / radius, ny + d * (vy - ny * along) / radius
+    row[2] += f * (mx * rx - d * nx * ux) / w
+    row[3] += f * (mx * ry - d * nx * uy) / w
+    row[4] += f * (my * rx - d * ny * ux) / w
+    row[5] += f * (my * ry - d * ny * uy) / w
+    row[0] -= f * (mx * axx + my * ayx) / w
+    row[1] -= f * (mx * axy + my * ayy) / w
+    row[6] -= f * d / blur
+    return float(f / w)
 
 
 @njit(cache=True, nogil=True)
@@ -167,26 +292,33 @@ def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, j
     axx, axy, ayx, ayy = theta[2], theta[3], theta[4], theta[5]
     wx, wy = math.hypot(axx, axy), math.hypot(ayx, ayy)
     offset, slope = np.zeros(4), np.zeros(4)
-    lines = _offsets(pattern, theta[7], offset, slope)
+    lines = offsets(pattern, theta[7], offset, slope)
     is_round = pattern == 1 or pattern == 3 or pattern == 4
     ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
+    a, b, by = np.zeros(4), np.zeros(4), np.zeros((2, 9))
+    rho = (axx * ayx + axy * ayy) / (wx * wy)
+    count = _crossings(pattern)
     wanted = jacobian.shape[0] > 0
     for i in range(place.shape[0]):
         rx, ry = place[i, 0] - cx, place[i, 1] - cy
         x, y = axx * rx + axy * ry, ayx * rx + ayy * ry
         for j in range(lines):
-            ex[j], ey[j] = _phi((x - offset[j]) / wx, blur), _phi((y - offset[j]) / wy, blur)
-        nx = ny = ux = uy = 0.0
-        radius = w = 1.0
+            a[j], b[j] = (x - offset[j]) / (wx * blur), (y - offset[j]) / (wy * blur)
+            ex[j], ey[j] = _phi(a[j], 1.0), _phi(b[j], 1.0)
         if is_round:
             radius = max(math.hypot(x, y), 1e-9)
-            nx, ny = -x / radius, -y / radius
-            ux, uy = axx * nx + ayx * ny, axy * nx + ayy * ny
-            w = max(math.hypot(ux, uy), 1e-12)
-            ux, uy = ux / w, uy / w
+            w = max(math.hypot(axx * x + ayx * y, axy * x + ayy * y) / radius, 1e-12)
             circle[0] = _phi((1.0 - radius) / w, blur)
             circle[1] = _phi((theta[7] - radius) / w, blur)
-        first, second = _shares(pattern, ex, ey, circle, g)
+        first, second = shares(pattern, ex, ey, circle, g)
+        if lines:
+            more, less = _lean(count, lines, rho, a, b, by)
+            if pattern == 1:
+                g[0, 8] += more
+                g[1, 8] += less
+                by *= circle[0]
+                more, less = more * circle[0], less * circle[0]
+            first, second = first + more, second + less
         outside = theta[8] + theta[11] * rx + theta[12] * ry
         to_first, to_second = theta[9] - outside, theta[10] - outside
         grey[i] = outside + to_first * first + to_second * second
@@ -198,35 +330,20 @@ def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, j
         row[11], row[12] = rx * row[8], ry * row[8]
         row[0] -= theta[11] * row[8]
         row[1] -= theta[12] * row[8]
-        for j in range(lines):
-            for axis in range(2):
-                size, q = (wx, x) if axis == 0 else (wy, y)
-                hx, hy = (axx / wx, axy / wx) if axis == 0 else (ayx / wy, ayy / wy)
-                d = (q - offset[j]) / size
-                f = (to_first * g[0, 4 * axis + j] + to_second * g[1, 4 * axis + j]) * _density(d, blur)
-                row[2 + 2 * axis] += f * (rx - d * hx) / size
-                row[3 + 2 * axis] += f * (ry - d * hy) / size
-                row[0] -= f * hx
-                row[1] -= f * hy
-                row[6] -= f * d / blur
-                row[7] -= f * slope[j] / size
+        for axis in range(2):
+            _by_lines(row, theta, rx, ry, axis, lines, offset, slope, to_first, to_second, g, by)
+        if lines:
+            f = (to_first * by[0, 8] + to_second * by[1, 8]) / (wx * wy)
+            row[2] += f * (ayx - rho * axx * wy / wx)
+            row[3] += f * (ayy - rho * axy * wy / wx)
+            row[4] += f * (axx - rho * ayx * wx / wy)
+            row[5] += f * (axy - rho * ayy * wx / wy)
         if is_round:
-            vx, vy = axx * ux + axy * uy, ayx * ux + ayy * uy
-            along = vx * nx + vy * ny
-            tx, ty = (vx - nx * along) / radius, (vy - ny * along) / radius
-            for j in range(2 if pattern == 4 else 1):
-                d = ((theta[7] if j == 1 else 1.0) - radius) / w
-                f = (to_first * g[0, 8 + j] + to_second * g[1, 8 + j]) * _density(d, blur)
-                mx, my = nx + d * tx, ny + d * ty
-                row[2] += f * (mx * rx - d * nx * ux) / w
-                row[3] += f * (mx * ry - d * nx * uy) / w
-                row[4] += f * (my * rx - d * ny * ux) / w
-                row[5] += f * (my * ry - d * ny * uy) / w
-                row[0] -= f * (mx * axx + my * ayx) / w
-                row[1] -= f * (mx * axy + my * ayy) / w
-                row[6] -= f * d / blur
-                if j == 1:
-                    row[7] += f / w
+            along = to_first * g[0, 8] + to_second * g[1, 8]
+            _by_circle(row, theta, rx, ry, 1.0, along)
+            if pattern == 4:
+                along = to_first * g[0, 9] + to_second * g[1, 9]
+                row[7] += _by_circle(row, theta, rx, ry, theta[7], along)
 
 
 def level_shares(pattern: Pattern, theta: FloatArray, place: FloatArray) -> Levels:
@@ -243,7 +360,7 @@ def level_shares(pattern: Pattern, theta: FloatArray, place: FloatArray) -> Leve
 
 
 @njit(cache=True, nogil=True)
-def _lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: float, reach: float) -> bool:
+def lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: float, reach: float) -> bool:
     """Return whether a place of the target lies in the pattern or at most ``margin_px`` beside it."""
     wx, wy = math.hypot(theta[2], theta[3]), math.hypot(theta[4], theta[5])
     if pattern == 0:
@@ -259,7 +376,7 @@ def _lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px:
         low, wide = -theta[7], theta[7]
     elif pattern == 6:
         high, end = -reach, reach
-    elif pattern >= 7:
+    elif pattern == 7 or pattern == 8:
         low = high = 0.0
         wide, end = (theta[7], 1.0) if pattern == 7 else (1.0, reach)
     mx, my = margin_px * wx, margin_px * wy
@@ -280,7 +397,7 @@ def within(pattern: int, theta: FloatArray, place: FloatArray, margin_px: float,
     for i in range(len(place)):
         rx, ry = place[i, 0] - theta[0], place[i, 1] - theta[1]
         x, y = theta[2] * rx + theta[3] * ry, theta[4] * rx + theta[5] * ry
-        inside[i] = _lies_within(pattern, theta, x, y, margin_px, reach)
+        inside[i] = lies_within(pattern, theta, x, y, margin_px, reach)
     return inside
 
 
@@ -313,83 +430,3 @@ def box(pattern: int, theta: FloatArray, rows: int, columns: int, reach: float) 
     if right - left < 3 or bottom - top < 3:
         return 0, 0, -1, -1
     return left, top, right, bottom
-
-
-@njit(cache=True, nogil=True)
-def judge(
-    pattern: int,
-    theta: FloatArray,
-    levels: IntArray,
-    grey: FloatArray,
-    where: IntArray,
-    thinning: int,
-    margin_px: float,
-    reach: float,
-) -> tuple[int, float, float]:
-    """Write the levels that fit a patch (H, W) best into ``theta``; return the number of pixels, the squares that
-    remain, and those about the mean.
-
-    ``levels`` are the places of those that are free, ``where`` the first and last column and row that are looked at.
-    """
-    wx, wy = math.hypot(theta[2], theta[3]), math.hypot(theta[4], theta[5])
-    offset, slope = np.zeros(4), np.zeros(4)
-    lines = _offsets(pattern, theta[7], offset, slope)
-    is_round = pattern == 1 or pattern == 3 or pattern == 4
-    ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
-    p = len(levels)
-    normal, right, share = np.zeros((p, p)), np.zeros(p), np.zeros(3)
-    n, total, squares = 0, 0.0, 0.0
-    for v in range(where[1], where[3] + 1, thinning):
-        for u in range(where[0], where[2] + 1, thinning):
-            rx, ry = u - theta[0], v - theta[1]
-            x, y = theta[2] * rx + theta[3] * ry, theta[4] * rx + theta[5] * ry
-            if not _lies_within(pattern, theta, x, y, margin_px, reach):
-                continue
-            for j in range(lines):
-                ex[j], ey[j] = _rough_phi((x - offset[j]) / wx, theta[6]), _rough_phi((y - offset[j]) / wy, theta[6])
-            if is_round:
-                radius = max(math.hypot(x, y), 1e-9)
-                ux = (theta[2] * x + theta[4] * y) / radius
-                uy = (theta[3] * x + theta[5] * y) / radius
-                w = max(math.hypot(ux, uy), 1e-12)
-                circle[0] = _rough_phi((1.0 - radius) / w, theta[6])
-                circle[1] = _rough_phi((theta[7] - radius) / w, theta[6])
-            first, second = _shares(pattern, ex, ey, circle, g)
-            share[0], share[1], share[2] = 1.0 - first - second, first, second
-            value = grey[v, u]
-            n += 1
-            total += value
-            squares += value * value
-            for i in range(p):
-                right[i] += share[levels[i] - 8] * value
-                for j in range(p):
-                    normal[i, j] += share[levels[i] - 8] * share[levels[j] - 8]
-    if n < 15:
-        return n, 0.0, 0.0
-    damped = normal.copy()
-    for i in range(p):
-        damped[i, i] += 1e-6
-    found = np.linalg.solve(damped, right)
-    for i in range(p):
-        theta[levels[i]] = found[i]
-    left = squares - 2.0 * (found * right).sum() + (found * (normal @ found)).sum()
-    return n, max(left, 0.0), squares - total * total / n
-
-
-@njit(cache=True, nogil=True)
-def judge_all(
-    pattern: int, thetas: FloatArray, levels: IntArray, grey: FloatArray, reach: float, verdict: FloatArray
-) -> None:
-    """Write the levels that fit a patch (H, W) best into ``thetas`` (M, COUNT), and to ``verdict`` (M, 3) the thinning
-    of the pixels that were looked at, the squares that remain, and those about the mean: 0 where nothing is shown."""
-    for m in range(len(thetas)):
-        verdict[m] = 0.0
-        left, top, right, bottom = box(pattern, thetas[m], grey.shape[0], grey.shape[1], reach)
-        if right < left:
-            continue
-        side = math.sqrt(float((right - left) * (bottom - top)))
-        thinning = 1 if side < 18.0 else 2 if side < 36.0 else 3 if side < 54.0 else 4
-        where = np.array([left, top, right, bottom])
-        n, rest, total = judge(pattern, thetas[m], levels, grey, where, thinning, margin_px(thetas[m]), reach)
-        if n >= 15:
-            verdict[m, 0], verdict[m, 1], verdict[m, 2] = thinning, rest, total

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray
+from photogram.targets.judging import judge_all
 from photogram.targets.picture import (
     BLUR,
     COUNT,
@@ -29,7 +30,6 @@ from photogram.targets.picture import (
     SECOND,
     SHAPE,
     Pattern,
-    judge_all,
     level_shares,
 )
 
@@ -44,6 +44,8 @@ RADII_PX = (3.2, 4.5, 6.5, 9.5, 14.0, 20.0, 29.0, 42.0)
 """Half widths that are tried for saddles."""
 OVER_TEXTURE = 3.0
 """How many times the scatter of the texture of its patch a region differs from what lies around it."""
+CLEARER = 1.7
+"""How many times that is where no rough place is known."""
 BAR_SHAPES = (0.08, 0.12, 0.17, 0.24, 0.33, 0.45)
 """Proportions of bars that are tried."""
 OPEN_PART = 0.85
@@ -54,6 +56,10 @@ LEAST_CONTRAST_DN = 12.0
 
 
 _LEVELS = {pattern: free[(free >= OUTSIDE) & (free <= SECOND)] for pattern, free in FREE.items()}
+
+
+EXPLAINING = {pattern: 10.0 if pattern == Pattern.FIELDS else 4.0 for pattern in Pattern}
+"""Power of the explained share that promises: fields that go on must not reach beyond their neighbours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +115,15 @@ class Judged:
         return [self.start(number) for number in self.best(least, most)]
 
 
-def judged(grey: FloatArray, pattern: Pattern, thetas: Sequence[FloatArray], reach: float = 1.0) -> Judged:
+def judged(grey: FloatArray, pattern: Pattern, thetas: Sequence[FloatArray] | FloatArray, reach: float = 1.0) -> Judged:
     """Return parameters (COUNT,) with the levels that fit a patch (H, W)."""
     filled = np.array(thetas, dtype=np.float64).reshape(-1, COUNT)
     verdict = np.zeros((len(filled), 3))
     judge_all(int(pattern), filled, _LEVELS[pattern], grey, reach, verdict)
     thinning, left, total = verdict.T
     explained = np.where(thinning > 0.0, np.maximum(1.0 - left / np.maximum(total, 1e-9), 0.0), 0.0)
-    return Judged(pattern, filled, reach, thinning * np.sqrt(np.maximum(total, 0.0)) * explained**4, explained)
+    promise = thinning * np.sqrt(np.maximum(total, 0.0)) * explained ** EXPLAINING[pattern]
+    return Judged(pattern, filled, reach, promise, explained)
 
 
 def texture(grey: FloatArray) -> FloatArray:
@@ -156,7 +163,7 @@ def saddles(
         good = (np.abs(np.linalg.det(normals)) > LEAST_LEAN) & (_asymmetry(smooth, centre) < MOST_ASYMMETRY)
         rows += [(float(strength[v[i], u[i]]), centre[i], normals[i]) for i in np.flatnonzero(good)]
     if near is not None:  # the nearest of many, where it is as clear as they are
-        rows = [(s * math.exp(-3.0 * float(((c - near) ** 2).sum()) / reach_px**2), c, n) for s, c, n in rows]
+        rows = [(s * math.exp(-5.0 * float(((c - near) ** 2).sum()) / reach_px**2), c, n) for s, c, n in rows]
     rows.sort(key=lambda row: -row[0])
     kept: list[tuple[FloatArray, FloatArray]] = []
     for _, centre, normals in rows:
@@ -239,6 +246,8 @@ def regions(grey: FloatArray, near: FloatArray | None = None, reach_px: float = 
     taken: set[tuple[int, ...]] = set()
     smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.float64)
     least = max(LEAST_CONTRAST_DN, OVER_TEXTURE * texture_scatter(texture(grey)))
+    if near is None:  # where nobody has said that there is a target it must be a clear one
+        least *= CLEARER
     for mask in _masks(smooth):
         for region in _components(mask, smooth, least, near, reach_px):
             own = tuple(np.round([*region.mean, 8 * np.log(region.area), 8 * np.log(region.filled_area)]).astype(int))
@@ -335,11 +344,6 @@ def _power(matrix: FloatArray, exponent: float) -> FloatArray:
     return np.asarray((vector * np.maximum(value, 1e-9) ** exponent) @ vector.T)
 
 
-def _turn(angle: float) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
 def region_starts(grey: FloatArray, region: Region, blurs: tuple[float, ...] = (0.6, 1.2, 2.2)) -> list[Start]:
     """Return the best start of each pattern that a region may be."""
     found: list[Start] = []
@@ -371,18 +375,26 @@ def _bar_starts(grey: FloatArray, region: Region, pattern: Pattern) -> list[Star
     turns, whole = (12, 0.5 * np.pi) if pattern == Pattern.CROSS else (28, 2.0 * np.pi)
     whiten = _power(region.moments, -0.5)
 
-    def turned(angle: float, shape: float, blur: float) -> FloatArray:
-        mean, moments = _unit_moments(pattern, shape)
-        A = _power(moments, 0.5) @ _turn(angle) @ whiten
-        return parameters(region.mean - np.linalg.solve(A, mean), A, blur, shape)
+    def turned(angles: FloatArray, shape: float, blur: float) -> FloatArray:
+        mean, root = _unit_mean_and_root(pattern, shape)
+        c, s = np.cos(angles), np.sin(angles)
+        A = root @ np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2) @ whiten
+        thetas = np.zeros((len(angles), COUNT))
+        thetas[:, :2] = region.mean - np.linalg.inv(A) @ mean
+        thetas[:, 2:6], thetas[:, BLUR], thetas[:, SHAPE] = A.reshape(-1, 4), blur, shape
+        return thetas
 
-    tried = [(k * whole / turns, shape) for shape in shapes for k in range(turns)]
-    first = judged(grey, pattern, [turned(angle, shape, 1.1) for angle, shape in tried])
+    if not shapes:
+        return []
+    angle = np.arange(turns) * whole / turns
+    tried = [(k, shape) for shape in shapes for k in angle]
+    first = judged(grey, pattern, np.concatenate([turned(angle, shape, 1.1) for shape in shapes]))
     best = first.best(0.0, 2)
-    steps = [
-        (tried[i][0] + 0.3 * n * whole / turns, tried[i][1], b) for i in best for n in (-1, 0, 1) for b in (0.7, 2.0)
-    ]
-    closer = judged(grey, pattern, [turned(*step) for step in steps])
+    near = 0.3 * np.array([-1.0, 0.0, 1.0]) * whole / turns
+    steps = [turned(tried[i][0] + near, tried[i][1], blur) for i in best for blur in (0.7, 2.0)]
+    if not steps:
+        return []
+    closer = judged(grey, pattern, np.concatenate(steps))
     found = _best([first.start(i) for i in best] + closer.starts(0.3, 2), 0.3, 2)
     if pattern == Pattern.CROSS:  # bars may end where their board does
         found += _best([opened for start in found for opened in _opened(grey, start)], 0.3, 1)
@@ -393,6 +405,13 @@ def _opened(grey: FloatArray, cross: Start) -> list[Start]:
     theta = cross.theta.copy()
     theta[2:6] /= theta[SHAPE]
     return judged(grey, Pattern.OPEN_CROSS, [theta], OPEN_PART / float(theta[SHAPE])).starts(0.3)
+
+
+@cache
+def _unit_mean_and_root(pattern: Pattern, shape: float) -> tuple[FloatArray, FloatArray]:
+    """Return mean (2,) and the root (2, 2) of the second moments of a pattern in its own unit."""
+    mean, moments = _unit_moments(pattern, shape)
+    return mean, _power(moments, 0.5)
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from photogram.arrays import FloatArray
-from photogram.targets.acceptance import axes_px, evidence, is_target
+from photogram.targets.acceptance import axes_px, evidence, ground, is_target
 from photogram.targets.fitting import Fit, fit
 from photogram.targets.picture import COUNT, Pattern, draw
 
@@ -32,6 +32,7 @@ KINDS = [
     Pattern.RING,
     Pattern.CROSS,
     Pattern.CORNER,
+    Pattern.CROSSED_SQUARE,
 ]
 
 
@@ -58,3 +59,18 @@ def test_a_faint_target_is_refused() -> None:
     grey, theta = picture(Pattern.CIRCLE)
     grey = 90.0 + 0.1 * (grey - 90.0)
     assert not is_target(fitted(grey, Pattern.CIRCLE, theta))
+
+
+def test_a_stone_among_stones_is_no_target_and_a_kerb_speaks_against_none() -> None:
+    grey, theta = picture(Pattern.CIRCLE)
+    fit_alone = fitted(grey, Pattern.CIRCLE, theta)
+    kerb, stones = grey.copy(), grey.copy()
+    kerb[:, :8] += 110.0
+    v, u = np.mgrid[:50, :50]
+    for x, y in ((6, 6), (6, 24), (6, 43), (25, 5), (25, 45), (43, 6), (44, 25), (43, 43), (15, 42), (34, 7)):
+        stones[np.hypot(u - x, v - y) < 4] += 90.0
+    assert is_target(fit_alone, ground(grey))
+    assert is_target(fitted(kerb, Pattern.CIRCLE, theta), ground(kerb))
+    among = fitted(stones, Pattern.CIRCLE, theta)
+    assert evidence(among, ground(stones)).contrast_over_blobs < 0.4 * evidence(among, ground(kerb)).contrast_over_blobs
+    assert not is_target(among, ground(stones))

@@ -71,3 +71,17 @@ def test_a_pattern_beyond_the_patch_has_no_pixels_and_no_fit() -> None:
     theta[0] = 120.0
     assert pixels(Pattern.CIRCLE, theta, (40, 40), 1.0) is None
     assert fit(np.zeros((40, 40)), Pattern.CIRCLE, theta) is None
+
+
+def test_fields_keep_their_size_and_end_before_their_neighbours() -> None:
+    """A board of fields 6 px wide: a fit that starts on twice the fields is the corner's, to noise."""
+    rng = np.random.default_rng(7)
+    v, u = np.mgrid[:400, :400] / 10.0
+    fine = np.where((np.floor((u - 20.3) / 6.0) + np.floor((v - 19.6) / 6.0)) % 2 == 0, 200.0, 40.0)
+    grey = cv2.GaussianBlur(fine, (0, 0), 7.0).reshape(40, 10, 40, 10).mean(axis=(1, 3)) + rng.normal(0, 3, (40, 40))
+    start = parameters()
+    start[:6] = 20.3, 19.6, 1.0 / 11.0, 0.0, 0.0, 1.0 / 11.0
+    found = fit(grey, Pattern.FIELDS, start)
+    assert found is not None
+    assert found.explained > 0.98
+    np.testing.assert_allclose(found.theta[:2] + 0.45, [20.3, 19.6], atol=0.05)

@@ -8,14 +8,10 @@ import pytest
 from photogram.arrays import FloatArray
 from photogram.targets.picture import (
     COUNT,
-    FREE,
-    OUTSIDE,
     RISE_U,
     RISE_V,
-    SECOND,
     Pattern,
     draw,
-    judge,
     level_shares,
     within,
 )
@@ -65,14 +61,17 @@ def is_first(pattern: Pattern, x: FloatArray, y: FloatArray) -> FloatArray:
         Pattern.CROSS: np.where(bars & square, 1, 0),
         Pattern.OPEN_CROSS: np.where((np.abs(x) < 1) | (np.abs(y) < 1), 1, 0),
         Pattern.CORNER: np.where(arms & square, 1, 0),
+        Pattern.CROSSED_SQUARE: np.where(square, np.where(bars, 1, 2), 0),
         Pattern.OPEN_CORNER: np.where(((x > 0) & (x < 1) & (y > 0)) | ((y > 0) & (y < 1) & (x > 0)), 1, 0),
     }
     return np.asarray(table[pattern], np.float64)
 
 
 @pytest.mark.parametrize("pattern", list(Pattern), ids=lambda p: p.name.lower())
-def test_a_picture_is_the_mean_of_many_points_under_its_blur(pattern: Pattern) -> None:
+@pytest.mark.parametrize("lean", [0.0, 0.05], ids=["upright", "leaning"])
+def test_a_picture_is_the_mean_of_many_points_under_its_blur(pattern: Pattern, lean: float) -> None:
     theta, place = parameters(), lattice()
+    theta[3] = lean
     step = np.arange(-31, 32) / 9.0
     du, dv = np.meshgrid(step, step)
     weight = np.exp(-0.5 * (du**2 + dv**2) / 0.7**2).ravel()
@@ -82,27 +81,15 @@ def test_a_picture_is_the_mean_of_many_points_under_its_blur(pattern: Pattern) -
     error = np.abs(drawn(pattern, theta, place) - truth)
     if pattern == Pattern.RING:  # a circle of three pixels has edges that are no lines
         error = error[np.hypot(*(place - theta[:2]).T) > 6.0]
-    assert float(np.quantile(error, 0.98)) < 3.5
-    assert float(error.max()) < 12.0
+    if pattern not in (Pattern.RING, Pattern.CIRCLE, Pattern.DISC_OF_QUADRANTS):  # where edges are lines
+        assert float(error.max()) < 5.0  # points 1/9 px apart
+    assert float(np.quantile(error, 0.98)) < 4.0
+    assert float(error.max()) < 14.0
 
 
 def test_shares_add_to_one() -> None:
     for pattern in Pattern:
         np.testing.assert_allclose(sum(level_shares(pattern, parameters(), lattice())), 1.0, atol=1e-12)
-
-
-def test_levels_are_found_again() -> None:
-    theta, place = parameters(), lattice()
-    for pattern in Pattern:
-        levels = FREE[pattern][(FREE[pattern] >= OUTSIDE) & (FREE[pattern] <= SECOND)]
-        grey = drawn(pattern, theta, place).reshape(40, 40)
-        found = theta.copy()
-        found[OUTSIDE:] = 0.0
-        box = np.array([0, 0, 39, 39])
-        n, left, total = judge(int(pattern), found, levels, grey, box, 1, 3.0, 1.0)
-        assert n == within(int(pattern), theta, place, 3.0, 1.0).sum()
-        assert left < 1e-4 * total
-        np.testing.assert_allclose(found[levels], theta[levels], atol=0.01)
 
 
 def test_pixels_of_a_circle_lie_in_it_or_beside_it() -> None:
