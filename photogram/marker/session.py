@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
+from photogram.files.atomic import remove_leftovers
 from photogram.files.marks.actions import (
     Action,
     AddPoint,
@@ -157,6 +158,8 @@ class MarkingSession:
         seen = read_journal(journal).actions if journal.exists() else ()
         places, self._floor = _touched(seen)
         self._journal = Journal(journal)
+        for folder in (journal.parent, marks.parent):  # of sessions that were killed: no other one has the journal
+            remove_leftovers(folder)
         self.torn = self._journal.torn
         new = tuple(mark for mark in _given_marks(block) if mark.place not in places)
         if new:
@@ -438,9 +441,12 @@ class MarkingSession:
         outlook = reckoned(known, state, roles, self.numbers)
         if proposals:
             outlook = replace(outlook, agreeing=agreeing_proposals(known, state, roles, self.numbers, proposals))
-        outlook = replace(outlook, beside=self._beside(state))
+        self._publish(outlook, is_reckoning=True)
+        self._publish(replace(outlook, beside=self._beside(state)), is_reckoning=False)
+
+    def _publish(self, outlook: Outlook, is_reckoning: bool) -> None:
         with self._changed:
-            self._outlook, self._is_reckoning = outlook, False
+            self._outlook, self._is_reckoning = outlook, is_reckoning
             self._version += 1
             self._changed.notify_all()
 

@@ -16,6 +16,7 @@ from photogram.marker.session import MarkingSession, Moment, agreeing
 from photogram.marker.snapping import Snapped, ground_scale
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.predictions import SURE, PredictedPlaces
+from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.survey import Block
 from photogram.targets.kinds import Kind
 from photogram.wording import things
@@ -188,6 +189,11 @@ def _proposal(moment: Moment, place: Place) -> ProposalRecord | None:
     }  # fmt: skip
 
 
+def accused(blunder: Blunder) -> tuple[str, ...]:
+    """Return the points that a blunder is of: whose target a mark is on is innocent."""
+    return blunder.points if blunder.kind == "exchanged points" else blunder.points[:1]
+
+
 def said_beside(mark: Mark, found: Snapped) -> str:
     """Return what is said of a click that was taken as it is beside a target."""
     distance = float(np.hypot(*np.subtract(mark.pixel, found.pixel)))
@@ -267,7 +273,7 @@ class Views:
         wrong = outlook is not None and (
             any(self._of_mark(outlook, m) is not None and outlook.compared[m.place].rejected for m in own)
             or any(self._beside(outlook, m) is not None for m in own)
-            or (outlook.comparison is not None and any(name in b.points for b in outlook.comparison.blunders))
+            or (outlook.comparison is not None and any(name in accused(b) for b in outlook.comparison.blunders))
         )
         gains = list(self._gains_of(outlook, name, moment).values())
         enough = outlook is not None and not wrong and is_enough(marks, gains)
@@ -376,7 +382,8 @@ class Views:
         places_with_one = (*moment.state.marks, *moment.proposals)
         numbers = self._session.numbers
         marked = [numbers[title] for point, title in places_with_one if point == name and title in numbers]
-        shown = sorted({*at, *marked}) if at else list(range(len(block.photographs)))
+        # where nothing says where the point is all photographs may show it; what is not reckoned yet is waited for
+        shown = sorted({*at, *marked}) if at or outlook is None else list(range(len(block.photographs)))
         gains = self._gains_of(outlook, name, moment)
         records, radii, pixel = list[PhotographRecord](), list[float](), list[tuple[float, float]]()
         for i in shown:

@@ -30,6 +30,7 @@ from photogram.files.photographs.images import (
     read_patches,
     read_pixels,
     read_tags,
+    read_window,
     thumbnail,
     write_photograph,
 )
@@ -568,6 +569,58 @@ def test_camera_with_geotags_and_exif_alone(tmp_path: Path, unit: int | None, re
     assert tags.gnss_horizontal_error_m == pytest.approx(0.04)
     assert (tags.lens, tags.serial, tags.focal_35mm_mm) == ("FE 35mm F1.8", "S01", 35.0)
     assert camera_angles(tags) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"subsampling": "4:2:0"},
+        {"subsampling": "4:2:2"},
+        {"subsampling": "4:4:4", "restart_marker_rows": 1},
+        {"progressive": True},
+        {"grey": True},
+    ],
+)
+@pytest.mark.parametrize("reduction", [1, 2, 4, 8])
+def test_a_window_is_what_decoding_everything_gives(tmp_path: Path, options: dict[str, Any], reduction: int) -> None:
+    path, rng = tmp_path / "a.jpg", np.random.default_rng(4)
+    pixels = np.kron(rng.integers(0, 256, (130, 80, 3)), np.ones((5, 5, 1))).astype(np.uint8)[:643, :397]
+    options = dict(options)
+    picture = Image.fromarray(pixels).convert("L" if options.pop("grey", False) else "RGB")
+    picture.save(path, "JPEG", quality=95, **options)
+    columns, rows = -(-397 // reduction), -(-643 // reduction)
+    whole = read_window(path, (0, 0, columns, rows), reduction)
+    assert whole.shape == (rows, columns, 3)
+    for lower in {1, rows // 9, rows // 3, rows // 3 + 1, rows - 1, rows}:
+        part = read_window(path, (1, lower // 2, columns - 1, lower), reduction)
+        np.testing.assert_array_equal(part, whole[lower // 2 : lower, 1:-1])
+
+
+def test_a_window_is_decoded_no_farther_down_than_it_reaches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded: list[tuple[int, int]] = []
+    decode = images._decode
+
+    def noted(path: Path, picture: Image.Image) -> None:
+        decode(path, picture)
+        decoded.append(picture.size)
+
+    monkeypatch.setattr(images, "_decode", noted)
+    for name, progressive in (("a.jpg", False), ("b.jpg", True)):
+        Image.new("RGB", (400, 640)).save(tmp_path / name, progressive=progressive)
+        read_window(tmp_path / name, (0, 0, 50, 100))
+    assert decoded == [(400, 192), (400, 640)]
+
+
+def test_only_rows_of_a_single_scan_are_cut() -> None:
+    def frame(kind: int, rows: int, scanned: int) -> bytes:
+        header = bytes([0xFF, kind, 0, 17, 8, *rows.to_bytes(2, "big"), 0, 9, 3, *bytes(9)])
+        return b"\xff\xd8" + header + bytes([0xFF, 0xDA, 0, 12, scanned, *bytes(9)]) + b"\xff\xd9"
+
+    assert images._cut_below(frame(0xC0, 640, 3), 192, 640) == frame(0xC0, 192, 3)
+    assert images._cut_below(frame(0xC1, 640, 3), 192, 640) == frame(0xC1, 192, 3)
+    assert images._cut_below(frame(0xC2, 640, 3), 192, 640) is None, "progressive"
+    assert images._cut_below(frame(0xC0, 640, 1), 192, 640) is None, "a scan for each colour"
+    assert images._cut_below(frame(0xC0, 0, 3), 192, 640) is None, "its rows are counted at the end"
 
 
 def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from makers import in_best_photograph, marks_of, reckoned, without_marks
 
-from photogram.files.marks.actions import NewPoint
+from photogram.files.marks.actions import Mark, NewPoint
 from photogram.marker.session import MarkingSession
-from photogram.marker.views import LEAST_SPAN_PX, Views, said_of, span_px
+from photogram.marker.snapping import Snapped
+from photogram.marker.views import LEAST_SPAN_PX, Views, accused, said_beside, said_of, span_px
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.tagged_block import tagged_block
+from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
 
 PLAN = replace(whole_survey_plan(), control_points=24, check_points=4)
@@ -28,9 +30,7 @@ def test_a_survey_before_between_and_after_its_marks(tmp_path: Path) -> None:
     names = [point["name"] for point in before["points"]]
     assert names == list(whole.control_points.name)
     assert before["reckoning"]
-    unknown = views.point(names[0])
-    assert len(unknown["photographs"]) == len(whole.photographs), "nothing says yet where it is"
-    assert all(p["u"] is None for p in unknown["photographs"])
+    assert views.point(names[0])["photographs"] == [], "it is not known yet, but will be"
     session.start()
     reckoned(session)
     told = views.point(names[0])
@@ -69,6 +69,34 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
     assert "roof" not in [place["name"] for place in views.plan()["points"]]
     with pytest.raises(KeyError):
         views.point("cellar")
+    session.close()
+
+
+def test_who_owns_the_target_that_a_mark_is_on_is_innocent() -> None:
+    assert accused(Blunder("wrong target", ("P1", "P2"), "a.JPG", "")) == ("P1",)
+    assert accused(Blunder("exchanged points", ("P1", "P2"), None, "")) == ("P1", "P2")
+
+
+def test_words_of_a_click_beside_a_target() -> None:
+    mark = Mark("P1", "a.JPG", (100.0, 50.0))
+    target = Snapped((103.0, 54.0), np.eye(2), "quartered")
+    assert said_beside(mark, target) == "5.0 px beside the centre of a target (quartered)"
+    matched = Snapped((100.0, 45.0), np.eye(2), "matched")
+    assert said_beside(mark, matched) == "5.0 px beside what the other marks show"
+
+
+def test_a_point_that_tells_most_comes_next_and_none_that_has_enough(tmp_path: Path) -> None:
+    plan = replace(whole_survey_plan(), control_points=4, check_points=1)
+    block = tagged_block(simulate_block(plan, 1).block)
+    session = MarkingSession(without_marks(block), tmp_path / "j", tmp_path / "marks.csv")
+    views = Views(session)
+    session.start()
+    reckoned(session)
+    first, *others = block.control_points.name
+    following = views.point(first)["next"]
+    assert following in others
+    seen = {name: len(views.point(name)["photographs"]) for name in others}
+    assert seen[str(following)] > min(seen.values()), "a point of two photographs tells less than one of ten"
     session.close()
 
 

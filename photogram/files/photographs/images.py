@@ -58,6 +58,8 @@ Image.MAX_IMAGE_PIXELS = None
 _MODES = ("RGB", "L", "RGBA")
 _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
+_SEQUENTIAL_FRAMES = (0xC0, 0xC1)
+_ROWS_TOGETHER = 64  # a multiple of the rows of any decoder's unit: 8 times a sampling factor of 1, 2 or 4
 _NAMESPACES = {
     "drone-dji": "http://www.dji.com/drone-dji/1.0/",
     "Camera": "http://pix4d.com/camera/1.0",
@@ -125,9 +127,33 @@ def _identify(path: Path, data: bytes) -> Image.Image:
     return picture
 
 
+def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
+    """Return a JPEG file of ``height`` rows that ends after ``rows`` of them by what its frame header says (ITU-T T.81,
+    annex B.2), None where its rows do not follow each other in one scan.
+
+    A decoder goes no farther down, and takes that share of the time. A row needs what is above it, and where colours
+    are at half the resolution the next one: up to 32 rows at the end may differ.
+    """
+    position, place, components = 2, 0, 0
+    while (found := _MARKER.search(data, position)) is not None:
+        marker, begin = found[1][0], found.end()
+        if marker in _SEQUENTIAL_FRAMES:
+            place, components = begin + 3, data[begin + 7]  # after the segment's length and the precision
+        elif marker == _START_OF_SCAN:
+            if not place or data[begin + 2] != components or data[place : place + 2] != height.to_bytes(2, "big"):
+                return None
+            return data[:place] + rows.to_bytes(2, "big") + data[place + 2 :]
+        position = begin + int.from_bytes(data[begin : begin + 2], "big")
+    return None
+
+
 def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
     """Return the photograph, of the wanted size, content and kind, not decoded yet."""
-    data = _read(path)
+    return _opened(path, _read(path), size_px, sha256)
+
+
+def _opened(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
+    """Return the photograph of a file's content, as ``_open``."""
     if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
         raise ImageError(
             f"photograph {path}: was modified since the run began: do not change photographs during a run, "
@@ -241,15 +267,19 @@ def read_window(
     a reduced one is the mean of a square of so many, as far as the photograph reaches.
 
     ``box`` is left, upper, right, lower in reduced pixels, within ceil(width / reduction) and ceil(height / reduction).
-    JPEG is decoded at the reduced size. Raises ImageError as read_pixels does.
+    JPEG is decoded at the reduced size, and no farther down than the box. Raises ImageError as read_pixels does.
     """
-    picture = _open(path, size_px)
+    data = _read(path)
+    picture = _opened(path, data, size_px)
     width, height = picture.size
-    if reduction > 1 and min(width, height) >= reduction:
-        picture.draft("RGB", (width // reduction, height // reduction))
-    _decode(path, picture)
     left, upper, right, lower = box
-    if reduction == 1 or picture.size != (width, height):
+    rows = (lower * reduction // _ROWS_TOGETHER + 2) * _ROWS_TOGETHER
+    if picture.format in ("JPEG", "MPO") and rows < height and (short := _cut_below(data, rows, height)) is not None:
+        picture = _identify(path, short)
+    if reduction > 1 and min(width, height) >= reduction:
+        picture.draft("RGB", (width // reduction, picture.height // reduction))
+    _decode(path, picture)
+    if reduction == 1 or picture.width != width:
         return np.array(picture.crop(box).convert("RGB"))
     # the decoder has reduced nothing: all but JPEG
     whole = min(right * reduction, width), min(lower * reduction, height)

@@ -13,7 +13,7 @@ let session = null; // what the server says of all points
 let view = null; // and of the one that is chosen
 let places = null; // the survey from above
 let chosen = null, active = null, shown = FIRST, ownSpan = null, amount = 1, northUp = false, version = 0;
-let order = [], patches = new Map(), sending = Promise.resolve(), pause = 0;
+let order = [], visited = [], patches = new Map(), sending = Promise.resolve(), pause = 0;
 
 // ---- what is shown --------------------------------------------------------------------------------------------------
 
@@ -158,9 +158,10 @@ async function follow() {
   }
 }
 
-function choose(name) {
+function choose(name, back = false) {
   if (name === null || name === chosen) return;
   flush();
+  if (chosen !== null && !back) visited.push(chosen);
   chosen = name;
   for (const patch of patches.values()) patch.gone();
   patches = new Map();
@@ -252,9 +253,12 @@ function step(by) {
   } else if (by > 0) choose(view.next);
 }
 
-function neighbour(by) {
+// The point that was shown before, or the one above in the list.
+function previous() {
   const names = session.points.map((point) => point.name);
-  choose(names[(names.indexOf(chosen) + by + names.length) % names.length]);
+  const before = visited.findLast((name) => name !== chosen && names.includes(name));
+  visited = before === undefined ? [] : visited.slice(0, visited.lastIndexOf(before));
+  choose(before ?? names[(names.indexOf(chosen) - 1 + names.length) % names.length], true);
 }
 
 function nudge(du, dv) {
@@ -305,7 +309,7 @@ const COMMANDS = {
   a: () => { if (session.agreeing && !session.reckoning) acted({ do: "confirm_agreeing" }); },
   n: () => choose(view.next),
   o: turn,
-  p: () => neighbour(-1),
+  p: previous,
   r: () => { if (active) { active.back(active.span); active.show(); } },
   "+": () => zoom(0.8),
   "=": () => zoom(0.8),
