@@ -1,7 +1,7 @@
 """Some of a block's tie points, which hold its photographs together nearly as all of them do.
 
-A block is adjusted anew for every mark that is made. In the middle of a photograph its pose does not gain from the
-hundredth tie point as it did from the tenth: errors of the camera model, which all of them share, are what is left.
+A block is adjusted anew for every mark that is made, and the pose of a photograph gains little from its hundredth tie
+point where its tenth was well spread.
 """
 
 from __future__ import annotations
