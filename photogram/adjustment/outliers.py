@@ -1,6 +1,8 @@
 """Mismatches among the observations of tie points: how large the noise is, which observations agree, which do not.
 
-Between rounds of the adjustment every observation is judged anew, so one that was wrongly rejected comes back.
+Between rounds of the adjustment every observation is judged anew, so one that was wrongly rejected comes back. A
+mismatch along the epipolar line of two rays leaves no residual. It shows only by a depth unlike that of everything else
+in both photographs, and by such a depth it can outweigh all other points in what they say of a focal length.
 """
 
 from __future__ import annotations
@@ -13,12 +15,21 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.survey import TiePoints
+from photogram.survey import Block, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
 
 TWO_RAY_ALLOWANCE = 1.5
 NARROWED = 0.5  # of the least ray angle: points that meet it may fall short of it by their noise
 ENOUGH = 0.7  # of all observations, that must agree for poses to be good enough to tell mismatches
+
+TAIL = 0.05
+"""Share of a photograph's inverse depths beyond either of the two quantiles from which its fences are counted."""
+
+FENCE_RANGES, FENCE_SHARE = 2.0, 0.1
+"""From the quantiles to the fences: ranges between the quantiles, and parts of the median."""
+
+FEWEST_DEPTHS = 20
+"""Observations of a photograph from which its depths have fences."""
 
 
 def noise_scale(whitened: FloatArray, point: IntArray, count: int) -> float:
@@ -80,6 +91,46 @@ def agreeing_observations(
     used &= ~narrow[tie.point]
     points[np.bincount(tie.point[used], minlength=len(tie)) < 2] = np.nan
     return used, points
+
+
+def _inverse_depths(block: Block, state: State, seen: IntArray, points: FloatArray) -> FloatArray:
+    """Return the inverse depth (n,) of the points of the observations ``seen`` (n,) in their photographs, 1/m; of a
+    fisheye camera the inverse distance."""
+    i = block.tie_points.photograph[seen]
+    ray = points[block.tie_points.point[seen]] - state.position[i]
+    fisheye = np.array([camera.model == "fisheye" for camera in block.cameras], dtype=bool)[block.camera_of[i]]
+    depth = np.einsum("nk,nk->n", ray, state.rotation[i, :, 2])
+    depth[fisheye] = np.linalg.norm(ray[fisheye], axis=1)
+    inverse: FloatArray = np.divide(1.0, depth, out=np.full(len(depth), np.inf), where=depth > 0.0)
+    return inverse
+
+
+def within_depths(block: Block, state: State, used: NDArray[np.bool_], points: FloatArray) -> NDArray[np.bool_]:
+    """Return the observations (N,) without those of points of two rays that lie, in both photographs, far nearer or
+    farther than all others; ``points`` (P, 3) are the tie points of ``block``.
+
+    The fences are those of exploratory statistics, quantiles plus a multiple of the range between them (Tukey 1977,
+    ch. 2), of inverse depths and with wider quantiles: a facade and the ground before it are both usual.
+    """
+    tie = block.tie_points
+    unknown = np.isnan(points[tie.point, 0])
+    seen = np.flatnonzero(used & ~unknown)
+    photograph, point = tie.photograph[seen], tie.point[seen]
+    near = _inverse_depths(block, state, seen, points)
+    count = np.bincount(photograph, minlength=len(block.photographs))
+    fenced = count >= FEWEST_DEPTHS
+    if not fenced.any():
+        return used
+    first = np.where(fenced, np.cumsum(count) - count, 0)
+    ordered = near[np.lexsort((near, photograph))]
+    lower, middle, upper = (
+        ordered[first + np.where(fenced, share * (count - 1), 0).astype(np.int64)] for share in (TAIL, 0.5, 1.0 - TAIL)
+    )
+    reach = FENCE_RANGES * (upper - lower) + FENCE_SHARE * middle
+    beyond = (near > (upper + reach)[photograph]) | (near < (lower - reach)[photograph])
+    outside = np.bincount(point[beyond & fenced[photograph]], minlength=len(tie))
+    usual: NDArray[np.bool_] = (np.bincount(point, minlength=len(tie)) != 2) | (outside != 2)
+    return np.logical_and(used, usual[tie.point])
 
 
 def without_narrow(

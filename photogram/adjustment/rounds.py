@@ -14,6 +14,7 @@ from photogram.adjustment.outliers import (
     noise_scale,
     outlier_limit_px,
     settled,
+    within_depths,
     without_narrow,
 )
 from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
@@ -102,6 +103,7 @@ def solve_rounds(
             number, len(problem.tie), len(used), minimum.cost, minimum.iterations, scale, factors.group,
         )  # fmt: skip
         chosen, points = agreeing_observations(whole, state, limit_px, angle)
+        chosen = within_depths(whole.block, state, chosen, points)
     check_in_front(problem, minimum.state)
     used = without_narrow(whole.block.tie_points, minimum.state, used, angle)
     return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations)

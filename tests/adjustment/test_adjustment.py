@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogram.adjustment.adjustment import adjust
-from photogram.adjustment.outliers import noise_scale
+from photogram.adjustment.outliers import noise_scale, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, oriented_by, oriented_cameras
+from photogram.camera import Camera, oriented_by, oriented_cameras, project
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import values_of
 from photogram.factors.covariance import covariances
@@ -167,6 +167,57 @@ def test_mismatches_are_discarded_and_good_observations_kept() -> None:
     took_part = np.array([(p, f) in kept for p, f in zip(tie.photograph, tie.feature, strict=True)])
     assert np.mean(took_part[block.mismatch]) < 0.1
     assert np.mean(took_part[~block.mismatch]) > 0.9
+
+
+def with_mismatch_at(made: SimulatedBlock, share_of_depth: float) -> tuple[Block, int]:
+    """The block with a tie point of two rays matched wrongly in its second photograph, along the epipolar line: where
+    its rays meet is ``share_of_depth`` of the true depth away from the first; and the point's index."""
+    block, truth = made.block, made.truth
+    tie = block.tie_points
+    X = made.tie_point_position_world_m
+    for p in np.flatnonzero(tie.rays == 2).tolist():
+        n = int(tie.first_observation[p])
+        a, b = (truth.poses[i] for i in tie.photograph[n : n + 2].tolist())
+        wrong = a.position_world_m + share_of_depth * (X[p] - a.position_world_m)
+        pixel = project(truth.camera, b, wrong[None])
+        if truth.camera.contains(pixel)[0] and not made.mismatch[n : n + 2].any():
+            moved = tie.pixel.copy()
+            moved[n : n + 2] = project(truth.camera, a, wrong[None])[0], pixel[0]
+            return replace(block, tie_points=replace(tie, pixel=moved)), p
+    raise ValueError("no point of two rays has room for a mismatch")
+
+
+LONG_LENS = replace(PLAN, calibration_sigmas=(60.0, 3.0, 3.0, *PLAN.calibration_sigmas[3:]), gnss_tags=False)
+
+
+@pytest.mark.parametrize("share_of_depth", [0.5, 0.9])
+def test_a_mismatch_along_the_epipolar_line_moves_no_focal_length(share_of_depth: float) -> None:
+    """It leaves no residual. At half the depth nothing else of two rays lies there, and it is rejected; at nine tenths
+    it might be a tree, and stays."""
+    made = simulate_block(LONG_LENS, 2, tie_points=150, start_position_sigma_m=0.5, start_attitude_sigma_deg=0.5)
+    block, p = with_mismatch_at(made, share_of_depth)
+    clean, spoilt = adjust(made.block, SETTINGS), adjust(block, SETTINGS)
+    off_px = spoilt.block.cameras[0].focal_px - clean.block.cameras[0].focal_px
+    sigma_px = [float(np.sqrt(r.calibration_covariance[0, 0, 0])) for r in (clean, spoilt)]
+    assert abs(off_px) < 0.3 * sigma_px[0]
+    assert sigma_px[1] > 0.95 * sigma_px[0]
+    n = int(block.tie_points.first_observation[p])
+    kept = set(zip(spoilt.block.tie_points.photograph, spoilt.block.tie_points.feature, strict=True))
+    found = (block.tie_points.photograph[n], block.tie_points.feature[n]) in kept
+    assert found is (share_of_depth > 0.7)
+
+
+def test_what_stands_far_above_the_ground_is_kept_where_three_photographs_see_it() -> None:
+    """Two rays alone cannot tell a mast from a mismatch; three can."""
+    made = simulated(3)
+    state = state_of(adjusted(3))
+    points, tie = made.tie_point_position_world_m.copy(), made.block.tie_points
+    two, three = (int(np.flatnonzero(tie.rays == rays)[0]) for rays in (2, 3))
+    points[[two, three], 2] += 50.0  # of 80 m of flying height
+    used = within_depths(made.block, state, np.ones(len(tie.point), dtype=bool), points)
+    assert np.unique(tie.point[~used]).tolist() == [two]
+    few = np.isin(tie.point, np.arange(10)) | (tie.point == two)
+    assert within_depths(made.block, state, few, points)[few].all()
 
 
 def test_the_same_input_gives_the_same_result_bit_for_bit() -> None:
