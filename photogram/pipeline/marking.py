@@ -7,42 +7,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from photogram.errors import DamagedStageError, ProjectError, WorkspaceError
+from photogram.errors import DamagedStageError, ImageError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within
 from photogram.files.marks.mark_table import MARKS
+from photogram.files.photographs.images import read_leading_tags
+from photogram.files.photographs.tags import PhotographTags
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
-from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
+from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.pipeline.stages.photographs import leave_out
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.mark_entries import lines_to_add
-from photogram.project.project import Project
+from photogram.project.measured_block import PhotographNote, block_of, measured_photographs, photograph_note
+from photogram.project.measured_positions import measured_position
+from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import Block
 
 FOLDER, JOURNAL = "marking", "journal.jsonl"
 
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True)
-class _Told:
-    """A watcher that tells how many photographs were read."""
-
-    progress: Progress
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:  # noqa: ARG002
-        """Report progress within a stage."""
-        self.progress(done, total, text)
-
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
-        """End a stage."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +55,12 @@ class MarkingSurvey:
 def open_marking(
     project: Path | str, photographs: Path | str | None = None, progress: Progress = lambda *_: None
 ) -> MarkingSurvey:
-    """Open a project for marking: reads its photographs' tags once, and what was stored of them from then on.
+    """Open a project for marking: from what is stored of its photographs, or from their tags alone, whose pixels are
+    left to `photogram adjust`.
 
     ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every fault of
-    the file, and where it has no ground points; WorkspaceError while another photogram works on the survey.
+    the file, and where it has no ground points; ImageError with every photograph that cannot be read; WorkspaceError
+    while another photogram works on the survey.
     """
     survey = load_project(Path(project), None if photographs is None else Path(photographs))
     if not survey.control_points:
@@ -84,11 +69,7 @@ def open_marking(
             "give their coordinates under control_points, as photogram init --control TABLE does"
         )
     with open_run(survey) as run:
-        block = _stored_block(run)
-    if block is None:
-        run_pipeline(survey, watcher=_Told(progress), until="photographs")
-        with open_run(survey) as run:
-            block = run.block()
+        block = _stored_block(run) or _block_of_tags(run, progress)
     make_folder(survey.work)
     make_folder_within(survey.work / FOLDER)
     return MarkingSurvey(survey, tagged_block(block))
@@ -103,7 +84,32 @@ def _stored_block(run: Run) -> Block | None:
         same = [note["name"] for note in run.notes()] == [p.name for p in run.project.photographs]
         return run.block() if same else None
     except DamagedStageError:
-        return None  # it is made again
+        return None  # the tags are read again
+
+
+def _block_of_tags(run: Run, progress: Progress) -> Block:
+    """Return the block of what project and tags say of the photographs, as the stage `photographs` assembles it."""
+    project, notes, tags, faults = run.project, list[PhotographNote](), list[PhotographTags](), list[str]()
+
+    def described(photograph: ProjectPhotograph) -> tuple[PhotographNote, PhotographTags] | str:
+        camera = project.cameras[photograph.camera]
+        try:
+            own = read_leading_tags(photograph.path, (camera.width_px, camera.height_px))
+            return photograph_note(photograph, own, measured_position(project, photograph, own)), own
+        except PhotogramError as fault:
+            return str(fault)
+
+    for done, found in enumerate(run.executor.map(described, project.photographs), 1):
+        if isinstance(found, str):
+            faults.append(found)
+        else:
+            notes.append(found[0])
+            tags.append(found[1])
+        progress(done, len(project.photographs), project.photographs[done - 1].name)
+    if faults:
+        raise ImageError("\n".join(faults))
+    leave_out(project, notes, tags, run.executor)
+    return block_of(project, measured_photographs(project, notes))
 
 
 def adjusted_block(survey: MarkingSurvey) -> Block | None:

@@ -27,6 +27,7 @@ from photogram.files.photographs.images import (
     check_photograph,
     inspect_photograph,
     read_grey,
+    read_leading_tags,
     read_patches,
     read_pixels,
     read_tags,
@@ -105,6 +106,42 @@ def test_kind_and_heights_survive_writing_and_reading(tmp_path: Path, kind: Kind
     tags = replace(TAGS, kind=kind, height_is_ellipsoidal=ellipsoidal)
     write_photograph(tmp_path / "a.jpg", np.zeros((96, 160, 3), np.uint8), tags)
     assert inspect_photograph(tmp_path / "a.jpg") == tags
+
+
+def test_tags_are_read_without_the_pixels(photograph: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where more stands before the pixels than is read at first, and where the pixels are missing."""
+    content = photograph.read_bytes()
+    scan = content.index(b"\xff\xda")
+    assert read_leading_tags(photograph, (160, 96)) == TAGS
+    monkeypatch.setattr(images, "_LEADING_BYTES", 100)
+    assert read_leading_tags(photograph, (160, 96)) == TAGS
+    assert read_leading_tags(damaged(photograph, content[: scan + 20]), (160, 96)) == TAGS
+    with pytest.raises(ImageError, match="160 × 96 px, but its camera has 96 × 160 px"):
+        read_leading_tags(photograph, (96, 160))
+    for end in range(16, scan, 97):  # damage to what stands before the pixels is said, or the tags say it
+        with pytest.raises(ImageError, match="DJI_0002"):
+            read_leading_tags(damaged(photograph, content[:end]), (160, 96))
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "PNG"])
+def test_tags_of_other_formats_are_read_too(tmp_path: Path, kind: str) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Model] = "a camera"
+    Image.new("L", (32, 24)).save(tmp_path / "a", kind, exif=exif)
+    assert read_leading_tags(tmp_path / "a", (32, 24)) == read_tags(tmp_path / "a")
+    assert read_leading_tags(tmp_path / "a", (32, 24)).model == "a camera"
+
+
+@pytest.mark.parametrize(
+    "folder", ["exif", "p4m_rtk_xmp", "brighton_beach", "sheffield_cross", "dbat_sxb", "mmvii_gcp4"]
+)
+def test_real_tags_stand_before_the_pixels(shared_data: SharedData, folder: str) -> None:
+    paths = [p for p in sorted(shared_data(folder).rglob("*")) if p.suffix.lower() in (".jpg", ".jpeg")]
+    assert paths
+    for path in paths[:6]:
+        with Image.open(path) as picture:
+            size = picture.size
+        assert read_leading_tags(path, size) == read_tags(path)
 
 
 def test_tags_are_none_where_nothing_is_said(tmp_path: Path) -> None:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -30,6 +32,7 @@ __all__ = [
     "check_photograph",
     "inspect_photograph",
     "read_grey",
+    "read_leading_tags",
     "read_patches",
     "read_pixels",
     "read_small",
@@ -59,6 +62,7 @@ _MODES = ("RGB", "L", "RGBA")
 _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _SEQUENTIAL_FRAMES = (0xC0, 0xC1)
+_LEADING_BYTES = 1 << 17  # more than most cameras write before the pixels
 _ROWS_TOGETHER = 64  # a multiple of the rows of any decoder's unit: 8 times a sampling factor of 1, 2 or 4
 _NAMESPACES = {
     "drone-dji": "http://www.dji.com/drone-dji/1.0/",
@@ -96,18 +100,50 @@ def _damaged(path: Path, reason: object) -> ImageError:
     )
 
 
-def _read(path: Path) -> bytes:
+@contextmanager
+def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
+    """Open a picture's file after its first 16 bytes, and give these too."""
     try:
         size = check_size(path, MOST_BYTES)
         with path.open("rb") as stream:
             head = stream.read(16)
             if not head.startswith(_SIGNATURES):
                 raise _damaged(path, f"{size} bytes in no known image format")
-            return head + stream.read(MOST_BYTES)
+            yield head, stream
     except FileNotFoundError as fault:
         raise ImageError(f"photograph {path}: file not found: check the folder of photographs and the name") from fault
     except OSError as fault:
         raise ImageError(f"photograph {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+
+
+def _read(path: Path) -> bytes:
+    with _opened_file(path) as (head, stream):
+        return head + stream.read(MOST_BYTES)
+
+
+def _read_leading(path: Path) -> bytes:
+    """Return what stands before the pixels of a JPEG file, the whole file of another format."""
+    with _opened_file(path) as (data, stream):
+        if not data.startswith(_SIGNATURES[0]):
+            return data + stream.read(MOST_BYTES)
+        wanted = _LEADING_BYTES
+        while True:
+            more = stream.read(wanted)
+            data += more
+            end = _end_of_headers(data)
+            if end is not None or len(more) < wanted:
+                return data[:end]
+            wanted *= 4
+
+
+def _end_of_headers(data: bytes) -> int | None:
+    """Return where the first scan of a JPEG file begins (ITU-T T.81, annex B.1), None where it has not begun."""
+    position = 2
+    while (found := _MARKER.search(data, position)) is not None:
+        position = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
+        if found[1][0] == _START_OF_SCAN:
+            return position if position <= len(data) else None
+    return None
 
 
 def _identify(path: Path, data: bytes) -> Image.Image:
@@ -125,6 +161,14 @@ def _identify(path: Path, data: bytes) -> Image.Image:
             "not a mosaic, or downsample them and scale their calibration"
         )
     return picture
+
+
+def _check_pixels(path: Path, size: tuple[int, int], size_px: tuple[int, int]) -> None:
+    if size != size_px:
+        raise ImageError(
+            f"photograph {path}: {size[0]} × {size[1]} px, but its camera has "
+            f"{size_px[0]} × {size_px[1]} px: use the original photograph, or the camera that took it"
+        )
 
 
 def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
@@ -160,11 +204,8 @@ def _opened(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: st
             "and run again"
         )
     picture = _identify(path, data)
-    if size_px is not None and picture.size != size_px:
-        raise ImageError(
-            f"photograph {path}: {picture.width} × {picture.height} px, but its camera has "
-            f"{size_px[0]} × {size_px[1]} px: use the original photograph, or the camera that took it"
-        )
+    if size_px is not None:
+        _check_pixels(path, picture.size, size_px)
     if picture.mode not in _MODES:
         raise ImageError(
             f"photograph {path}: pixel type {picture.mode}, photogram reads 8-bit colour or grey: "
@@ -225,6 +266,16 @@ def read_tags(path: Path) -> PhotographTags:
     Damaged pixels go unnoticed. Raises ImageError where the file is missing or is no picture, or a tag holds nonsense.
     """
     return tags_of(_identify(path, _read(path)), path)
+
+
+def read_leading_tags(path: Path, size_px: tuple[int, int]) -> PhotographTags:
+    """Return what read_tags returns, of a JPEG file from what stands before its pixels: a twentieth of the time.
+
+    Raises ImageError as read_tags does, and where the photograph is not of ``size_px``.
+    """
+    picture = _identify(path, _read_leading(path))
+    _check_pixels(path, picture.size, size_px)
+    return tags_of(picture, path)
 
 
 def inspect_photograph(path: Path) -> PhotographTags:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from datetime import datetime
 from pathlib import Path
 
@@ -53,11 +54,13 @@ def _withdraw_position(note: PhotographNote) -> None:
     note["gnss_map_m"] = note["gnss_sigma_m"] = None
 
 
-def _leave_out_copies(run: Run, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags]) -> int:
+def _leave_out_copies(
+    project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags], executor: Executor
+) -> int:
     """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
     there are."""
-    photographs = run.project.photographs
-    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], run.executor)
+    photographs = project.photographs
+    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], executor)
     for original, *copies in groups:
         for i in copies:
             _withdraw_position(notes[i])
@@ -78,6 +81,22 @@ def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime 
     return int(frozen.sum())
 
 
+def leave_out(
+    project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags], executor: Executor
+) -> tuple[int, int]:
+    """Take out of the ``notes`` what measures nothing: photographs that are there twice, and positions of a receiver
+    that had stopped. Returns how many there are of each.
+
+    Raises ProjectError where times or height references contradict the project.
+    """
+    times = [None if note["time"] is None else datetime.fromisoformat(note["time"]) for note in notes]
+    timed = list(zip(project.photographs, times, strict=True))
+    contradictions = [f for f in (*time_findings(timed), *datum_findings(project, tags)) if f.severity == "error"]
+    if contradictions:
+        raise ProjectError("\n".join(map(str, contradictions)))
+    return _leave_out_copies(project, notes, tags, executor), _leave_out_frozen(notes, times)
+
+
 def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
     damaged one is named at once.
@@ -95,15 +114,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
         progress(done, len(photographs), photographs[done - 1].name)
     if faults:
         raise ImageError("\n".join(faults))
-    times = [None if note["time"] is None else datetime.fromisoformat(note["time"]) for note in notes]
-    contradictions = [
-        f
-        for f in (*time_findings(list(zip(photographs, times, strict=True))), *datum_findings(run.project, tags))
-        if f.severity == "error"
-    ]
-    if contradictions:
-        raise ProjectError("\n".join(map(str, contradictions)))
-    copies, frozen = _leave_out_copies(run, notes, tags), _leave_out_frozen(notes, times)
+    copies, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
     write_json(folder / "tags.json", notes)
     write_arrays(folder / MEASURED, measured_arrays(measured))
