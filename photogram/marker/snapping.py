@@ -26,6 +26,8 @@ REACH_PX = (7.0, 40.0)
 LENS_PX = 0.1
 """Standard deviation, along each axis, of what the calibration of a lens leaves at a target: grey values do not show
 it, and marks that are given more weight than tie points deserve would contradict them."""
+HAND_PX = 3.0
+"""How far from a click the centre of a target may lie without being compared with the point's other marks."""
 TEMPLATES = 4
 """Marks of other photographs that are compared, at most: those whose photographs look from nearest."""
 STRETCHED = 2.5
@@ -99,10 +101,11 @@ class Snapper:
         reach = float(np.clip(click.reach_px, *REACH_PX))
         grey, corner = self._grey(click.photograph, click.pixel, LOOK_PX + round(reach) + 1)
         near = np.array(click.pixel) - corner
-        found = snap(grey, near, reach, _camera(click.block, click.photograph).focal_px)
-        of_templates = 0.0
-        if found is None:
-            found, of_templates = self._matched(click, grey, near, reach)
+        found, of_templates = snap(grey, near, reach, _camera(click.block, click.photograph).focal_px), 0.0
+        if found is None or np.hypot(*(found.centre_px - near)) > HAND_PX:
+            alike, sigma_px = self._matched(click, grey, near, reach)
+            if alike is not None and (found is None or _means_another(found, alike, near)):
+                found, of_templates = alike, sigma_px
         if found is None:
             return None
         covariance = found.covariance_px2 + (LENS_PX**2 + of_templates**2) * np.eye(2)
@@ -167,6 +170,13 @@ class Snapper:
         window = self._patches.window(photograph, wanted)
         grey = cv2.cvtColor(np.ascontiguousarray(self._patches.pixels(photograph, wanted)), cv2.COLOR_RGB2GRAY)
         return np.asarray(grey, np.uint8), np.array([window.left, window.upper], dtype=np.float64)
+
+
+def _means_another(target: MeasuredCentre, alike: MeasuredCentre, click_px: FloatArray) -> bool:
+    """Return whether what looks like the other marks is not the target, and lies nearer to the click."""
+    apart = float(np.hypot(*(target.centre_px - alike.centre_px)))
+    nearer = np.hypot(*(alike.centre_px - click_px)) < np.hypot(*(target.centre_px - click_px))
+    return apart > HAND_PX and bool(nearer)
 
 
 def _camera(block: Block, photograph: int) -> Camera:

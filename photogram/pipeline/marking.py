@@ -12,6 +12,7 @@ from photogram.files.atomic import make_folder, make_folder_within
 from photogram.files.marks.mark_table import MARKS
 from photogram.files.photographs.images import read_leading_tags
 from photogram.files.photographs.tags import PhotographTags
+from photogram.marking.ground_level import levelled
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
@@ -72,7 +73,7 @@ def open_marking(
         block = _stored_block(run) or _block_of_tags(run, progress)
     make_folder(survey.work)
     make_folder_within(survey.work / FOLDER)
-    return MarkingSurvey(survey, tagged_block(block))
+    return MarkingSurvey(survey, levelled(tagged_block(block)))
 
 
 def _stored_block(run: Run) -> Block | None:
@@ -126,4 +127,4 @@ def adjusted_block(survey: MarkingSurvey) -> Block | None:
             block = run.adjusted_block()
         except DamagedStageError as fault:
             raise WorkspaceError(f"{fault.path}: {fault.what}: photogram adjust makes it again") from fault
-    return replace(block, tie_points=representative_points(block))
+    return levelled(replace(block, tie_points=representative_points(block)))

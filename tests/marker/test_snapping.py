@@ -15,10 +15,12 @@ from PIL import Image
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, project
 from photogram.errors import ImageError
+from photogram.marker import snapping
 from photogram.marker.patches import PatchReader
 from photogram.marker.snapping import LENS_PX, REACH_PX, Click, OtherMark, Snapped, Snapper, ground_scale
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
+from photogram.targets.kinds import Kind, MeasuredCentre
 
 CAMERA = Camera("c", 480, 360, 400.0, np.array([241.0, 178.0]))
 TARGETS, FLAT, MISSING = 3, 4, 5
@@ -198,6 +200,25 @@ def test_without_a_target_a_click_means_what_looks_like_the_other_marks(
         assert found.kind == "matched"
         sigma = np.sqrt(np.linalg.eigvalsh(found.covariance_px2))
         assert np.hypot(LENS_PX, 0.7 * SIGMA_PX) < sigma[0] <= sigma[1] < 0.3
+
+
+@pytest.mark.parametrize(("beside_px", "kind"), [(6.5, "matched"), (3.0, "corner")])
+def test_a_target_away_from_the_click_gives_way_to_what_the_other_marks_look_like(
+    snapper: Snapper, block: Block, monkeypatch: pytest.MonkeyPatch, beside_px: float, kind: str
+) -> None:
+    """Lines on the ground have corners, too; where target and marks mean the same, the target is sharper."""
+    whole = of_plane(block, PLACES_M[1], (1.0, 1.0), 1, 2)
+
+    def corner_beside(_grey: ByteArray, near: FloatArray, _reach_px: float, _focal_px: float) -> MeasuredCentre:
+        return MeasuredCentre(Kind.CORNER, near + np.array([beside_px, 0.0]), 0.01 * np.eye(2), 0.9, 10.0, 1.0, 90.0)
+
+    monkeypatch.setattr(snapping, "snap", corner_beside)
+    found = snapper.centre(whole)
+    assert found is not None
+    assert found.kind == kind
+    alone = snapper.centre(replace(whole, others=()))
+    assert alone is not None
+    assert alone.kind == "corner"
 
 
 def test_the_standard_deviation_of_the_other_marks_is_passed_on(snapper: Snapper, block: Block) -> None:
