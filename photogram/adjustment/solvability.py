@@ -69,12 +69,13 @@ def check_determined(problem: Problem) -> None:
         raise UnheldError(named, photographs=few)
     positions = sum(p.gnss_world_m is not None for p in block.photographs)
     plan, height = np.isfinite(problem.control_sigma_m).sum(axis=0)[1:].tolist()
-    if min(plan, height) < 3 and positions < 3 and not block.is_free:
+    open_parts = _open_parts(max(plan, positions), max(height, positions))
+    if open_parts and not block.is_free:
         count = len(problem.control_world_m)
         part = "" if plan == height == count else f" ({plan} of them in plan, {height} in height)"
         raise AdjustmentError(
             f"the block has no datum in {_system(block)}: {count} control points{part} "
-            f"and {positions} GNSS positions leave {_open_parts(max(plan, positions), max(height, positions))} open; "
+            f"and {positions} GNSS positions leave {open_parts} open; "
             "at least three of either, not collinear, are needed, or crs: none and neither for a free network"
         )
     taking_part = np.union1d(problem.tie.photograph, problem.marks.photograph)
@@ -91,11 +92,12 @@ def _system(block: Block) -> str:
 
 
 def _open_parts(plan: int, height: int) -> str:
-    """Return what is open of a block with so many points that are known in plan and in height."""
+    """Return what is open of a block with so many points that are known in plan and in height, empty for nothing: the
+    least that fix seven parameters are two in plan and three in height."""
     parts = ["its position in plan"] * (plan == 0) + ["its height"] * (height == 0)
     parts += ["its heading", "its scale"] * (plan < 2)
     parts += ["its tilt"] if height < 2 else ["its tilt about the line between them"] * (height == 2)
-    return ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def _name(problem: Problem, variable: tuple[str, int] | None) -> str:

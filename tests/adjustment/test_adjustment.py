@@ -23,7 +23,7 @@ from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Block
+from photogram.survey import Block, Role
 from photogram.triangulation import MANY_PAIRS, consensus_intersections
 
 PLAN = SurveyPlan(
@@ -315,6 +315,26 @@ def test_equals_gtsams_native_graph_in_minimum_and_covariance() -> None:
 
 
 # ---- graphs that cannot be solved ----------------------------------------------------------------------------------
+
+
+def test_two_points_in_plan_and_three_in_height_are_a_datum() -> None:
+    """The least there is: seven coordinates for seven parameters, which none of them contradicts."""
+    block = control_only(simulated(2))
+    points = block.control_points
+    control = np.flatnonzero([role == "control" for role in points.role])
+    controlled = np.zeros((len(points), 3), dtype=bool)
+    controlled[control[[0, -1]]] = True
+    controlled[control[2], 2] = True
+    roles: tuple[Role, ...] = tuple("control" if any(c) else "check" for c in controlled.tolist())
+    few = replace(block, control_points=replace(points, role=roles, controlled=controlled))
+    result = adjust(few, SETTINGS)
+    off = result.ground_world_m - points.position_world_m
+    assert np.abs(off[controlled]).max() < 1e-6
+    assert np.isfinite(result.position_covariance_m2).all()
+    in_plan = controlled & np.array([True, True, False])
+    roles = tuple("control" if any(c) else "check" for c in in_plan.tolist())
+    with pytest.raises(AdjustmentError, match="leave its height and its tilt open"):
+        adjust(replace(few, control_points=replace(points, role=roles, controlled=in_plan)), SETTINGS)
 
 
 def test_a_block_without_any_datum_says_so() -> None:
