@@ -1,0 +1,97 @@
+"""A finished solution of another program, in photogram's terms: cameras, poses, tie points, and marked ground points.
+
+Readers convert once and exactly: pixels have the centre of the top-left one at (0, 0), cameras look along +z with x to
+the right and y down, rotations are world from camera. What a file holds and this form does not, a reader says in
+``left_out``; it never drops it silently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import Literal
+
+import numpy as np
+
+from photogram.arrays import FloatArray, check_shape
+from photogram.camera import Camera, Pose, oriented_by
+from photogram.projection import OrientedCameras
+from photogram.survey import ControlPoints, TiePoints
+from photogram.wording import things
+
+Frame = Literal["local", "topocentric", "geocentric", "map"]
+"""What the coordinates of a solution are: those of a free network in a unit of its own, east, north and up at
+``origin_lla``, geocentric ones of WGS 84, or those of the CRS ``crs`` taken as Cartesian."""
+
+
+@dataclass(frozen=True)
+class ForeignPhotograph:
+    """A photograph of a foreign solution; its exterior orientation is None where the program did not orient it."""
+
+    name: str
+    """File name without folders, unique in the solution."""
+    camera: int
+    """Index of its camera."""
+    pose: Pose | None
+    """Exterior orientation in the solution's coordinates."""
+    file: PurePosixPath
+    """The file as the program names it: a path of the machine that it ran on."""
+    measured: FloatArray | None = None
+    """Measured position (3,) as the program was given it, in ``crs``; None without one."""
+    measured_sigma_m: FloatArray | None = None
+    """Its standard deviations (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignSolution:
+    """Cameras, photographs, tie points and ground points as another program left them."""
+
+    program: str
+    """The program that made it, with its version where the files say it."""
+    cameras: tuple[Camera, ...]
+    """The cameras as they were estimated; all sigmas 0."""
+    photographs: tuple[ForeignPhotograph, ...]
+    """The photographs."""
+    tie_points: TiePoints
+    """Tie points and their observations; ``feature`` is the number of the key point in the program's list of the
+    photograph, TRANSFERRED where it has none."""
+    ground_points: ControlPoints | None = None
+    """Markers: surveyed positions in ``crs`` (NaN without), and marks; None where the format has no such thing."""
+    frame: Frame = "local"
+    """What the coordinates of poses and tie points are."""
+    origin_lla: tuple[float, float, float] | None = None
+    """Latitude and longitude, degrees, and ellipsoidal height, m, of a topocentric frame's origin."""
+    crs: str | None = None
+    """CRS of measured positions and ground points, as EPSG code or WKT, where the files say it."""
+    stated_tie_sigma_px: float | None = None
+    """Standard deviation of tie points that the program used, where the files say it."""
+    reprojection_rms_px: float | None = None
+    """The program's own figure of the root mean square of a reprojection residual (its length), where the files have
+    it."""
+    left_out: tuple[str, ...] = field(default=())
+    """Sentences: what the files hold and this form cannot."""
+
+    def __post_init__(self) -> None:
+        names = [photograph.name for photograph in self.photographs]
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise ValueError(f"photographs of a solution need names of their own; {twice[0]} comes twice")
+        if any(not 0 <= photograph.camera < len(self.cameras) for photograph in self.photographs):
+            raise ValueError("every photograph needs one of the cameras")
+        if len(self.tie_points.photograph) and self.tie_points.photograph.max() >= len(self.photographs):
+            raise ValueError("an observation of a tie point names a photograph that is not there")
+        if (self.frame == "topocentric") != (self.origin_lla is not None):
+            raise ValueError("a topocentric frame has an origin, no other has")
+        for photograph in self.photographs:
+            if photograph.measured is not None:
+                check_shape("measured", photograph.measured, (3,))
+
+    def __repr__(self) -> str:
+        oriented = sum(photograph.pose is not None for photograph in self.photographs)
+        counts = f"{oriented} of {things(len(self.photographs), 'photograph')} oriented, {self.tie_points!r}"
+        return f"<ForeignSolution of {self.program}: {counts}>"
+
+    def oriented_cameras(self) -> OrientedCameras:
+        """Return the photographs as compiled code takes them; NaN for those that have no pose."""
+        camera_of = np.array([photograph.camera for photograph in self.photographs], dtype=np.int64)
+        return oriented_by(self.cameras, camera_of, [photograph.pose for photograph in self.photographs])
