@@ -10,7 +10,8 @@
     ├── AdjustmentError     the adjustment cannot be solved, or did not converge
     ├── WorkspaceError      the folder of intermediate results cannot be used
     │   └── DamagedStageError   a file of a complete stage is not what the stage wrote
-    └── ReportError         the report cannot be made or printed
+    ├── ReportError         the report cannot be made or printed
+    └── ExchangeError       a file of another program cannot be read, or cannot hold what is to be written
 
 A message says what is wrong, where, what was found, and what to do. Anything else that is raised is a defect of
 photogram.
@@ -67,6 +68,10 @@ class DamagedStageError(WorkspaceError):
 
 class ReportError(PhotogramError, OSError):
     """The report cannot be made or printed."""
+
+
+class ExchangeError(PhotogramError, ValueError):
+    """A file of another program cannot be read, or cannot hold what is to be written."""
 
 
 class SettingError(PhotogramError, ValueError):

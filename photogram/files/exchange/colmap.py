@@ -1,0 +1,222 @@
+"""Sparse models of COLMAP, binary or text, read and written.
+
+COLMAP's camera frame is photogram's; its pixels are half a pixel more, and its poses are camera from world. A model
+lies in a folder with cameras, images and points3D as .bin or .txt.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.errors import ExchangeError
+from photogram.files.atomic import make_folder, replacing
+from photogram.files.exchange.assembly import (
+    check_distinct,
+    check_names,
+    file_of,
+    index_in,
+    path_to_write,
+    pose_of,
+    rotation_of_quaternion,
+    tie_points_of,
+)
+from photogram.files.exchange.colmap_binary import binary_files, read_binary, sensors_of_rigs
+from photogram.files.exchange.colmap_records import (
+    HALF,
+    ColmapImage,
+    ColmapPoints,
+    SparseModel,
+    from_colmap,
+    to_colmap,
+)
+from photogram.files.exchange.colmap_text import read_text, text_files
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.survey import TiePoints
+from photogram.wording import things
+
+_FILES = ("cameras", "images", "points3D")
+
+
+def read_colmap(folder: Path) -> ForeignSolution:
+    """Return the sparse model that lies in a folder, the binary files where there are both.
+
+    Raises ExchangeError where the files are not there, damaged, contradict each other, or have a camera model that is
+    none of photogram's.
+    """
+    binary = all((folder / f"{name}.bin").exists() for name in _FILES)
+    if not binary and not all((folder / f"{name}.txt").exists() for name in _FILES):
+        raise ExchangeError(
+            f"{folder}: holds no model of COLMAP: name the folder with cameras, images and points3D, as .bin or .txt"
+        )
+    model = read_binary(folder) if binary else read_text(folder)
+    suffix = "bin" if binary else "txt"
+    return _solution(folder, suffix, model)
+
+
+def _solution(folder: Path, suffix: str, model: SparseModel) -> ForeignSolution:
+    where = {name: str(folder / f"{name}.{suffix}") for name in _FILES}
+    check_distinct(where["cameras"], "CAMERA_ID", np.array([c.number for c in model.cameras], dtype=np.int64))
+    check_distinct(where["images"], "IMAGE_ID", np.array([i.number for i in model.images], dtype=np.int64))
+    check_distinct(where["points3D"], "POINT3D_ID", model.points.number)
+    camera_index = {camera.number: i for i, camera in enumerate(model.cameras)}
+    cameras = tuple(from_colmap(where["cameras"], camera) for camera in model.cameras)
+    photographs = tuple(_photograph(where["images"], image, camera_index) for image in model.images)
+    check_names(where["images"], photographs)
+    tie_points = _tie_points(where, model)
+    keys = sum(len(image.point) for image in model.images)
+    spare = keys - len(tie_points.photograph)
+    left_out = []
+    if spare:
+        left_out.append(f"{things(spare, 'key point')} that observe no tie point.")
+    if len(tie_points):
+        left_out.append("The mean reprojection error of each tie point.")
+    rigs = folder / "rigs.bin"
+    if suffix == "bin" and rigs.exists() and (more := sum(n > 1 for n in sensors_of_rigs(rigs))):
+        left_out.append(f"{things(more, 'rig')} of several cameras: their photographs stand on their own.")
+    return ForeignSolution("COLMAP", cameras, photographs, tie_points, left_out=tuple(left_out))
+
+
+def _photograph(where: str, image: ColmapImage, camera_index: dict[int, int]) -> ForeignPhotograph:
+    where = f"{where}: image {image.number}"
+    if image.camera not in camera_index:
+        raise ExchangeError(f"{where}: there is no camera {image.camera}: save the model again in COLMAP")
+    R = rotation_of_quaternion(where, image.quaternion).T
+    file = file_of(where, image.name)
+    return ForeignPhotograph(file.name, camera_index[image.camera], pose_of(where, R, -R @ image.translation), file)
+
+
+def _tie_points(where: dict[str, str], model: SparseModel) -> TiePoints:
+    """Return the tie points of the images' key points, which the tracks of the points must be."""
+    points, images = model.points, model.images
+    ends = np.cumsum([0, *(len(image.point) for image in images)])
+    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *(image.point for image in images)])
+    pixel = np.concatenate([np.zeros((0, 2)), *(image.pixel for image in images)])
+    observing = np.flatnonzero(numbers >= 0)
+    photograph = np.searchsorted(ends, observing, side="right") - 1
+    point = index_in(np.argsort(points.number), points.number, numbers[observing])
+    if (point < 0).any():
+        number = numbers[observing][point < 0][0]
+        raise ExchangeError(f"{where['images']}: there is no tie point {number}: save the model again in COLMAP")
+    _check_tracks(where["points3D"], points, images, ends, observing, point)
+    return tie_points_of(
+        where["points3D"],
+        photograph.astype(np.int64),
+        point,
+        (observing - ends[photograph]).astype(np.int64),
+        pixel[observing] - HALF,
+        points.position,
+        points.colour,
+    )
+
+
+def _check_tracks(
+    where: str,
+    points: ColmapPoints,
+    images: tuple[ColmapImage, ...],
+    ends: IntArray,
+    observing: IntArray,
+    point: IntArray,
+) -> None:
+    """Raise ExchangeError unless the tracks name the key points that name their points."""
+    ids = np.array([image.number for image in images], dtype=np.int64)
+    image = index_in(np.argsort(ids), ids, points.track_image)
+    agrees = bool((image >= 0).all()) and len(image) == len(observing)
+    if agrees and len(image):
+        key = ends[image] + points.track_feature
+        order = np.argsort(key, kind="stable")
+        agrees = bool((points.track_feature < np.diff(ends)[image]).all())
+        agrees = agrees and np.array_equal(key[order], observing) and np.array_equal(points.track_point[order], point)
+    if not agrees:
+        raise ExchangeError(
+            f"{where}: the tracks of its tie points are not the key points that the images name for them: save the "
+            "model again in COLMAP"
+        )
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def write_colmap(
+    folder: Path, solution: ForeignSolution, form: Literal["binary", "text"] = "binary"
+) -> tuple[str, ...]:
+    """Write a sparse model for COLMAP; returns sentences on what has no place in it.
+
+    Raises ExchangeError where a camera has b2, or k4 in the model brown, which no camera model of COLMAP holds, a
+    name has a space and the form is text, or the folder has a model in the other form or of rigs, which would be read
+    in place of this one; WorkspaceError where the folder cannot be written.
+    """
+    others = [f"{name}.{'txt' if form == 'binary' else 'bin'}" for name in _FILES]
+    others += [f"{name}.{suffix}" for name in ("rigs", "frames") for suffix in ("bin", "txt")]
+    stale = [name for name in others if (folder / name).exists()]
+    if stale:
+        raise ExchangeError(f"{folder}: holds {stale[0]} of another model: write to an empty folder")
+    cameras = tuple(to_colmap(str(folder), i + 1, camera) for i, camera in enumerate(solution.cameras))
+    oriented = [i for i, photograph in enumerate(solution.photographs) if photograph.pose is not None]
+    tie = solution.tie_points
+    kept = np.isin(tie.photograph, oriented)
+    known: BoolArray = np.asarray(np.isfinite(tie.position_world_m).all(axis=1))
+    if not known.all():
+        kept &= known[tie.point]
+    photograph, pixel = tie.photograph[kept], tie.pixel[kept] + HALF
+    point = np.asarray(np.cumsum(known) - 1)[tie.point[kept]]
+    feature = np.empty(len(photograph), dtype=np.int64)
+    order = np.argsort(photograph, kind="stable")
+    cuts = np.searchsorted(photograph[order], np.arange(len(solution.photographs) + 1))
+    images = []
+    for i in oriented:
+        mine = order[cuts[i] : cuts[i + 1]]
+        feature[mine] = np.arange(len(mine))
+        images.append(_image(i, solution.photographs[i], pixel[mine], point[mine] + 1, form))
+    points = ColmapPoints(
+        np.arange(1, int(known.sum()) + 1),
+        tie.position_world_m[known],
+        tie.colour[known],
+        np.full(int(known.sum()), -1.0),
+        point,
+        photograph + 1,
+        feature,
+    )
+    model = SparseModel(cameras, tuple(images), points)
+    make_folder(folder)
+    for name, content in (binary_files(model) if form == "binary" else text_files(model)).items():
+        with replacing(folder / name) as partial:
+            partial.write_bytes(content)
+    return _not_written(solution, len(oriented), int((~known).sum()), int((~kept).sum()))
+
+
+def _image(i: int, photograph: ForeignPhotograph, pixel: FloatArray, point: IntArray, form: str) -> ColmapImage:
+    if photograph.pose is None:
+        raise ValueError("a photograph without a pose has no place in a model")
+    R = photograph.pose.rotation_world_from_camera.T
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    translation = -R @ photograph.pose.position_world_m
+    name = path_to_write(photograph)
+    file_of("a photograph", name)
+    if form == "text" and len(name.split()) != 1:
+        raise ExchangeError(f"{name!r}: COLMAP ends names in text at a space: write the model in binary form")
+    return ColmapImage(i + 1, quaternion, translation, photograph.camera + 1, name, pixel, point)
+
+
+def _not_written(solution: ForeignSolution, oriented: int, unknown: int, lost: int) -> tuple[str, ...]:
+    said = []
+    bare = len(solution.photographs) - oriented
+    if bare:
+        said.append(f"{things(bare, 'photograph')} without an orientation.")
+    if unknown:
+        said.append(f"{things(unknown, 'tie point')} without a position.")
+    if lost:
+        said.append(f"{things(lost, 'observation')} of those.")
+    if len(solution.tie_points.feature):
+        said.append("The numbers of key points: they are numbered anew.")
+    if solution.frame != "local":
+        said.append(f"What the coordinates are: {solution.frame}.")
+    if solution.ground_points is not None:
+        said.append("Ground points and their marks.")
+    if any(photograph.measured is not None for photograph in solution.photographs):
+        said.append("Measured positions of photographs.")
+    return tuple(said)
