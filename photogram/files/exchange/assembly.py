@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.files.exchange.solution import ForeignPhotograph
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.reading import read_whole
 from photogram.projection import Model
 from photogram.survey import TiePoints
@@ -255,3 +255,15 @@ def path_to_write(photograph: ForeignPhotograph) -> str:
 
 def _is_absolute(file: PurePosixPath) -> bool:
     return file.is_absolute() or re.match(r"[A-Za-z]:", file.parts[0]) is not None
+
+
+def without_place(solution: ForeignSolution) -> list[str]:
+    """Return sentences on what a format cannot hold that knows neither ground, nor measured positions, nor a frame."""
+    said = []
+    if solution.frame != "local":
+        said.append(f"What the coordinates are: {solution.frame}.")
+    if solution.ground_points is not None:
+        said.append("Ground points and their marks.")
+    if any(photograph.measured is not None for photograph in solution.photographs):
+        said.append("Measured positions of photographs.")
+    return said

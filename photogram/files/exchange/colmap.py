@@ -24,6 +24,7 @@ from photogram.files.exchange.assembly import (
     pose_of,
     rotation_of_quaternion,
     tie_points_of,
+    without_place,
 )
 from photogram.files.exchange.colmap_binary import binary_files, read_binary, sensors_of_rigs
 from photogram.files.exchange.colmap_records import (
@@ -213,10 +214,4 @@ def _not_written(solution: ForeignSolution, oriented: int, unknown: int, lost: i
         said.append(f"{things(lost, 'observation')} of those.")
     if len(solution.tie_points.feature):
         said.append("The numbers of key points: they are numbered anew.")
-    if solution.frame != "local":
-        said.append(f"What the coordinates are: {solution.frame}.")
-    if solution.ground_points is not None:
-        said.append("Ground points and their marks.")
-    if any(photograph.measured is not None for photograph in solution.photographs):
-        said.append("Measured positions of photographs.")
-    return tuple(said)
+    return (*said, *without_place(solution))
