@@ -12,14 +12,13 @@ from the photographs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera
-from photogram.errors import ExchangeError, PhotogramError
+from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
 from photogram.files.exchange.assembly import (
     camera_of,
@@ -34,8 +33,8 @@ from photogram.files.exchange.assembly import (
     whole_numbers,
     without_place,
 )
+from photogram.files.exchange.picture_sizes import Sizes, centre_px, size_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
-from photogram.files.photographs.images import read_tags
 from photogram.survey import TiePoints
 from photogram.wording import things
 
@@ -46,9 +45,6 @@ _CAMERA_LINES = (3, 3, 3, 3, 3)
 
 _CENTRED = 1e-9
 """How far, px, a principal point may lie from the centre of the picture and count as there."""
-
-Sizes = Mapping[str, tuple[int, int]]
-"""Width and height in pixels by the file names of photographs."""
 
 
 def read_bundler(path: Path, list_path: Path | None = None, sizes_px: Sizes | None = None) -> ForeignSolution:
@@ -80,7 +76,7 @@ def read_bundler(path: Path, list_path: Path | None = None, sizes_px: Sizes | No
     values, lengths = number_rows(path, lines[1:body])
     if cameras and (lengths.reshape(-1, 5) != _CAMERA_LINES).any():
         raise ExchangeError(f"{path}: the lines of a camera must hold three numbers each: it is damaged")
-    sizes = [_size(list_path, file, sizes_px or {}) for file in files]
+    sizes = [size_of(list_path, file, sizes_px or {}) for file in files]
     distinct, photographs = _photographs(path, values.reshape(-1, 15), files, sizes)
     check_names(str(list_path), photographs)
     tie_points = _tie_points(path, lines[body:], np.array(sizes, dtype=np.int64).reshape(-1, 2))
@@ -116,24 +112,6 @@ def _listed(path: Path) -> list[PurePosixPath]:
         name = words[0] if len(words) == 3 and words[1] == "0" else line.strip()
         files.append(file_of(f"{path}:{n}", name))
     return files
-
-
-def _size(list_path: Path, file: PurePosixPath, sizes_px: Sizes) -> tuple[int, int]:
-    if file.name in sizes_px:
-        return sizes_px[file.name]
-    picture = list_path.parent / file
-    try:
-        tags = read_tags(picture)
-    except PhotogramError as fault:
-        raise ExchangeError(f"{list_path}: the size of {file.name} is not known, give it: {fault}") from fault
-    if tags.width_px is None or tags.height_px is None:
-        raise ExchangeError(f"{list_path}: the size of {file.name} is not known: give it")
-    return tags.width_px, tags.height_px
-
-
-def centre_px(size_px: tuple[int, int]) -> tuple[float, float]:
-    """Return the centre of a picture in photogram's pixels."""
-    return (size_px[0] - 1) / 2, (size_px[1] - 1) / 2
 
 
 def _photographs(
