@@ -11,8 +11,8 @@ from foreign_solutions import assert_refused_or_read, assert_refuses, assert_sam
 from makers import SharedData
 from scipy.spatial import KDTree
 
-from photogram.files.exchange.colmap import read_colmap
-from photogram.files.exchange.colmap_binary import read_binary
+from photogram.files.exchange.colmap.binary_models import read_binary
+from photogram.files.exchange.colmap.sparse_models import read_colmap
 from photogram.files.exchange.meshroom_baf import read_meshroom_baf
 from photogram.files.exchange.solution import ForeignSolution
 

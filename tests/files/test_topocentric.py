@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pyproj import Transformer
 
-from photogram.files.exchange.topocentric import geodetic_from_topocentric, topocentric_from_geodetic
+from photogram.files.exchange.opensfm.topocentric import geodetic_from_topocentric, topocentric_from_geodetic
 
 ORIGINS = [(50.1, 8.7, 120.0), (-33.9, 151.2, -30.0), (0.0, -180.0, 0.0), (89.9, 45.0, 3000.0)]
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, image_plane
-from photogram.files.exchange.colmap import read_colmap
+from photogram.files.exchange.colmap.sparse_models import read_colmap
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.exchange.visualsfm import forward_radial, read_visualsfm
 

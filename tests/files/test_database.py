@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from foreign_solutions import assert_refused_or_read, assert_refuses
 
-from photogram.files.exchange.colmap_database import read_colmap_database
+from photogram.files.exchange.colmap.database import read_colmap_database
 
 SCHEMA = """
 CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, model INTEGER, width INTEGER, height INTEGER, params BLOB,

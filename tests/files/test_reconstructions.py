@@ -25,8 +25,8 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.camera import Camera
-from photogram.files.exchange.colmap import read_colmap
-from photogram.files.exchange.opensfm import GEODETIC, read_opensfm, write_opensfm
+from photogram.files.exchange.colmap.sparse_models import read_colmap
+from photogram.files.exchange.opensfm.reconstructions import GEODETIC, read_opensfm, write_opensfm
 from photogram.files.exchange.solution import ForeignSolution
 
 CAMERAS = [

@@ -22,7 +22,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.files.exchange.assembly import MOST_BYTES, check_finite, file_of
-from photogram.files.exchange.colmap_records import HALF, ColmapCamera, from_colmap, model_of
+from photogram.files.exchange.colmap.records import HALF, ColmapCamera, from_colmap, model_of
 from photogram.files.reading import check_size
 from photogram.survey import Matches
 from photogram.wording import printable, things

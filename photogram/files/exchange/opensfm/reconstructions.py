@@ -1,7 +1,7 @@
 """Reconstructions of OpenSfM and OpenDroneMap: reconstruction.json, tracks.csv, reference_lla.json, read and written.
 
 OpenSfM's camera frame is photogram's; a shot holds the rotation vector and the translation camera from world, a camera
-its focal length and principal point in normalised image coordinates, see ``opensfm_tracks`` (OpenSfM documentation,
+its focal length and principal point in normalised image coordinates, see ``tracks`` (OpenSfM documentation,
 Geometric Models). Perspective, simple_radial, radial and brown are Brown's model, fisheye and fisheye_opencv the
 equidistant one, all in photogram's direction. The world is east, north, up at ``reference_lla``, which OpenSfM sets to
 zeros where no photograph has a position: then it is the frame of a free network.
@@ -32,7 +32,8 @@ from photogram.files.exchange.json_values import (
     member,
     read_json,
 )
-from photogram.files.exchange.opensfm_tracks import (
+from photogram.files.exchange.opensfm.topocentric import geodetic_from_topocentric, topocentric_from_geodetic
+from photogram.files.exchange.opensfm.tracks import (
     Tracks,
     normalised_of_pixel,
     pixel_of_normalised,
@@ -40,7 +41,6 @@ from photogram.files.exchange.opensfm_tracks import (
     tracks_text,
 )
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
-from photogram.files.exchange.topocentric import geodetic_from_topocentric, topocentric_from_geodetic
 from photogram.survey import TiePoints
 from photogram.wording import printable, shortened, things
 

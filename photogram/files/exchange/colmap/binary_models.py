@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from photogram.arrays import ByteArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.files.exchange.assembly import bytes_of
-from photogram.files.exchange.colmap_records import (
+from photogram.files.exchange.colmap.records import (
     ColmapCamera,
     ColmapImage,
     ColmapPoints,

@@ -13,7 +13,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.errors import ExchangeError
 from photogram.files.exchange.assembly import number_rows, numbers, text_of, whole_number, whole_numbers
-from photogram.files.exchange.colmap_records import (
+from photogram.files.exchange.colmap.records import (
     MODELS,
     NUMBERS,
     ColmapCamera,

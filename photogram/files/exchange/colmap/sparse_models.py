@@ -26,8 +26,8 @@ from photogram.files.exchange.assembly import (
     tie_points_of,
     without_place,
 )
-from photogram.files.exchange.colmap_binary import binary_files, read_binary, sensors_of_rigs
-from photogram.files.exchange.colmap_records import (
+from photogram.files.exchange.colmap.binary_models import binary_files, read_binary, sensors_of_rigs
+from photogram.files.exchange.colmap.records import (
     HALF,
     ColmapImage,
     ColmapPoints,
@@ -35,7 +35,7 @@ from photogram.files.exchange.colmap_records import (
     from_colmap,
     to_colmap,
 )
-from photogram.files.exchange.colmap_text import read_text, text_files
+from photogram.files.exchange.colmap.text_models import read_text, text_files
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import TiePoints
 from photogram.wording import things

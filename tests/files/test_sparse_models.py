@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.camera import Camera
-from photogram.files.exchange.colmap import read_colmap, write_colmap
+from photogram.files.exchange.colmap.sparse_models import read_colmap, write_colmap
 
 NEEDS_PYCOLMAP = "pycolmap reads what is written, and projects as COLMAP does"
 CAMERAS = [
