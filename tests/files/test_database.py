@@ -125,6 +125,16 @@ HOSTILE: list[tuple[str, Callable[[Path], Any], str]] = [
         ),
         "no plain table keypoints",
     ),
+    (
+        "a key twice",
+        lambda p: changed(
+            p,
+            "ALTER TABLE keypoints RENAME TO others",
+            "CREATE TABLE keypoints (image_id, rows, cols, data)",
+            "INSERT INTO keypoints SELECT * FROM others UNION ALL SELECT * FROM others",
+        ),
+        "keypoints has the key 3 twice",
+    ),
     ("no table", lambda p: changed(p, "DROP TABLE keypoints"), "no plain table keypoints"),
     ("no column", lambda p: changed(p, "ALTER TABLE keypoints DROP COLUMN cols"), "no column cols"),
     ("a log beside it", lambda p: p.with_name(f"{p.name}-wal").write_bytes(b"1"), "not in the database yet"),

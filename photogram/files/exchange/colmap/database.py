@@ -2,7 +2,7 @@
 
 The tables are those of src/colmap/scene/database_sqlite.cc. The file is opened read-only and immutable, so that nothing
 is written beside it, and nothing of it is run: no view, trigger, virtual table or generated column is read, no function
-may be called, and no more rows are taken than the file has room for.
+may be called, and no row is taken twice.
 """
 
 from __future__ import annotations
@@ -37,9 +37,6 @@ _COLUMNS = {
     "keypoints": ("image_id", "rows", "cols", "data"),
     "two_view_geometries": ("pair_id", "rows", "cols", "data"),
 }
-_LEAST_ROW = 4
-"""Bytes that no row of these tables can do without."""
-
 _ALLOWED = {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ}
 _STEPS, _MOST_CALLS = 10_000, 1_000_000
 
@@ -73,16 +70,19 @@ class ColmapDatabase:
 class _Tables:
     """The tables of an open database."""
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, size: int) -> None:
-        self.path, self._connection, self._size = path, connection, size
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path, self._connection = path, connection
 
     def rows(self, table: str) -> Iterator[tuple[int | bytes | str | None, ...]]:
-        """Give the rows of a table, by its key; no more than the file has room for."""
+        """Give the rows of a table, each with a key of its own."""
         columns = _COLUMNS[table]
         found = self._connection.execute(f"SELECT {', '.join(columns)} FROM {table}")
-        for taken, row in enumerate(found):
-            if taken * _LEAST_ROW > self._size:
-                raise ExchangeError(f"{self.path}: {table} has more rows than the file has room for: it is damaged")
+        # a damaged tree of pages can lead to the same row again and again, which a key would else forbid
+        keys: set[int | bytes | str | None] = set()
+        for row in found:
+            if row[0] in keys:
+                raise ExchangeError(f"{self.path}: {table} has the key {str(row[0])[:40]} twice: it is damaged")
+            keys.add(row[0])
             yield row
 
     def check(self) -> None:
@@ -119,7 +119,7 @@ def read_colmap_database(path: Path) -> ColmapDatabase:
     try:
         with closing(sqlite3.connect(address, uri=True)) as connection:
             _disarm(connection, size)
-            tables = _Tables(path, connection, size)
+            tables = _Tables(path, connection)
             tables.check()
             connection.set_authorizer(_read_only)
             return _read(tables)
