@@ -1,0 +1,554 @@
+"""Cameras of Agisoft Metashape and PhotoScan as XML (File, Export, Export Cameras), and the chunks of their projects.
+
+Metashape's pixels have the centre of the top-left one at (0.5, 0.5), its cameras look along +z with x to the right and
+y down, and its formulas are photogram's with p1 and p2 exchanged (Agisoft Metashape User Manual, Professional Edition,
+appendix Camera models). ``f`` comes with cx and cy from the middle of the photograph; ``fx`` and ``fy`` of PhotoScan up
+to 1.2 come with cx and cy from its corner and, for b2, a skew. The transform of a chunk leads to geocentric coordinates
+where the chunk has a CRS, else to the local ones of its markers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Camera, Pose
+from photogram.crs import written_crs
+from photogram.errors import ExchangeError, PhotogramError
+from photogram.files.atomic import replacing
+from photogram.files.exchange.parsing import (
+    HALF_PIXEL,
+    bytes_of,
+    camera_of,
+    check_photographs,
+    check_writable,
+    crs_of,
+    file_of,
+    no_tie_points,
+    number_of,
+    numbers_of,
+    pose_of,
+)
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.files.xml_elements import Element, elements_of
+from photogram.projection import Model
+from photogram.survey import ControlPoints, Role
+from photogram.wording import printable, shortened, things
+
+MOST_XML_BYTES = 500_000_000
+_MODELS: dict[str, Model] = {"frame": "brown", "fisheye": "fisheye"}
+_HELD = ("f", "fx", "fy", "cx", "cy", "b1", "b2", "skew", "k1", "k2", "k3", "k4", "p1", "p2")
+_NOT_HELD = ("p3", "p4", "k5", "k6")
+_TRUE = ("true", "1")
+_UNKNOWN_SIGMA_PX = 1.0
+_WGS_84 = (
+    'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,298.257223563,'
+    'AUTHORITY["EPSG","7030"]],TOWGS84[0,0,0,0,0,0,0],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,'
+    'AUTHORITY["EPSG","8901"]],UNIT["degree",0.01745329251994328,AUTHORITY["EPSG","9102"]],AUTHORITY["EPSG","4326"]]'
+)
+_LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
+_REMEDY = "export the cameras from Metashape again"
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x' = scale R x + translation."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+    def of_points(self, points: FloatArray) -> FloatArray:
+        """Transform points (N, 3)."""
+        return np.asarray(self.scale * points @ self.rotation.T + self.translation)
+
+    def of_pose(self, pose: Pose, place: str) -> Pose:
+        """Transform a pose."""
+        return pose_of(
+            self.rotation @ pose.rotation_world_from_camera, self.of_points(pose.position_world_m[None])[0], place
+        )
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """What the XML of a chunk says: everything but tie points."""
+
+    cameras: tuple[Camera, ...]
+    photographs: tuple[ForeignPhotograph, ...]
+    photograph_of: dict[str, int]
+    """Number of the photograph by Metashape's number of the camera."""
+    world: Similarity
+    """From the chunk's own coordinates to those of the solution."""
+    frame: Frame
+    crs: str | None
+    ground_points: ControlPoints
+    tie_sigma_px: float | None
+    left_out: tuple[str, ...]
+
+
+@dataclass
+class _Notes:
+    """Sentences about what is left out."""
+
+    sentences: list[str] = field(default_factory=list)
+
+    def count(self, number: int, one: str, several: str, what: str) -> None:
+        if number:
+            self.sentences.append(f"{things(number, one, several)} {what}.")
+
+
+# ---- reading -------------------------------------------------------------------------------------------------------
+
+
+def read_metashape_cameras(path: Path) -> ForeignSolution:
+    """Return the cameras and photographs of an export of cameras; markers too where the file has them.
+
+    Coordinates are geocentric where the chunk has a CRS and a transform, else local. Raises ExchangeError with the line
+    where the file is none of Metashape, is damaged, or has a camera model that photogram has not.
+    """
+    root = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY)
+    chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
+    held = [chunk for chunk in chunks if any(chunk.all("cameras"))]
+    if len(held) != 1:
+        raise ExchangeError(f"{path}:1: holds cameras of {things(len(held), 'chunk')}: export those of one chunk")
+    frames = list(held[0].all("frames", "frame"))
+    chunk = read_chunk(path, held[0], frames[0] if frames else None)
+    return ForeignSolution(
+        program="Agisoft Metashape",
+        cameras=chunk.cameras,
+        photographs=chunk.photographs,
+        tie_points=no_tie_points(),
+        ground_points=chunk.ground_points if len(chunk.ground_points) else None,
+        frame=chunk.frame,
+        crs=chunk.crs,
+        stated_tie_sigma_px=chunk.tie_sigma_px,
+        left_out=chunk.left_out,
+    )
+
+
+def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
+    """Return what the element ``chunk`` says, and of marks and files its element ``frame``; ``path`` is for errors.
+
+    Raises ExchangeError with the line of what is wrong.
+    """
+    notes = _Notes()
+    sensors, cameras = _sensors(path, chunk, notes)
+    wkt = next((element.text for element in chunk.all("reference")), "")
+    crs, world = crs_of(wkt), _transform(path, chunk)
+    geocentric = crs is not None and world is not None
+    if geocentric and "1984" not in wkt and "WGS" not in wkt:
+        notes.sentences.append(f"The geocentric coordinates are of the datum of {crs}, not of WGS 84.")
+    settings = {p.attributes.get("name", ""): p for p in chunk.all("settings", "property")}
+    to_world = world or Similarity(1.0, np.eye(3), np.zeros(3))
+    photographs, number = _photographs(path, chunk, frame, sensors, to_world, settings, notes)
+    _note_rest(chunk, notes)
+    return Chunk(
+        cameras=cameras,
+        photographs=photographs,
+        photograph_of=number,
+        world=to_world,
+        frame="geocentric" if geocentric else "local",
+        crs=crs,
+        ground_points=_markers(path, chunk, frame, number, settings, notes),
+        tie_sigma_px=_setting(path, settings, "accuracy_tiepoints"),
+        left_out=tuple(notes.sentences),
+    )
+
+
+def _place(path: Path, element: Element) -> str:
+    return f"{path}:{element.line}"
+
+
+def _setting(path: Path, settings: dict[str, Element], name: str) -> float | None:
+    """Return a standard deviation of the chunk's settings, None where they have none above 0."""
+    element = settings.get(name)
+    text = "" if element is None else element.attributes.get("value", "")
+    if element is None or not text:
+        return None
+    value = numbers_of(text.replace("/", " ").split()[0] if text.split() else "", 1, name, _place(path, element))[0]
+    return float(value) if value > 0 else None
+
+
+def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int], tuple[Camera, ...]]:
+    """Return the cameras, and their index by Metashape's number; those without a calibration have none."""
+    index: dict[str, int] = {}
+    cameras: list[Camera] = []
+    for sensor in chunk.all("sensors", "sensor"):
+        found = {c.attributes.get("class", ""): c for c in sensor.all("calibration")}
+        calibration = found.get("adjusted") or next(iter(found.values()), None)
+        if calibration is None:
+            continue
+        index[sensor.attributes.get("id", "")] = len(cameras)
+        cameras.append(_camera(path, sensor, calibration))
+    covariances = len(list(chunk.all("sensors", "sensor", "covariance")))
+    notes.count(covariances, "covariance of a calibration", "covariances of calibrations", "left out")
+    return index, tuple(cameras)
+
+
+def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:
+    label = sensor.attributes.get("label", "") or "unknown"
+    place = f"{_place(path, calibration)}: sensor {printable(shortened(label))}"
+    kind = calibration.attributes.get("type") or sensor.attributes.get("type") or "frame"
+    if kind not in _MODELS:
+        raise ExchangeError(
+            f"{place}: has the camera model {printable(shortened(kind))}, which photogram has not: only frame and "
+            "fisheye cameras are read"
+        )
+    resolution = calibration.first("resolution") or sensor.first("resolution")
+    if resolution is None:
+        raise ExchangeError(f"{place}: says no width and height of its photographs: {_REMEDY}")
+    width, height = (number_of(resolution.attributes.get(side, ""), side, place) for side in ("width", "height"))
+    q = {c.tag: number_of(c.text, c.tag, place) for c in calibration.children if c.tag in (*_HELD, *_NOT_HELD)}
+    further = [name for name in _NOT_HELD if q.get(name)]
+    if further:
+        raise ExchangeError(
+            f"{place}: its calibration has {' and '.join(further)}, which photogram's models have not: optimise the "
+            "cameras in Metashape without them"
+        )
+    if "f" in q:
+        focal, b1, b2 = q["f"], q.get("b1", 0.0), q.get("b2", 0.0)
+        centre = width / 2 + q.get("cx", 0.0), height / 2 + q.get("cy", 0.0)
+    elif "fx" in q and "fy" in q:
+        if q.get("p1") or q.get("p2"):
+            raise ExchangeError(
+                f"{place}: has fx and fy with p1 and p2, whose order the manuals of that version of PhotoScan leave "
+                "open: open the project in Metashape and save it again"
+            )
+        focal, b1, b2 = q["fy"], q["fx"] - q["fy"], q.get("skew", 0.0)
+        centre = q.get("cx", width / 2), q.get("cy", height / 2)
+    else:
+        raise ExchangeError(f"{place}: its calibration has no focal length f, or fx and fy: {_REMEDY}")
+    return camera_of(
+        place,
+        label,
+        (width, height),
+        focal,
+        (centre[0] - HALF_PIXEL, centre[1] - HALF_PIXEL),
+        tuple(q.get(name, 0.0) for name in ("k1", "k2", "k3", "k4")),
+        (q.get("p2", 0.0), q.get("p1", 0.0)),
+        (b1, b2),
+        _MODELS[kind],
+    )
+
+
+def _transform(path: Path, chunk: Element) -> Similarity | None:
+    """Return the transform of a chunk, None where it has none: its coordinates are then of no unit."""
+    element = chunk.first("transform")
+    if element is None:
+        return None
+    place = f"{_place(path, element)}: the transform of the chunk"
+    rotation, translation, scale = (element.first(tag) for tag in ("rotation", "translation", "scale"))
+    if rotation is not None and translation is not None:
+        R = numbers_of(rotation.text, 9, "its rotation", place).reshape(3, 3)
+        s = 1.0 if scale is None else number_of(scale.text, "its scale", place)
+        t = numbers_of(translation.text, 3, "its translation", place)
+    elif element.text:
+        M = numbers_of(element.text, 16, "its matrix", place).reshape(4, 4)
+        with np.errstate(over="ignore", invalid="ignore"):
+            s = float(np.cbrt(np.linalg.det(M[:3, :3])))
+            R, t = M[:3, :3] / s if s else M[:3, :3], M[:3, 3]
+    else:
+        return None
+    if not 0 < s < np.inf:
+        raise ExchangeError(f"{place} has the scale {s:g}: it must be positive")
+    pose_of(R, t, place)
+    return Similarity(s, R, t)
+
+
+def _photographs(
+    path: Path,
+    chunk: Element,
+    frame: Element | None,
+    sensors: dict[str, int],
+    world: Similarity,
+    settings: dict[str, Element],
+    notes: _Notes,
+) -> tuple[tuple[ForeignPhotograph, ...], dict[str, int]]:
+    files = {
+        camera.attributes.get("camera_id", ""): photo.attributes.get("path", "")
+        for camera in (frame.all("cameras", "camera") if frame else ())
+        for photo in camera.all("photo")
+    }
+    sigma = _setting(path, settings, "accuracy_cameras")
+    photographs: list[ForeignPhotograph] = []
+    number: dict[str, int] = {}
+    uncalibrated = secondary = disabled = angles = 0
+    for element in (camera for held in chunk.all("cameras") for camera in held.below("camera")):
+        place, key = _place(path, element), element.attributes.get("id", "")
+        file = file_of(files.get(key) or element.attributes.get("label", ""), place)
+        sensor = sensors.get(element.attributes.get("sensor_id", ""))
+        if sensor is None:
+            if element.first("transform") is not None:
+                raise ExchangeError(f"{place}: {file.name} is oriented, but its sensor has no calibration: {_REMEDY}")
+            uncalibrated += 1
+            continue
+        secondary += "master_id" in element.attributes
+        disabled += element.attributes.get("enabled", "true").lower() not in _TRUE
+        matrix, reference = element.first("transform"), element.first("reference")
+        measured, measured_sigma = None, None
+        if reference is not None:
+            measured = _position(path, reference)
+            measured_sigma = _sigmas(path, reference, sigma) if measured is not None else None
+            angles += "yaw" in reference.attributes
+        pose = None if matrix is None else _pose(_place(path, matrix), matrix.text, world)
+        if key in number:
+            raise ExchangeError(f"{place}: the camera number {printable(shortened(key))} comes twice: {_REMEDY}")
+        number[key] = len(photographs)
+        photographs.append(ForeignPhotograph(file.name, sensor, pose, file, measured, measured_sigma))
+    check_photographs(str(path), photographs)
+    notes.count(uncalibrated, "photograph of a sensor", "photographs of sensors", "without a calibration left out")
+    notes.count(secondary, "photograph", "photographs", "of secondary sensors of a rig without orientation: it follows "
+                "from that of the primary sensor, which is not applied")  # fmt: skip
+    notes.count(disabled, "photograph", "photographs", "switched off in Metashape read like the others")
+    notes.count(angles, "measured attitude", "measured attitudes", "left out")
+    return tuple(photographs), number
+
+
+def _pose(place: str, text: str, world: Similarity) -> Pose:
+    M = numbers_of(text, 16, "the transform of a camera", place).reshape(4, 4)
+    return world.of_pose(pose_of(M[:3, :3], M[:3, 3], place), place)
+
+
+def _position(path: Path, reference: Element) -> FloatArray | None:
+    """Return the coordinates of a reference (3,), None where it has not all of them."""
+    texts = [reference.attributes.get(axis, "") for axis in "xyz"]
+    if not all(texts):
+        return None
+    place = _place(path, reference)
+    return np.array([number_of(text, axis, place) for text, axis in zip(texts, "xyz", strict=True)])
+
+
+def _sigmas(path: Path, reference: Element, otherwise: float | None) -> FloatArray:
+    """Return the accuracies (3,) of a reference: sx, sy and sz, or sxy and sz as before version 1.3, or sxyz."""
+    found, attributes = [], reference.attributes
+    for column in ("sx", "sy", "sz"):
+        text = attributes.get(column) or (attributes.get("sxy") if column != "sz" else None) or attributes.get("sxyz")
+        value = number_of(text, column, _place(path, reference)) if text else otherwise
+        if value is not None and value < 0:
+            raise ExchangeError(f"{_place(path, reference)}: {column} is {value:g}: it must be positive")
+        found.append(np.nan if value is None else value)
+    return np.array(found)
+
+
+def _markers(
+    path: Path,
+    chunk: Element,
+    frame: Element | None,
+    photograph_of: dict[str, int],
+    settings: dict[str, Element],
+    notes: _Notes,
+) -> ControlPoints:
+    """Return the markers; those that are switched off are check points, as are those without coordinates."""
+    names: list[str] = []
+    index: dict[str, int] = {}
+    roles: list[Role] = []
+    positions, sigmas = [], []
+    sigma_m = _setting(path, settings, "accuracy_markers")
+    for marker in (marker for held in chunk.all("markers") for marker in held.below("marker")):
+        label, place = marker.attributes.get("label", ""), _place(path, marker)
+        if not label or not label.isprintable() or label in names:
+            raise ExchangeError(
+                f"{place}: marker {printable(shortened(label))!r} has no name of its own: rename it in Metashape"
+            )
+        reference = marker.first("reference")
+        position = None if reference is None else _position(path, reference)
+        index[marker.attributes.get("id", "")] = len(names)
+        names.append(label)
+        if reference is None or position is None:
+            roles.append("check")
+            positions.append(np.full(3, np.nan))
+            sigmas.append(np.full(3, np.nan))
+            continue
+        roles.append("control" if reference.attributes.get("enabled", "true").lower() in _TRUE else "check")
+        positions.append(position)
+        sigmas.append(_sigmas(path, reference, sigma_m))
+    photograph, point, pixel = _marks(path, frame, photograph_of, index, notes)
+    sigma_px = _setting(path, settings, "accuracy_projections") or _UNKNOWN_SIGMA_PX
+    return ControlPoints(
+        tuple(names),
+        tuple(roles),
+        np.array(positions).reshape(-1, 3),
+        np.array(sigmas).reshape(-1, 3),
+        photograph,
+        point,
+        pixel,
+        np.full(len(pixel), sigma_px),
+    )
+
+
+def _marks(
+    path: Path, frame: Element | None, photograph_of: dict[str, int], index: dict[str, int], notes: _Notes
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return photograph and point (M,) and pixel (M, 2) of the pinned projections: those that people placed."""
+    photograph, point, pixel = [], [], []
+    unpinned = elsewhere = 0
+    for marker in frame.all("markers", "marker") if frame else ():
+        number = marker.attributes.get("marker_id", "")
+        for location in marker.all("location"):
+            place, camera = _place(path, location), location.attributes.get("camera_id", "")
+            if number not in index:
+                raise ExchangeError(f"{place}: marker_id {printable(shortened(number))!r} is no marker: {_REMEDY}")
+            if location.attributes.get("pinned", "").lower() not in _TRUE:
+                unpinned += 1
+            elif camera not in photograph_of:
+                elsewhere += 1
+            else:
+                photograph.append(photograph_of[camera])
+                point.append(index[number])
+                pixel.append([number_of(location.attributes.get(axis, ""), axis, place) for axis in "xy"])
+    notes.count(unpinned, "projection", "projections", "of markers that nobody pinned left out")
+    notes.count(elsewhere, "mark", "marks", "in photographs that are not read left out")
+    return (
+        np.array(photograph, dtype=np.int64),
+        np.array(point, dtype=np.int64),
+        np.array(pixel).reshape(-1, 2) - HALF_PIXEL,
+    )
+
+
+def _note_rest(chunk: Element, notes: _Notes) -> None:
+    """Note what a chunk holds and the form has no place for."""
+    kept = {"sensors", "cameras", "markers", "frames", "reference", "transform", "settings", "meta"}
+    words = {"scalebars": "scale bars", "region": "the region of interest", "components": "components",
+             "camera_tracks": "camera tracks", "masks": "masks", "shapes": "shapes", "images": "images"}  # fmt: skip
+    for child in chunk.children:
+        if child.tag not in kept and (child.children or child.text):
+            name = words.get(child.tag, f"the element {printable(shortened(child.tag))}")
+            notes.sentences.append(f"{name[:1].upper()}{name[1:]} left out.")
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def write_metashape_cameras(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    """Write cameras, poses and measured positions for Metashape's File, Import, Import Cameras; returns sentences about
+    what the file cannot hold.
+
+    Photographs are named by their labels, the names of their files. Raises ExchangeError where a value is not finite or
+    the CRS of measured positions has no WKT, WorkspaceError where the file cannot be written.
+    """
+    check_writable(path, solution)
+    document = ElementTree.Element("document", version="2.0.0")
+    chunk = ElementTree.SubElement(document, "chunk", label="photogram", enabled="true")
+    sensors = ElementTree.SubElement(chunk, "sensors", next_id=str(len(solution.cameras)))
+    for i, camera in enumerate(solution.cameras):
+        _write_sensor(sensors, i, camera)
+    listed = ElementTree.SubElement(chunk, "cameras", next_id=str(len(solution.photographs)), next_group_id="0")
+    for i, photograph in enumerate(solution.photographs):
+        _write_camera(listed, i, photograph)
+    reference, similarity, left_out = _written_frame(path, solution)
+    ElementTree.SubElement(chunk, "reference").text = reference
+    transform = ElementTree.SubElement(chunk, "transform")
+    ElementTree.SubElement(transform, "rotation").text = _numbers(similarity.rotation)
+    ElementTree.SubElement(transform, "translation").text = _numbers(similarity.translation)
+    ElementTree.SubElement(transform, "scale").text = repr(similarity.scale)
+    ElementTree.indent(document)
+    text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, encoding="unicode") + "\n"
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return tuple(left_out)
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(repr(float(value)) for value in values.ravel())
+
+
+def _write_sensor(sensors: ElementTree.Element, number: int, camera: Camera) -> None:
+    kind = next(name for name, model in _MODELS.items() if model == camera.model)
+    size = {"width": str(camera.width_px), "height": str(camera.height_px)}
+    sensor = ElementTree.SubElement(sensors, "sensor", id=str(number), label=camera.name, type=kind)
+    ElementTree.SubElement(sensor, "resolution", size)
+    calibration = ElementTree.SubElement(sensor, "calibration", {"type": kind, "class": "adjusted"})
+    ElementTree.SubElement(calibration, "resolution", size)
+    cx, cy = camera.principal_point_px + HALF_PIXEL
+    values = {
+        "f": camera.focal_px,
+        "cx": cx - camera.width_px / 2,
+        "cy": cy - camera.height_px / 2,
+        **dict(zip(("b1", "b2"), camera.affinity, strict=True)),
+        **dict(zip(("k1", "k2", "k3", "k4"), camera.radial, strict=True)),
+        "p1": camera.tangential[1],
+        "p2": camera.tangential[0],
+    }
+    for name, value in values.items():
+        ElementTree.SubElement(calibration, name).text = repr(float(value))
+
+
+def _write_camera(cameras: ElementTree.Element, number: int, photograph: ForeignPhotograph) -> None:
+    element = ElementTree.SubElement(
+        cameras, "camera", id=str(number), sensor_id=str(photograph.camera), label=photograph.name, enabled="true"
+    )
+    if photograph.pose is not None:
+        M = np.eye(4)
+        M[:3, :3], M[:3, 3] = photograph.pose.rotation_world_from_camera, photograph.pose.position_world_m
+        ElementTree.SubElement(element, "transform").text = _numbers(M)
+    if photograph.measured is not None:
+        values = dict(zip("xyz", photograph.measured, strict=True))
+        if photograph.measured_sigma_m is not None and np.isfinite(photograph.measured_sigma_m).all():
+            values |= dict(zip(("sx", "sy", "sz"), photograph.measured_sigma_m, strict=True))
+        text = {name: repr(float(value)) for name, value in values.items()}
+        ElementTree.SubElement(element, "reference", {**text, "enabled": "true"})
+
+
+def _written_frame(path: Path, solution: ForeignSolution) -> tuple[str, Similarity, list[str]]:
+    """Return the CRS of the chunk, its transform, and what they leave out."""
+    same = Similarity(1.0, np.eye(3), np.zeros(3))
+    left_out = list(_not_written(solution))
+    measured = any(photograph.measured is not None for photograph in solution.photographs)
+    if solution.frame in ("geocentric", "topocentric"):
+        wkt = _WGS_84 if solution.crs is None else _wkt(path, solution.crs)
+        if solution.origin_lla is not None:
+            return wkt, _geocentric_from_topocentric(solution.origin_lla), left_out
+        return wkt, same, left_out
+    if solution.crs is not None and (measured or solution.frame == "map"):
+        if solution.frame == "local":
+            raise ExchangeError(
+                f"{path}: measured positions are in {shortened(solution.crs)} and poses are not: Metashape has one "
+                "frame for both, so transform the solution first, or leave the positions out"
+            )
+        left_out.append("The CRS is left out: Metashape would take coordinates of a map for geocentric ones.")
+    return _LOCAL, same, left_out
+
+
+def _wkt(path: Path, name: str) -> str:
+    if "[" in name:
+        return name
+    if name in ("EPSG:4326", "EPSG:4979"):
+        return _WGS_84
+    try:
+        crs = written_crs(name)
+        return _WGS_84 if crs is None else str(crs.to_wkt("WKT1_GDAL"))
+    except (PhotogramError, ValueError, RuntimeError) as fault:
+        raise ExchangeError(f"{path}: the CRS {shortened(name)} has no WKT ({shortened(str(fault))})") from fault
+
+
+def _geocentric_from_topocentric(origin_lla: tuple[float, float, float]) -> Similarity:
+    """Return the transform from east, north, up at an origin to geocentric coordinates of WGS 84 (Hofmann-Wellenhof,
+    Lichtenegger & Wasle 2008, eqs. 8.5 and 8.59)."""
+    a, flattening = 6378137.0, 1 / 298.257223563
+    e2 = flattening * (2 - flattening)
+    latitude, longitude = np.radians(origin_lla[:2])
+    sin_b, cos_b, sin_l, cos_l = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    n, h = a / np.sqrt(1 - e2 * sin_b**2), origin_lla[2]
+    origin = np.array([(n + h) * cos_b * cos_l, (n + h) * cos_b * sin_l, (n * (1 - e2) + h) * sin_b])
+    east = [-sin_l, cos_l, 0.0]
+    north = [-sin_b * cos_l, -sin_b * sin_l, cos_b]
+    up = [cos_b * cos_l, cos_b * sin_l, sin_b]
+    return Similarity(1.0, np.column_stack([east, north, up]), origin)
+
+
+def _not_written(solution: ForeignSolution) -> Iterator[str]:
+    if len(solution.tie_points):
+        yield f"{things(len(solution.tie_points), 'tie point')} left out: an export of cameras has none."
+    if solution.ground_points is not None and len(solution.ground_points):
+        yield (
+            f"{things(len(solution.ground_points), 'ground point')} left out: Metashape imports markers from a file of "
+            "their own."
+        )
+    moved = sum(str(photograph.file) != photograph.name for photograph in solution.photographs)
+    if moved:
+        yield f"The folders of {things(moved, 'photograph')} left out: Metashape knows them by their names."
