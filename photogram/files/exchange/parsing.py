@@ -222,3 +222,27 @@ def check_writable(path: Path, solution: ForeignSolution) -> None:
     for camera in solution.cameras:
         if not np.isfinite(camera.parameters).all():
             raise ExchangeError(f"{path}: camera {camera.name} has parameters that are not finite: leave it out")
+
+
+def rotation_from_omega_phi_kappa(angles_deg: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the rotation (3, 3), world from camera, of photogrammetric angles in degrees.
+
+    R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007,
+    sec. 2.1).
+    """
+    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles_deg)), np.cos(np.radians(angles_deg))
+    Rx = np.array([[1.0, 0.0, 0.0], [0.0, co, -so], [0.0, so, co]])
+    Ry = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    Rz = np.array([[ck, -sk, 0.0], [sk, ck, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(Rx @ Ry @ Rz @ np.diag([1.0, -1.0, -1.0]))
+
+
+def exact_omega_phi_kappa_deg(rotation: FloatArray) -> FloatArray:
+    """Return the angles (3,) in degrees of which ``rotation_from_omega_phi_kappa`` is the rotation, to all digits for
+    level views too, where the arcsine would lose half of them; ω is 0 where φ is ±90°."""
+    R = rotation @ np.diag([1.0, -1.0, -1.0])
+    level = np.hypot(R[0, 0], R[0, 1])
+    phi = np.arctan2(R[0, 2], level)
+    if level < 1e-9:
+        return np.degrees([0.0, phi, np.arctan2(R[1, 0], R[1, 1])])
+    return np.degrees([np.arctan2(-R[1, 2], R[2, 2]), phi, np.arctan2(-R[0, 1], R[0, 0])])

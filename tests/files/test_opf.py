@@ -1,0 +1,242 @@
+"""OPF: round trip, the project in Pix4D's own library, its projection as referee, hostile folders."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign import assert_same_cameras, damaged, reprojection_rms_px, rotation_of, small_solution
+from hypothesis import given
+from hypothesis import strategies as st
+from makers import Json
+
+from photogram.camera import Pose
+from photogram.errors import ExchangeError
+from photogram.files.exchange.opf import read_opf, write_opf
+from photogram.files.exchange.parsing import exact_omega_phi_kappa_deg, rotation_from_omega_phi_kappa
+from photogram.files.exchange.solution import ForeignSolution
+
+MAP_ORIGIN = np.array([500_123.0, 5_400_456.0, 210.0])
+
+
+def perspective(frame: str = "map") -> ForeignSolution:
+    """Return the small solution as OPF can hold it, in a map with measured positions."""
+    solution = small_solution(k4=0.0, b=(0.0, 0.0))
+    if frame != "map":
+        return solution
+    photographs = tuple(
+        replace(
+            p,
+            pose=None
+            if p.pose is None
+            else Pose(p.pose.rotation_world_from_camera, p.pose.position_world_m + MAP_ORIGIN),
+            measured=MAP_ORIGIN + i,
+            measured_sigma_m=np.array([0.1, 0.2, 0.3]),
+        )
+        for i, p in enumerate(solution.photographs)
+    )
+    tie, ground = solution.tie_points, solution.ground_points
+    assert ground is not None
+    return replace(
+        solution,
+        photographs=photographs,
+        tie_points=replace(tie, position_world_m=tie.position_world_m + MAP_ORIGIN),
+        ground_points=replace(ground, position_world_m=ground.position_world_m + MAP_ORIGIN),
+        frame="map",
+        crs="EPSG:32632",
+    )
+
+
+@pytest.mark.parametrize("frame", ["map", "local"])
+def test_what_is_written_is_read_again(tmp_path: Path, frame: str) -> None:
+    solution = perspective(frame)
+    write_opf(tmp_path / "project", solution)
+    found = read_opf(tmp_path / "project")
+    assert_same_cameras(found, solution, 1e-9 if frame == "map" else 1e-12)
+    assert (found.frame, found.crs) == (frame, solution.crs)
+    tie, true = found.tie_points, solution.tie_points
+    for name in ("photograph", "point", "feature", "colour"):
+        np.testing.assert_array_equal(getattr(tie, name), getattr(true, name))
+    np.testing.assert_allclose(tie.pixel, true.pixel, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(tie.position_world_m, true.position_world_m, rtol=0, atol=2e-6)
+    assert reprojection_rms_px(found) == pytest.approx(reprojection_rms_px(solution), rel=1e-4)
+    ground, known = found.ground_points, solution.ground_points
+    assert ground is not None
+    assert known is not None
+    assert (ground.name, ground.role) == (known.name, known.role)
+    np.testing.assert_allclose(ground.position_world_m, known.position_world_m, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(ground.sigma_m, known.sigma_m)
+    np.testing.assert_array_equal(ground.mark_pixel, known.mark_pixel)
+    for one, other in zip(found.photographs, solution.photographs, strict=True):
+        assert (one.measured is None) == (other.measured is None)
+        if one.measured is not None and other.measured is not None:
+            np.testing.assert_allclose(one.measured, other.measured, rtol=0, atol=1e-9)
+
+
+def test_the_project_opens_in_pix4ds_library(tmp_path: Path) -> None:
+    pytest.importorskip("pyopf", reason="pyopf, Pix4D's library of OPF, is not installed")
+    from pyopf.io import load
+    from pyopf.resolve import resolve
+
+    solution = perspective()
+    write_opf(tmp_path / "project", solution)
+    project = resolve(load(str(tmp_path / "project" / "project.opf")))
+    assert [c.uri for c in project.camera_list.cameras] == [f"flight%201/{p.name}" for p in solution.photographs]
+    assert len(project.calibration.calibrated_cameras.cameras) == 4
+    assert len(project.input_control_points.gcps) == 2
+    assert len(project.input_control_points.mtps) == 1
+    tracks = project.calibration.tracks.nodes[0]
+    tie = solution.tie_points
+    ranges = [tracks.matches.point_index_ranges[p] for p in range(len(tracks))]
+    assert ranges == list(zip(tie.first_observation[:-1].tolist(), tie.rays.tolist(), strict=True))
+    from pyopf.pointcloud.pcl import opf_axis_rotation_matrix_inverse
+
+    world = (opf_axis_rotation_matrix_inverse @ tracks.matrix)[:3, :3] @ tracks.position.T
+    shift = project.scene_reference_frame.base_to_canonical.shift
+    np.testing.assert_allclose(world.T - shift, tie.position_world_m, rtol=0, atol=2e-6)
+
+
+def test_pix4ds_own_conversion_projects_with_the_same_residuals(tmp_path: Path) -> None:
+    """The referee is opf2colmap: its rotations and OpenCV's projection of its parameters."""
+    pytest.importorskip("pyopf", reason="pyopf, Pix4D's library of OPF, is not installed")
+    import cv2
+    from pyopf.io import load
+    from pyopf.resolve import resolve
+
+    solution = perspective()
+    write_opf(tmp_path / "project", solution)
+    project = resolve(load(str(tmp_path / "project" / "project.opf")))
+    tie = solution.tie_points
+    residual = []
+    sensors = {int(s.id): s.internals for s in project.calibration.calibrated_cameras.sensors}
+    shift = project.scene_reference_frame.base_to_canonical.shift
+    for camera in project.calibration.calibrated_cameras.cameras:
+        mine = tie.photograph == int(camera.id) - 1
+        q = sensors[int(camera.sensor_id)]
+        f, (cx, cy), (k1, k2, k3) = q.focal_length_px, q.principal_point_px, q.radial_distortion
+        so, co, sp, cp, sk, ck = [g(a) for a in np.radians(camera.orientation_deg) for g in (np.sin, np.cos)]
+        R = np.array([  # opf2colmap's rotation, camera from world
+            [cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck],
+            [cp * sk, -co * ck + so * sp * sk, -so * ck - co * sp * sk],
+            [-sp, so * cp, -co * cp],
+        ])  # fmt: skip
+        points = tie.position_world_m[tie.point[mine]] + shift
+        at, _ = cv2.projectPoints(
+            points, cv2.Rodrigues(R)[0], -R @ camera.position, np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]]),
+            np.array([k1, k2, *q.tangential_distortion, k3]),
+        )  # fmt: skip
+        residual.append(at[:, 0] - (tie.pixel[mine] + 0.5))
+    rms = float(np.sqrt((np.concatenate(residual) ** 2).sum(axis=1).mean()))
+    assert rms == pytest.approx(reprojection_rms_px(solution), rel=1e-6)
+
+
+@given(st.lists(st.floats(-180.0, 180.0), min_size=3, max_size=3))
+def test_angles_come_back_to_all_digits(angles: list[float]) -> None:
+    for phi in (angles[1], 90.0, -90.0, 90.0 - 1e-7):
+        R = rotation_from_omega_phi_kappa([angles[0], phi, angles[2]])
+        back = rotation_from_omega_phi_kappa(exact_omega_phi_kappa_deg(R))
+        np.testing.assert_allclose(back, R, rtol=0, atol=3e-9)
+
+
+def test_any_rotation_is_given_back() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        R = rotation_of(rng.normal(0.0, 1.5, 3))
+        back = rotation_from_omega_phi_kappa(exact_omega_phi_kappa_deg(R))
+        np.testing.assert_allclose(back, R, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "fisheye"}, "fisheye"),
+        ({"radial": np.array([0.0, 0.0, 0.0, 0.01])}, "k4"),
+        ({"affinity": np.array([0.0, 0.5])}, "b2"),
+    ],
+)
+def test_what_opf_cannot_hold_is_not_written(tmp_path: Path, change: Json, message: str) -> None:
+    solution = perspective()
+    camera = replace(solution.cameras[0], **change)
+    with pytest.raises(ExchangeError, match=message):
+        write_opf(tmp_path / "project", replace(solution, cameras=(camera, solution.cameras[1])))
+    assert not (tmp_path / "project").exists()
+
+
+def test_geocentric_coordinates_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ExchangeError, match="geocentric"):
+        write_opf(tmp_path / "project", replace(perspective(), frame="geocentric", crs=None))
+
+
+def changed(folder: Path, name: str, change: Callable[[Json], object]) -> None:
+    value = json.loads((folder / name).read_text(encoding="utf-8"))
+    change(value)
+    (folder / name).write_text(json.dumps(value), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("calibrated-cameras.json", lambda v: v["sensors"][0]["internals"].update(type="fisheye"), "fisheye"),
+        ("calibrated-cameras.json", lambda v: v["cameras"][0].update(position=[0, 0]), "3 finite numbers"),
+        ("calibrated-cameras.json", lambda v: v["cameras"][0].update(id=-1), "whole number"),
+        ("camera-list.json", lambda v: v["cameras"][0].update(uri="a/.."), "no name"),
+        ("camera-list.json", lambda v: v["cameras"][0].update(uri="b/IMG_001.JPG"), "two photographs"),
+        ("project.opf", lambda v: v["items"][0]["resources"][0].update(uri="../x.json"), "leads out"),
+        ("project.opf", lambda v: v["items"][0]["resources"][0].update(uri="%2e%2e/x.json"), "leads out"),
+        ("project.opf", lambda v: v["items"].pop(0), "names no"),
+        ("scene-reference-frame.json", lambda v: v["base_to_canonical"].update(scale=[1, 1, 0.3048]), "scales"),
+        ("tracks/tracks.gltf", lambda v: v["accessors"][0].update(count=2**63), "has place for 30"),
+        ("tracks/tracks.gltf", lambda v: v["bufferViews"][0].update(byteOffset=2**63), "has place for 0"),
+        ("tracks/tracks.gltf", lambda v: v["buffers"][0].update(uri="/etc/passwd"), "leads out"),
+        ("tracks/tracks.gltf", lambda v: v["accessors"][0].update(componentType=5121), "expected VEC3"),
+    ],
+)
+def test_what_is_wrong_is_refused(tmp_path: Path, name: str, change: Callable[[Json], object], message: str) -> None:
+    folder = tmp_path / "project"
+    write_opf(folder, perspective())
+    changed(folder, name, change)
+    with pytest.raises(ExchangeError, match=message):
+        read_opf(folder)
+
+
+def test_nan_and_deep_nesting_are_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "project"
+    write_opf(folder, perspective())
+    for text in ('{"format": NaN}', "[" * 100_000, "1" * 10_000, '{"format": "' + "x" * 100):
+        (folder / "project.opf").write_text(text, encoding="utf-8")
+        with pytest.raises(ExchangeError):
+            read_opf(folder)
+
+
+FILES = ("project.opf", "camera-list.json", "input-cameras.json", "scene-reference-frame.json",
+         "calibrated-cameras.json", "input-control-points.json", "projected-control-points.json", "projected-input-cameras.json",
+         "tracks/tracks.gltf", "tracks/positions.bin", "tracks/matchPointIndexRanges.bin", "tracks/matchCameraIds.bin",
+         "tracks/matchPixelCoordinates.bin", "tracks/matchFeatureIds.bin", "tracks/colors.bin")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_files_are_refused_or_read(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "project"
+    write_opf(folder, perspective())
+    data, refused = (folder / name).read_bytes(), 0
+    for left in damaged(data, 7):
+        (folder / name).write_bytes(left)
+        try:
+            read_opf(folder)
+        except ExchangeError:
+            refused += 1
+    assert refused > 40
+
+
+def test_a_link_in_the_folder_is_not_followed(tmp_path: Path) -> None:
+    folder = tmp_path / "project"
+    write_opf(folder, perspective())
+    shutil.move(folder / "camera-list.json", tmp_path / "elsewhere.json")
+    (folder / "camera-list.json").symlink_to(tmp_path / "elsewhere.json")
+    with pytest.raises(ExchangeError, match="is a link"):
+        read_opf(folder)
