@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from foreign import assert_same_cameras, damaged, reprojection_rms_px, rotation_of, small_solution
@@ -78,14 +81,20 @@ def test_what_is_written_is_read_again(tmp_path: Path, frame: str) -> None:
             np.testing.assert_allclose(one.measured, other.measured, rtol=0, atol=1e-9)
 
 
+def opened_by_pyopf() -> Callable[[Path], Any]:
+    """Return how Pix4D's own library opens a project, or skip the test without it."""
+    reason = "pyopf, Pix4D's library of OPF, is not installed"
+    load = pytest.importorskip("pyopf.io", reason=reason).load
+    resolve = pytest.importorskip("pyopf.resolve", reason=reason).resolve
+    return lambda folder: resolve(load(str(folder / "project.opf")))
+
+
 def test_the_project_opens_in_pix4ds_library(tmp_path: Path) -> None:
-    pytest.importorskip("pyopf", reason="pyopf, Pix4D's library of OPF, is not installed")
-    from pyopf.io import load
-    from pyopf.resolve import resolve
+    pyopf = opened_by_pyopf()
 
     solution = perspective()
     write_opf(tmp_path / "project", solution)
-    project = resolve(load(str(tmp_path / "project" / "project.opf")))
+    project = pyopf(tmp_path / "project")
     assert [c.uri for c in project.camera_list.cameras] == [f"flight%201/{p.name}" for p in solution.photographs]
     assert len(project.calibration.calibrated_cameras.cameras) == 4
     assert len(project.input_control_points.gcps) == 2
@@ -94,23 +103,19 @@ def test_the_project_opens_in_pix4ds_library(tmp_path: Path) -> None:
     tie = solution.tie_points
     ranges = [tracks.matches.point_index_ranges[p] for p in range(len(tracks))]
     assert ranges == list(zip(tie.first_observation[:-1].tolist(), tie.rays.tolist(), strict=True))
-    from pyopf.pointcloud.pcl import opf_axis_rotation_matrix_inverse
-
-    world = (opf_axis_rotation_matrix_inverse @ tracks.matrix)[:3, :3] @ tracks.position.T
+    z_up = importlib.import_module("pyopf.pointcloud.pcl").opf_axis_rotation_matrix_inverse
+    world = (z_up @ tracks.matrix)[:3, :3] @ tracks.position.T
     shift = project.scene_reference_frame.base_to_canonical.shift
     np.testing.assert_allclose(world.T - shift, tie.position_world_m, rtol=0, atol=2e-6)
 
 
 def test_pix4ds_own_conversion_projects_with_the_same_residuals(tmp_path: Path) -> None:
     """The referee is opf2colmap: its rotations and OpenCV's projection of its parameters."""
-    pytest.importorskip("pyopf", reason="pyopf, Pix4D's library of OPF, is not installed")
-    import cv2
-    from pyopf.io import load
-    from pyopf.resolve import resolve
+    pyopf = opened_by_pyopf()
 
     solution = perspective()
     write_opf(tmp_path / "project", solution)
-    project = resolve(load(str(tmp_path / "project" / "project.opf")))
+    project = pyopf(tmp_path / "project")
     tie = solution.tie_points
     residual = []
     sensors = {int(s.id): s.internals for s in project.calibration.calibrated_cameras.sensors}
@@ -214,7 +219,8 @@ def test_nan_and_deep_nesting_are_refused(tmp_path: Path) -> None:
 
 
 FILES = ("project.opf", "camera-list.json", "input-cameras.json", "scene-reference-frame.json",
-         "calibrated-cameras.json", "input-control-points.json", "projected-control-points.json", "projected-input-cameras.json",
+         "calibrated-cameras.json", "input-control-points.json", "projected-control-points.json",
+         "projected-input-cameras.json",
          "tracks/tracks.gltf", "tracks/positions.bin", "tracks/matchPointIndexRanges.bin", "tracks/matchCameraIds.bin",
          "tracks/matchPixelCoordinates.bin", "tracks/matchFeatureIds.bin", "tracks/colors.bin")  # fmt: skip
 

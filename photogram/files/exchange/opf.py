@@ -284,7 +284,9 @@ def write_opf(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
             f"{folder}: OPF has no geocentric frame: transform the solution into a map or a local frame"
         )
     centres = [p.pose.position_world_m for p in solution.photographs if p.pose is not None]
-    shift = -np.round(np.mean(centres, axis=0)) if centres and solution.frame == "map" else np.zeros(3)
+    shift: FloatArray = np.zeros(3)
+    if centres and solution.frame == "map":
+        shift = np.asarray(-np.round(np.mean(centres, axis=0)), dtype=np.float64)
     left_out = list(_not_written(solution))
     make_folder(folder)
     writer = _Writer(folder)

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
 from photogram.files.exchange.json_nodes import Node, read_json
@@ -167,7 +167,7 @@ def write_tracks(path: Path, tie_points: TiePoints, uids: Sequence[int]) -> tupl
 
     Raises ExchangeError where a coordinate is beyond single precision, WorkspaceError where a file cannot be written.
     """
-    placed = np.isfinite(tie_points.position_world_m).all(axis=1)
+    placed: BoolArray = np.asarray(np.isfinite(tie_points.position_world_m).all(axis=1))
     tie = tie_points.select(placed)
     left_out = (
         (f"{things(int((~placed).sum()), 'tie point')} without a position left out.",) if not placed.all() else ()
