@@ -16,9 +16,11 @@ from photogram.errors import PhotogramError
 from photogram.wording import printable, shortened
 
 _DEEPEST = 50
+MOST_ELEMENTS = 2_000_000
+"""Of one document: those of 30 000 photographs, and 1 GB of memory."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Element:
     """An element of XML; ``line`` is that of its start."""
 
@@ -54,8 +56,8 @@ class Element:
             yield from child.below(tag)
 
 
-class _TooDeep(SAXException):
-    """Elements lie in one another as no program writes them."""
+class _TooMuch(SAXException):
+    """Elements are more, or lie deeper in one another, than programs write."""
 
 
 class _Builder(ContentHandler):
@@ -66,13 +68,17 @@ class _Builder(ContentHandler):
         self.root = Element("", {}, 1)
         self._open = [self.root]
         self._place: Locator | None = None
+        self._count = 0
 
     def setDocumentLocator(self, locator: Locator) -> None:  # noqa: N802  # SAX's own names
         self._place = locator
 
     def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802
+        self._count += 1
         if len(self._open) > _DEEPEST:
-            raise _TooDeep("elements lie too deep in one another")
+            raise _TooMuch("elements lie too deep in one another")
+        if self._count > MOST_ELEMENTS:
+            raise _TooMuch(f"it has more than {MOST_ELEMENTS} elements")
         line = self._place.getLineNumber() if self._place else 1
         element = Element(name, dict(attrs.items()), line or 1)
         self._open[-1].children.append(element)

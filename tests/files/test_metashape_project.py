@@ -235,6 +235,15 @@ def test_a_zip_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         read_metashape_project(path)
 
 
+def test_one_member_a_thousand_times_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photogram.files.exchange.metashape_project.MOST_UNPACKED_BYTES", 100_000)
+    path = tmp_path / "made.psz"
+    again = '<projections camera_id="0" path="projections0.ply"/>'
+    write_psz(path, small_solution(), (again, again * 1000))
+    with pytest.raises(ExchangeError, match="still read here"):
+        read_metashape_project(path)
+
+
 def test_a_count_beyond_the_file_allocates_nothing(tmp_path: Path) -> None:
     path = tmp_path / "made.psz"
     files = write_psz(path, small_solution())

@@ -7,7 +7,7 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -16,13 +16,18 @@ import pytest
 from foreign import assert_same_cameras, damaged, reprojection_rms_px, rotation_of, small_solution
 from hypothesis import given
 from hypothesis import strategies as st
-from makers import Json
+from makers import Json, SharedData
 
-from photogram.camera import Pose
+from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
+from photogram.files.exchange.metashape_cameras import read_metashape_cameras, write_metashape_cameras
 from photogram.files.exchange.opf import read_opf, write_opf
-from photogram.files.exchange.parsing import exact_omega_phi_kappa_deg, rotation_from_omega_phi_kappa
-from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.parsing import (
+    exact_omega_phi_kappa_deg,
+    rotation_from_omega_phi_kappa,
+    sorted_tie_points,
+)
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 
 MAP_ORIGIN = np.array([500_123.0, 5_400_456.0, 210.0])
 
@@ -237,6 +242,44 @@ def test_damaged_files_are_refused_or_read(tmp_path: Path, name: str) -> None:
         except ExchangeError:
             refused += 1
     assert refused > 40
+
+
+def test_a_real_scene_keeps_its_poses_and_residuals(tmp_path: Path, shared_data: SharedData) -> None:
+    """The scene is COLMAP's, as pycolmap reads and projects it; it goes through OPF and through Metashape's XML."""
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap, COLMAP's library, is not installed")
+    model = pycolmap.Reconstruction(str(shared_data("exchange/colmap_example_model_bin")))
+    numbers = sorted(model.images)
+    (camera,) = model.cameras.values()
+    f, cx, cy, k = camera.params
+    mine = Camera("c", camera.width, camera.height, f, np.array([cx, cy]) - 0.5, np.array([k, 0.0, 0.0, 0.0]))
+    poses, rows, squared = [], [], []
+    points = {number: i for i, number in enumerate(sorted(model.points3D))}
+    for i, number in enumerate(numbers):
+        image = model.images[number]
+        R = image.cam_from_world().rotation.matrix()
+        poses.append(Pose(R.T, -R.T @ image.cam_from_world().translation))
+        for p in image.points2D:
+            if p.has_point3D():
+                rows.append((points[p.point3D_id], i, *p.xy))
+                at = camera.img_from_cam(image.cam_from_world() * model.points3D[p.point3D_id].xyz)
+                squared.append(((at - p.xy) ** 2).sum())
+    table = np.array(rows)
+    position = np.array([model.points3D[number].xyz for number in sorted(model.points3D)])
+    tie = sorted_tie_points(table[:, 1].astype(np.int64), table[:, 0].astype(np.int64), table[:, 2:] - 0.5, position)
+    photographs = tuple(
+        ForeignPhotograph(PurePosixPath(model.images[number].name).name, 0, pose, PurePosixPath("a.jpg"))
+        for number, pose in zip(numbers, poses, strict=True)
+    )
+    solution = ForeignSolution("COLMAP", (mine,), photographs, tie)
+    rms = float(np.sqrt(np.mean(squared)))
+    assert reprojection_rms_px(solution) == pytest.approx(rms, rel=1e-9)
+    named = replace(solution, photographs=tuple(replace(p, file=PurePosixPath(p.name)) for p in photographs))
+    write_opf(tmp_path / "project", named)
+    write_metashape_cameras(tmp_path / "cameras.xml", named)
+    found, other = read_opf(tmp_path / "project"), read_metashape_cameras(tmp_path / "cameras.xml")
+    assert reprojection_rms_px(found) == pytest.approx(rms, rel=1e-4)
+    assert_same_cameras(found, named, 1e-9)
+    assert_same_cameras(other, named, 1e-12)
 
 
 def test_a_link_in_the_folder_is_not_followed(tmp_path: Path) -> None:

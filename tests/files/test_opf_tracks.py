@@ -45,6 +45,19 @@ def test_a_range_beyond_the_list_allocates_nothing(tmp_path: Path) -> None:
         read_tracks(path, {i: i for i in range(5)})
 
 
+def test_nodes_that_share_everything_a_thousand_times_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("photogram.files.exchange.opf_tracks.MOST_VALUES", 100_000)
+    path = tmp_path / "t.gltf"
+    write_tracks(path, small_solution().tie_points, [0, 1, 2, 3, 4])
+    value = json.loads(path.read_text(encoding="utf-8"))
+    value["nodes"] *= 1000
+    path.write_text(json.dumps(value), encoding="utf-8")
+    with pytest.raises(ExchangeError, match="share more values"):
+        read_tracks(path, {i: i for i in range(5)})
+
+
 def test_points_without_a_position_are_left_out(tmp_path: Path) -> None:
     tie = small_solution().tie_points
     tie.position_world_m[3] = np.nan

@@ -20,6 +20,12 @@ def test_elements_have_their_lines_and_text() -> None:
     assert second.first("d") is None
 
 
+def test_more_elements_than_programs_write_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("photogram.files.xml_elements.MOST_ELEMENTS", 10)
+    with pytest.raises(ExchangeError, match="more than 10 elements"):
+        elements_of(b"<a>" + b"<b/>" * 10 + b"</a>", PATH, ExchangeError, "remedy")
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [

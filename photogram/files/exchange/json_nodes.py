@@ -15,6 +15,7 @@ from photogram.files.exchange.parsing import text_of
 from photogram.wording import printable, shortened
 
 _LARGEST_WHOLE = 2**64 - 1
+_MOST_BYTES = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _constant(text: str) -> float:
 def read_json(path: Path) -> Node:
     """Return the root of a file of JSON. Raises ExchangeError where it is none, or holds NaN or infinity."""
     try:
-        return Node(json.loads(text_of(path), parse_constant=_constant), str(path))
+        return Node(json.loads(text_of(path, _MOST_BYTES), parse_constant=_constant), str(path))
     except json.JSONDecodeError as fault:
         raise ExchangeError(f"{path}:{fault.lineno}: is not JSON ({fault.msg}): export the file again") from fault
     except (ValueError, RecursionError) as fault:

@@ -40,7 +40,7 @@ from photogram.projection import Model
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
-MOST_XML_BYTES = 500_000_000
+MOST_XML_BYTES = 200_000_000
 _MODELS: dict[str, Model] = {"frame": "brown", "fisheye": "fisheye"}
 _HELD = ("f", "fx", "fy", "cx", "cy", "b1", "b2", "skew", "k1", "k2", "k3", "k4", "p1", "p2")
 _NOT_HELD = ("p3", "p4", "k5", "k6")

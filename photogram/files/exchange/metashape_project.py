@@ -30,7 +30,9 @@ from photogram.files.xml_elements import Element, elements_of
 from photogram.survey import TiePoints
 from photogram.wording import printable, shortened, some, things
 
-MOST_CLOUD_BYTES = 1_000_000_000
+MOST_UNPACKED_BYTES = 2_000_000_000
+"""Of one archive: 100 million projections."""
+
 _DOCUMENT = "doc.xml"
 _REMEDY = "save the project in Metashape again"
 _PROJECT_NAME = "{projectname}"
@@ -42,6 +44,7 @@ class _Archive:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._left = MOST_UNPACKED_BYTES
         try:
             ordinary_size(path)
             self._zip = zipfile.ZipFile(path)
@@ -53,9 +56,11 @@ class _Archive:
     def close(self) -> None:
         self._zip.close()
 
-    def read(self, name: str, most_bytes: int) -> bytes:
-        """Return a member. Raises ExchangeError where it is missing, damaged or larger than ``most_bytes``."""
+    def read(self, name: str, most_bytes: int = MOST_UNPACKED_BYTES) -> bytes:
+        """Return a member. Raises ExchangeError where it is missing, damaged or larger than ``most_bytes``, or all that
+        was read of the archive is larger than an archive may be."""
         place = f"{self.path}: {printable(shortened(name))}"
+        most_bytes = min(most_bytes, self._left)
         try:
             with self._zip.open(name) as stream:  # its stated size may be untrue: no more is unpacked than may be
                 data = stream.read(most_bytes + 1)
@@ -64,7 +69,8 @@ class _Archive:
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as fault:
             raise ExchangeError(f"{place} is damaged ({printable(shortened(str(fault)))}): {_REMEDY}") from fault
         if len(data) > most_bytes:
-            raise ExchangeError(f"{place} has more than the {most_bytes / 1e6:.0f} MB that are read here")
+            raise ExchangeError(f"{place} has more than the {most_bytes / 1e6:.1f} MB that are still read here")
+        self._left -= len(data)
         return data
 
 
@@ -182,7 +188,7 @@ def _cloud_element(frame: Element | None) -> Element | None:
 def _cloud_of(archive: _Archive, element: Element) -> _Cloud:
     def member(child: Element | None) -> bytes | None:
         name = "" if child is None else child.attributes.get("path", "")
-        return archive.read(name, MOST_CLOUD_BYTES) if name else None
+        return archive.read(name) if name else None
 
     projections = []
     for child in element.all("projections"):

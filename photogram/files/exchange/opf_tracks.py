@@ -30,6 +30,8 @@ _NAMES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _NO_FEATURE = np.uint64(2**64 - 1)
 _LARGEST_FLOAT = 3e38
+MOST_VALUES = 500_000_000
+"""Of all accessors that are read: those of 60 million observations."""
 
 
 class _Arrays:
@@ -37,13 +39,15 @@ class _Arrays:
 
     def __init__(self, path: Path, root: Node) -> None:
         self._folder, self._root = path.parent, root
-        self._buffers: dict[int, bytes] = {}
+        self._buffers: dict[Path, bytes] = {}
+        self._left = MOST_VALUES
 
     def _buffer(self, number: int) -> bytes:
-        if number not in self._buffers:
-            uri = self._root.get("buffers").item(number).get("uri")
-            self._buffers[number] = bytes_of(part_of(self._folder, unquote(uri.text()), uri.place))
-        return self._buffers[number]
+        uri = self._root.get("buffers").item(number).get("uri")
+        path = part_of(self._folder, unquote(uri.text()), uri.place)
+        if path not in self._buffers:
+            self._buffers[path] = bytes_of(path)
+        return self._buffers[path]
 
     def of(self, number: int, kind: str, width: int) -> NDArray[np.generic]:
         """Return an accessor (N, width), or (N,) for a scalar. Raises ExchangeError where it is of another type, or its
@@ -64,6 +68,9 @@ class _Arrays:
                 f"{accessor.place}: has {things(count, 'element')}, its buffer has place for "
                 f"{max(len(data) - start, 0) // size}: the file was cut off, export the project again"
             )
+        self._left -= count * width
+        if self._left < 0:
+            raise ExchangeError(f"{accessor.place}: nodes share more values than the {MOST_VALUES} that are read")
         values = np.frombuffer(data, kind, count * width, start)
         return values if width == 1 else values.reshape(-1, width)
 
