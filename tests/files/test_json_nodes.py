@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from photogram.errors import ExchangeError
-from photogram.files.exchange.json_nodes import Node, read_json
+from photogram.files.exchange.pix4d.json_nodes import Node, read_json
 
 
 def test_values_have_their_place(tmp_path: Path) -> None:

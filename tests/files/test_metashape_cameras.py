@@ -15,7 +15,7 @@ from pyproj import Transformer
 from photogram.arrays import FloatArray
 from photogram.camera import Pose, project
 from photogram.errors import ExchangeError
-from photogram.files.exchange.metashape_cameras import read_metashape_cameras, write_metashape_cameras
+from photogram.files.exchange.metashape.metashape_cameras import read_metashape_cameras, write_metashape_cameras
 
 UTM = 'PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",DATUM["World Geodetic System 1984"]],AUTHORITY["EPSG","32632"]]'
 EXPORT = f"""<?xml version="1.0" encoding="UTF-8"?>

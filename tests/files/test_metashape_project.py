@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from photogram.camera import omega_phi_kappa_deg
 from photogram.errors import ExchangeError
-from photogram.files.exchange.metashape_cameras import write_metashape_cameras
-from photogram.files.exchange.metashape_project import read_metashape_project
+from photogram.files.exchange.metashape.metashape_cameras import write_metashape_cameras
+from photogram.files.exchange.metashape.metashape_project import read_metashape_project
 from photogram.files.exchange.solution import ForeignSolution
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<u4")])
@@ -227,7 +227,7 @@ def test_names_that_lead_out_of_the_folder_are_refused(tmp_path: Path, name: str
 
 
 def test_a_zip_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photogram.files.exchange.metashape_project.MOST_XML_BYTES", 100_000)
+    monkeypatch.setattr("photogram.files.exchange.metashape.metashape_project.MOST_XML_BYTES", 100_000)
     path = tmp_path / "made.psz"
     path.write_bytes(archived({"doc.xml": b"<a>" + b" " * 50_000_000 + b"</a>"}))
     assert path.stat().st_size < 100_000
@@ -236,7 +236,7 @@ def test_a_zip_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_one_member_a_thousand_times_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("photogram.files.exchange.metashape_project.MOST_UNPACKED_BYTES", 100_000)
+    monkeypatch.setattr("photogram.files.exchange.metashape.metashape_project.MOST_UNPACKED_BYTES", 100_000)
     path = tmp_path / "made.psz"
     again = '<projections camera_id="0" path="projections0.ply"/>'
     write_psz(path, small_solution(), (again, again * 1000))

@@ -20,13 +20,13 @@ from makers import Json, SharedData
 
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.files.exchange.metashape_cameras import read_metashape_cameras, write_metashape_cameras
-from photogram.files.exchange.opf import read_opf, write_opf
+from photogram.files.exchange.metashape.metashape_cameras import read_metashape_cameras, write_metashape_cameras
 from photogram.files.exchange.parsing import (
     exact_omega_phi_kappa_deg,
     rotation_from_omega_phi_kappa,
     sorted_tie_points,
 )
+from photogram.files.exchange.pix4d.opf import read_opf, write_opf
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 
 MAP_ORIGIN = np.array([500_123.0, 5_400_456.0, 210.0])

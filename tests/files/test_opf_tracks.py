@@ -10,7 +10,7 @@ import pytest
 from foreign import small_solution
 
 from photogram.errors import ExchangeError
-from photogram.files.exchange.opf_tracks import read_tracks, write_tracks
+from photogram.files.exchange.pix4d.opf_tracks import read_tracks, write_tracks
 
 
 def test_matches_of_unknown_cameras_are_left_out_with_a_sentence(tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_a_range_beyond_the_list_allocates_nothing(tmp_path: Path) -> None:
 def test_nodes_that_share_everything_a_thousand_times_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("photogram.files.exchange.opf_tracks.MOST_VALUES", 100_000)
+    monkeypatch.setattr("photogram.files.exchange.pix4d.opf_tracks.MOST_VALUES", 100_000)
     path = tmp_path / "t.gltf"
     write_tracks(path, small_solution().tie_points, [0, 1, 2, 3, 4])
     value = json.loads(path.read_text(encoding="utf-8"))

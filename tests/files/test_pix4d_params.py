@@ -10,7 +10,7 @@ from foreign import assert_refused_or_read, assert_same_cameras, small_solution
 
 from photogram.camera import project
 from photogram.errors import ExchangeError
-from photogram.files.exchange.pix4d_params import PARAMETERS, read_pix4d_cam, read_pix4d_params
+from photogram.files.exchange.pix4d.pix4d_params import PARAMETERS, read_pix4d_cam, read_pix4d_params
 from photogram.files.exchange.solution import ForeignSolution
 
 HEADER = """fileName imageWidth imageHeight

@@ -144,11 +144,11 @@ def camera_of(
     values = np.array([focal_px, *principal_point_px, *k, *tangential, *affinity])
     if not np.isfinite(sides).all() or np.any(sides < 1) or np.any(sides > _LARGEST_SIDE_PX) or np.any(sides % 1):
         raise ExchangeError(f"{place}: a photograph of {size_px[0]:g} × {size_px[1]:g} px: correct width and height")
-    if not np.isfinite(values).all() or not 0 < focal_px < _LARGEST_COEFFICIENT:
+    if not 0 < focal_px < _LARGEST_COEFFICIENT:
         raise ExchangeError(
             f"{place}: the focal length is {focal_px:g} px: it must be positive, correct the calibration"
         )
-    if np.abs(values).max() > _LARGEST_COEFFICIENT:
+    if not np.abs(values).max() <= _LARGEST_COEFFICIENT:
         raise ExchangeError(
             f"{place}: the calibration has the value {np.abs(values).max():g}, which no lens has: correct it"
         )

@@ -2,7 +2,7 @@
 
 A `.psz` holds doc.xml and its clouds. A `.psx` names project.zip in its folder, that names a chunk.zip for each chunk,
 that a frame.zip for each frame, that the archive of tie points; each holds a doc.xml with an element of its own. What
-the XML says is read by `metashape_cameras`. Tie points are binary PLY: points (x, y, z in the chunk's coordinates, id),
+the XML says is read by `metashape_chunk`. Tie points are binary PLY: points (x, y, z in the chunk's coordinates, id),
 for each photograph projections (x, y, size, id), pixels with the centre of the top-left one at (0.5, 0.5), and tracks
 (red, green, blue), the colour of the point whose id is its place in the list.
 """
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import ExchangeError
 from photogram.files.clouds.binary_ply import vertices_of
-from photogram.files.exchange.metashape_cameras import MOST_XML_BYTES, Chunk, read_chunk
+from photogram.files.exchange.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
 from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, no_tie_points, part_of, sorted_tie_points
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.reading import ordinary_size
@@ -201,7 +201,7 @@ def _cloud_of(archive: _Archive, element: Element) -> _Cloud:
 
 
 def _vertices(place: str, what: str, data: bytes, *names: str) -> NDArray[np.void]:
-    """Return the vertices of PLY data that have these properties; the last may be called track_id as well."""
+    """Return the vertices of PLY data that have these properties. Raises ExchangeError where they are none."""
     try:
         vertices = vertices_of(data)
     except ValueError as fault:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote, unquote
@@ -21,8 +21,6 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.exchange.json_nodes import Node, read_json
-from photogram.files.exchange.opf_tracks import read_tracks, write_tracks
 from photogram.files.exchange.parsing import (
     HALF_PIXEL,
     camera_of,
@@ -36,6 +34,8 @@ from photogram.files.exchange.parsing import (
     pose_of,
     rotation_from_omega_phi_kappa,
 )
+from photogram.files.exchange.pix4d.json_nodes import Node, read_json
+from photogram.files.exchange.pix4d.opf_tracks import read_tracks, write_tracks
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
@@ -341,8 +341,8 @@ class _Writer:
 
     def item(self, name: str, resources: list[dict[str, str]], *sources: str) -> None:
         """Note an item of these resources and sources."""
-        kind: Callable[[str], dict[str, str]] = lambda n: {"id": _id(n), "type": n.replace("-", "_")}  # noqa: E731
-        self._items.append({**kind(name), "resources": resources, "sources": [kind(source) for source in sources]})
+        item = _reference(name)
+        self._items.append({**item, "resources": resources, "sources": [_reference(source) for source in sources]})
 
     def finish(self, program: str) -> None:
         """Write the project."""
@@ -356,6 +356,11 @@ class _Writer:
             "items": self._items,
         }
         self._write(PROJECT, value)
+
+
+def _reference(name: str) -> dict[str, str]:
+    """Return an item of a project by its id and type, as others name it among their sources."""
+    return {"id": _id(name), "type": name.replace("-", "_")}
 
 
 def _id(name: str) -> str:

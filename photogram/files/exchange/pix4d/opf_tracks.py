@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
-from photogram.files.exchange.json_nodes import Node, read_json
 from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, no_tie_points, part_of, sorted_tie_points
+from photogram.files.exchange.pix4d.json_nodes import Node, read_json
 from photogram.survey import TRANSFERRED, TiePoints
 from photogram.wording import things
 

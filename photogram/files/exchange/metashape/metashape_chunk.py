@@ -1,4 +1,4 @@
-"""Cameras of Agisoft Metashape and PhotoScan as XML (File, Export, Export Cameras), and the chunks of their projects.
+"""A chunk of Agisoft Metashape and PhotoScan as XML: sensors, cameras, markers, and where they are.
 
 Metashape's pixels have the centre of the top-left one at (0.5, 0.5), its cameras look along +z with x to the right and
 y down, and its formulas are photogram's with p1 and p2 exchanged (Agisoft Metashape User Manual, Professional Edition,
@@ -9,49 +9,36 @@ where the chunk has a CRS, else to the local ones of its markers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose
-from photogram.crs import written_crs
-from photogram.errors import ExchangeError, PhotogramError
-from photogram.files.atomic import replacing
+from photogram.errors import ExchangeError
 from photogram.files.exchange.parsing import (
     HALF_PIXEL,
-    bytes_of,
     camera_of,
     check_photographs,
-    check_writable,
     crs_of,
     file_of,
-    no_tie_points,
     number_of,
     numbers_of,
     pose_of,
 )
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
-from photogram.files.xml_elements import Element, elements_of
+from photogram.files.exchange.solution import ForeignPhotograph, Frame
+from photogram.files.xml_elements import Element
 from photogram.projection import Model
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
 MOST_XML_BYTES = 200_000_000
-_MODELS: dict[str, Model] = {"frame": "brown", "fisheye": "fisheye"}
+MODELS: dict[str, Model] = {"frame": "brown", "fisheye": "fisheye"}
 _HELD = ("f", "fx", "fy", "cx", "cy", "b1", "b2", "skew", "k1", "k2", "k3", "k4", "p1", "p2")
 _NOT_HELD = ("p3", "p4", "k5", "k6")
 _TRUE = ("true", "1")
 _UNKNOWN_SIGMA_PX = 1.0
-_WGS_84 = (
-    'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,298.257223563,'
-    'AUTHORITY["EPSG","7030"]],TOWGS84[0,0,0,0,0,0,0],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,'
-    'AUTHORITY["EPSG","8901"]],UNIT["degree",0.01745329251994328,AUTHORITY["EPSG","9102"]],AUTHORITY["EPSG","4326"]]'
-)
-_LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 _REMEDY = "export the cameras from Metashape again"
 
 
@@ -100,35 +87,6 @@ class _Notes:
     def count(self, number: int, one: str, several: str, what: str) -> None:
         if number:
             self.sentences.append(f"{things(number, one, several)} {what}.")
-
-
-# ---- reading -------------------------------------------------------------------------------------------------------
-
-
-def read_metashape_cameras(path: Path) -> ForeignSolution:
-    """Return the cameras and photographs of an export of cameras; markers too where the file has them.
-
-    Coordinates are geocentric where the chunk has a CRS and a transform, else local. Raises ExchangeError with the line
-    where the file is none of Metashape, is damaged, or has a camera model that photogram has not.
-    """
-    root = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY)
-    chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
-    held = [chunk for chunk in chunks if any(chunk.all("cameras"))]
-    if len(held) != 1:
-        raise ExchangeError(f"{path}:1: holds cameras of {things(len(held), 'chunk')}: export those of one chunk")
-    frames = list(held[0].all("frames", "frame"))
-    chunk = read_chunk(path, held[0], frames[0] if frames else None)
-    return ForeignSolution(
-        program="Agisoft Metashape",
-        cameras=chunk.cameras,
-        photographs=chunk.photographs,
-        tie_points=no_tie_points(),
-        ground_points=chunk.ground_points if len(chunk.ground_points) else None,
-        frame=chunk.frame,
-        crs=chunk.crs,
-        stated_tie_sigma_px=chunk.tie_sigma_px,
-        left_out=chunk.left_out,
-    )
 
 
 def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
@@ -194,7 +152,7 @@ def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:
     label = sensor.attributes.get("label", "") or "unknown"
     place = f"{_place(path, calibration)}: sensor {printable(shortened(label))}"
     kind = calibration.attributes.get("type") or sensor.attributes.get("type") or "frame"
-    if kind not in _MODELS:
+    if kind not in MODELS:
         raise ExchangeError(
             f"{place}: has the camera model {printable(shortened(kind))}, which photogram has not: only frame and "
             "fisheye cameras are read"
@@ -232,7 +190,7 @@ def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:
         tuple(q.get(name, 0.0) for name in ("k1", "k2", "k3", "k4")),
         (q.get("p2", 0.0), q.get("p1", 0.0)),
         (b1, b2),
-        _MODELS[kind],
+        MODELS[kind],
     )
 
 
@@ -419,136 +377,3 @@ def _note_rest(chunk: Element, notes: _Notes) -> None:
         if child.tag not in kept and (child.children or child.text):
             name = words.get(child.tag, f"the element {printable(shortened(child.tag))}")
             notes.sentences.append(f"{name[:1].upper()}{name[1:]} left out.")
-
-
-# ---- writing -------------------------------------------------------------------------------------------------------
-
-
-def write_metashape_cameras(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
-    """Write cameras, poses and measured positions for Metashape's File, Import, Import Cameras; returns sentences about
-    what the file cannot hold.
-
-    Photographs are named by their labels, the names of their files. Raises ExchangeError where a value is not finite or
-    the CRS of measured positions has no WKT, WorkspaceError where the file cannot be written.
-    """
-    check_writable(path, solution)
-    document = ElementTree.Element("document", version="2.0.0")
-    chunk = ElementTree.SubElement(document, "chunk", label="photogram", enabled="true")
-    sensors = ElementTree.SubElement(chunk, "sensors", next_id=str(len(solution.cameras)))
-    for i, camera in enumerate(solution.cameras):
-        _write_sensor(sensors, i, camera)
-    listed = ElementTree.SubElement(chunk, "cameras", next_id=str(len(solution.photographs)), next_group_id="0")
-    for i, photograph in enumerate(solution.photographs):
-        _write_camera(listed, i, photograph)
-    reference, similarity, left_out = _written_frame(path, solution)
-    ElementTree.SubElement(chunk, "reference").text = reference
-    transform = ElementTree.SubElement(chunk, "transform")
-    ElementTree.SubElement(transform, "rotation").text = _numbers(similarity.rotation)
-    ElementTree.SubElement(transform, "translation").text = _numbers(similarity.translation)
-    ElementTree.SubElement(transform, "scale").text = repr(similarity.scale)
-    ElementTree.indent(document)
-    text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, encoding="unicode") + "\n"
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
-    return tuple(left_out)
-
-
-def _numbers(values: FloatArray) -> str:
-    return " ".join(repr(float(value)) for value in values.ravel())
-
-
-def _write_sensor(sensors: ElementTree.Element, number: int, camera: Camera) -> None:
-    kind = next(name for name, model in _MODELS.items() if model == camera.model)
-    size = {"width": str(camera.width_px), "height": str(camera.height_px)}
-    sensor = ElementTree.SubElement(sensors, "sensor", id=str(number), label=camera.name, type=kind)
-    ElementTree.SubElement(sensor, "resolution", size)
-    calibration = ElementTree.SubElement(sensor, "calibration", {"type": kind, "class": "adjusted"})
-    ElementTree.SubElement(calibration, "resolution", size)
-    cx, cy = camera.principal_point_px + HALF_PIXEL
-    values = {
-        "f": camera.focal_px,
-        "cx": cx - camera.width_px / 2,
-        "cy": cy - camera.height_px / 2,
-        **dict(zip(("b1", "b2"), camera.affinity, strict=True)),
-        **dict(zip(("k1", "k2", "k3", "k4"), camera.radial, strict=True)),
-        "p1": camera.tangential[1],
-        "p2": camera.tangential[0],
-    }
-    for name, value in values.items():
-        ElementTree.SubElement(calibration, name).text = repr(float(value))
-
-
-def _write_camera(cameras: ElementTree.Element, number: int, photograph: ForeignPhotograph) -> None:
-    element = ElementTree.SubElement(
-        cameras, "camera", id=str(number), sensor_id=str(photograph.camera), label=photograph.name, enabled="true"
-    )
-    if photograph.pose is not None:
-        M = np.eye(4)
-        M[:3, :3], M[:3, 3] = photograph.pose.rotation_world_from_camera, photograph.pose.position_world_m
-        ElementTree.SubElement(element, "transform").text = _numbers(M)
-    if photograph.measured is not None:
-        values = dict(zip("xyz", photograph.measured, strict=True))
-        if photograph.measured_sigma_m is not None and np.isfinite(photograph.measured_sigma_m).all():
-            values |= dict(zip(("sx", "sy", "sz"), photograph.measured_sigma_m, strict=True))
-        text = {name: repr(float(value)) for name, value in values.items()}
-        ElementTree.SubElement(element, "reference", {**text, "enabled": "true"})
-
-
-def _written_frame(path: Path, solution: ForeignSolution) -> tuple[str, Similarity, list[str]]:
-    """Return the CRS of the chunk, its transform, and what they leave out."""
-    same = Similarity(1.0, np.eye(3), np.zeros(3))
-    left_out = list(_not_written(solution))
-    measured = any(photograph.measured is not None for photograph in solution.photographs)
-    if solution.frame in ("geocentric", "topocentric"):
-        wkt = _WGS_84 if solution.crs is None else _wkt(path, solution.crs)
-        if solution.origin_lla is not None:
-            return wkt, _geocentric_from_topocentric(solution.origin_lla), left_out
-        return wkt, same, left_out
-    if solution.crs is not None and (measured or solution.frame == "map"):
-        if solution.frame == "local":
-            raise ExchangeError(
-                f"{path}: measured positions are in {shortened(solution.crs)} and poses are not: Metashape has one "
-                "frame for both, so transform the solution first, or leave the positions out"
-            )
-        left_out.append("The CRS is left out: Metashape would take coordinates of a map for geocentric ones.")
-    return _LOCAL, same, left_out
-
-
-def _wkt(path: Path, name: str) -> str:
-    if "[" in name:
-        return name
-    if name in ("EPSG:4326", "EPSG:4979"):
-        return _WGS_84
-    try:
-        crs = written_crs(name)
-        return _WGS_84 if crs is None else str(crs.to_wkt("WKT1_GDAL"))
-    except (PhotogramError, ValueError, RuntimeError) as fault:
-        raise ExchangeError(f"{path}: the CRS {shortened(name)} has no WKT ({shortened(str(fault))})") from fault
-
-
-def _geocentric_from_topocentric(origin_lla: tuple[float, float, float]) -> Similarity:
-    """Return the transform from east, north, up at an origin to geocentric coordinates of WGS 84 (Hofmann-Wellenhof,
-    Lichtenegger & Wasle 2008, eqs. 8.5 and 8.59)."""
-    a, flattening = 6378137.0, 1 / 298.257223563
-    e2 = flattening * (2 - flattening)
-    latitude, longitude = np.radians(origin_lla[:2])
-    sin_b, cos_b, sin_l, cos_l = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    n, h = a / np.sqrt(1 - e2 * sin_b**2), origin_lla[2]
-    origin = np.array([(n + h) * cos_b * cos_l, (n + h) * cos_b * sin_l, (n * (1 - e2) + h) * sin_b])
-    east = [-sin_l, cos_l, 0.0]
-    north = [-sin_b * cos_l, -sin_b * sin_l, cos_b]
-    up = [cos_b * cos_l, cos_b * sin_l, sin_b]
-    return Similarity(1.0, np.column_stack([east, north, up]), origin)
-
-
-def _not_written(solution: ForeignSolution) -> Iterator[str]:
-    if len(solution.tie_points):
-        yield f"{things(len(solution.tie_points), 'tie point')} left out: an export of cameras has none."
-    if solution.ground_points is not None and len(solution.ground_points):
-        yield (
-            f"{things(len(solution.ground_points), 'ground point')} left out: Metashape imports markers from a file of "
-            "their own."
-        )
-    moved = sum(str(photograph.file) != photograph.name for photograph in solution.photographs)
-    if moved:
-        yield f"The folders of {things(moved, 'photograph')} left out: Metashape knows them by their names."
