@@ -169,6 +169,24 @@ def geodetic_from_map(crs: str, points_map_m: FloatArray, datum_grid: str | None
     return np.column_stack([lon, lat, height])
 
 
+def geodetic_from_geocentric(points_m: FloatArray) -> FloatArray:
+    """Return WGS 84 longitude and latitude in degrees and ellipsoidal height in m (N, 3) of geocentric points (N, 3),
+    m."""
+    turned = Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True).transform(*np.asarray(points_m).T)
+    return np.column_stack(turned)
+
+
+def geodetic_from_topocentric(origin_lla: tuple[float, float, float], points_m: FloatArray) -> FloatArray:
+    """Return WGS 84 longitude and latitude in degrees and ellipsoidal height in m (N, 3) of points (N, 3) along east,
+    north and up at an origin of such latitude, longitude and height."""
+    latitude, longitude, height = origin_lla
+    pipeline = Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
+        f"+step +proj=topocentric +ellps=WGS84 +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
+    )
+    return np.column_stack(pipeline.transform(*np.asarray(points_m).T, direction="INVERSE"))
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``.

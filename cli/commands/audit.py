@@ -1,0 +1,32 @@
+"""photogram audit: another program's solution, adjusted again. Arguments only; the work is in `photogram.cli.work`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.cli.app import app
+
+
+@app.command()
+def audit(
+    solution: Annotated[
+        Path,
+        typer.Argument(help="A finished project of another program: its file or folder.", show_default=False),
+    ],
+    crs: Annotated[
+        str | None,
+        typer.Option(help="CRS of its ground points and positions, where the files do not say it.", show_default=False),
+    ] = None,
+    check: Annotated[
+        list[str] | None,
+        typer.Option(help="A ground point that is taken as a check point here; may be repeated.", show_default=False),
+    ] = None,
+    output: Annotated[Path, typer.Option(help="Folder for audit.html and audit.json.")] = Path("audit"),
+) -> None:
+    """Adjust the measurements of another program's solution again, and show both results beside each other."""
+    from photogram.cli.work.audit import run
+
+    run(solution, crs, check or [], output)

@@ -1,0 +1,142 @@
+"""Solutions with a fault, as another program would leave them: the audit names the fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from audited_solutions import Fault, solution_with
+
+from photogram.audit.audit import Audit, audited
+from photogram.audit.findings import contradictions, left_out
+from photogram.audit.foreign_block import foreign_block, freed, with_checks
+from photogram.audit.tables import tables
+from photogram.camera import Camera
+from photogram.errors import ExchangeError
+
+
+@cache
+def audit_of(fault: Fault) -> Audit:
+    solution = solution_with(fault)
+    return audited(solution, foreign_block(solution))
+
+
+def test_a_sound_solution_is_told_to_be_sound() -> None:
+    """Both figures agree with each other and with the truth: no accusation, sigma0 1, differences within noise."""
+    audit = audit_of("none")
+    assert contradictions(audit) == ()
+    assert audit.same is not None
+    assert audit.same.sigma0 == pytest.approx(1.0, abs=0.08)
+    assert audit.theirs.tie_rms_px == pytest.approx(audit.ours_fit.tie_rms_px, rel=0.03)
+    assert audit.theirs.mark_rms_px == pytest.approx(audit.ours_fit.mark_rms_px, rel=0.2)
+    assert max(pose.sigmas for pose in audit.poses) < 2.0
+    assert audit.bend is not None
+    assert abs(audit.bend.dome_m) < 2.0 * audit.bend.sigma_m
+    assert audit.theirs.check.n == 4
+    assert audit.ours_fit.check.rmse_h_m < 0.05
+
+
+def test_exchanged_control_points_are_named_by_an_adjustment_that_was_bent_by_them() -> None:
+    audit = audit_of("swapped")
+    points = audit.start.block.control_points
+    a, b = [name for name, role in zip(points.name, points.role, strict=True) if role == "control"][:2]
+    said = " ".join(contradictions(audit))
+    assert a in said
+    assert b in said
+    assert audit.theirs.check.rmse_h_m > 10.0 * audit.ours_fit.check.rmse_h_m
+
+
+def test_a_wrong_principal_point_is_named() -> None:
+    found = contradictions(audit_of("principal point"))
+    (said,) = [sentence for sentence in found if sentence.startswith("Principal point in x")]
+    assert "their own measurements give" in said
+    assert not any(sentence.startswith(("Focal", "Principal point in y")) for sentence in found)
+
+
+def test_a_bent_block_is_named() -> None:
+    audit = audit_of("bent")
+    said = [sentence for sentence in contradictions(audit) if sentence.startswith("The block is bent")]
+    assert len(said) == 1
+    assert audit.bend is not None
+    assert abs(audit.bend.dome_m) > 0.1
+
+
+def test_what_their_figures_leave_out() -> None:
+    said = " ".join(left_out(audit_of("none")))
+    assert "How well the projection centres are known" in said
+    assert "What all other observations predict for each of 8 control points" in said
+
+
+def test_weights_are_said_where_the_scatter_is_another() -> None:
+    audit = audit_of("none")
+    coarse = replace(audit.solution, stated_tie_sigma_px=2.0)
+    again = audited(coarse, foreign_block(coarse))
+    assert again.same is not None
+    assert again.same.sigma0 < 0.5
+    assert any(sentence.startswith("Weights: tie points of simulated scatter by 0.49") for sentence in left_out(again))
+
+
+def test_the_tables_hold_every_figure() -> None:
+    found = tables(audit_of("none"))
+    assert [row.name for row in found.figures][:2] == ["Tie points: RMS of a residual", "Marks: RMS of a residual"]
+    assert {row.parameter for row in found.calibrations} >= {"focal length", "k1", "p2"}
+    assert len(found.poses) == 15
+    assert float(found.poses[0].sigmas) >= float(found.poses[-1].sigmas)
+    assert "a similarity brought it to its control points" in found.about
+
+
+def test_a_free_network_is_compared_in_its_own_unit() -> None:
+    solution = replace(audit_of("none").solution, ground_points=None, crs=None)
+    start = foreign_block(solution)
+    assert start.block.is_free
+    audit = audited(solution, start)
+    assert contradictions(audit) == ()
+    assert audit.bend is None
+    assert "free network" in tables(audit).about
+
+
+def test_a_solution_without_a_pose_is_refused() -> None:
+    solution = audit_of("none").solution
+    bare = replace(solution, photographs=tuple(replace(p, pose=None) for p in solution.photographs))
+    with pytest.raises(ExchangeError, match="no photograph is oriented"):
+        foreign_block(bare)
+
+
+def test_a_crs_that_does_not_fit_is_said() -> None:
+    with pytest.raises(ExchangeError, match="--crs"):
+        foreign_block(replace(audit_of("none").solution, crs="EPSG:99999"))
+
+
+def test_terms_that_the_program_used_are_freed() -> None:
+    camera = Camera("c", 1000, 800, 900.0, np.array([500.0, 400.0]), radial=np.array([0.1, 0.0, 0.0, 0.01]))
+    free = freed(camera).sigmas > 0.0
+    assert free.tolist() == [True] * 9 + [False] * 2
+    fisheye = freed(replace(camera, model="fisheye", radial=np.zeros(4)))
+    assert (fisheye.sigmas > 0.0).tolist() == [True] * 6 + [False] * 5
+
+
+def test_control_points_may_be_taken_as_checks() -> None:
+    solution = solution_with("none")
+    points = solution.ground_points
+    assert points is not None
+    name = points.name[0]
+    again = with_checks(solution, [name])
+    assert again.ground_points is not None
+    assert again.ground_points.role.count("check") == points.role.count("check") + 1
+    assert with_checks(solution, []) is solution
+    with pytest.raises(ExchangeError, match="P99: no such ground point"):
+        with_checks(solution, ["P99"])
+
+
+def test_nominal_sigmas_of_marks_accuse_nobody() -> None:
+    """0.05 px, which no hand reaches: they scatter by 0.3 px, and that is said."""
+    solution = solution_with("none")
+    points = solution.ground_points
+    assert points is not None
+    nominal = replace(points, mark_sigma_px=np.full(len(points.mark_sigma_px), 0.05))
+    audit = audited(again := replace(solution, ground_points=nominal), foreign_block(again))
+    assert contradictions(audit) == ()
+    assert audit.mark_factor * 0.05 == pytest.approx(float(np.median(points.mark_sigma_px)), rel=0.25)
+    assert any(sentence.startswith("Weights: marks scatter by") for sentence in left_out(audit))

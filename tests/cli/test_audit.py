@@ -1,0 +1,63 @@
+"""The command `photogram audit`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from audited_solutions import solution_with
+
+from photogram.files.exchange.colmap.sparse_models import write_colmap
+from photogram.files.exchange.opensfm.reconstructions import write_opensfm
+
+Photogram = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sparse model of COLMAP in its usual folder."""
+    folder = tmp_path_factory.mktemp("project") / "sparse" / "0"
+    folder.mkdir(parents=True)
+    write_colmap(folder, solution_with("none"))
+    return folder
+
+
+def test_a_solution_is_audited(tmp_path: Path, photogram: Photogram, model: Path) -> None:
+    outcome = photogram("audit", model.parents[1], "--output", tmp_path / "audit")
+    assert outcome.code == 0, outcome.err
+    assert "Nothing contradicts the result." in outcome.out
+    found = json.loads((tmp_path / "audit" / "audit.json").read_text(encoding="utf-8"))
+    assert found["program"].startswith("COLMAP")
+    assert found["contradictions"] == []
+    assert len(found["poses"]) == 15
+    page = (tmp_path / "audit" / "audit.html").read_text(encoding="utf-8")
+    assert "Audit of a solution of COLMAP" in page
+    assert "free network" in page
+    for row in found["figures"]:
+        assert row["name"] in page
+        assert row["ours"] in page
+    assert "<script" not in page
+
+
+def test_the_same_solution_by_way_of_another_program_has_the_same_figures(
+    tmp_path: Path, photogram: Photogram, model: Path
+) -> None:
+    written = tmp_path / "opensfm"
+    written.mkdir()
+    write_opensfm(written, solution_with("none"))
+    rms = []
+    for name, path in (("colmap", model), ("opensfm", written)):
+        assert photogram("audit", path, "--output", tmp_path / name).code == 0
+        found = json.loads((tmp_path / name / "audit.json").read_text(encoding="utf-8"))
+        rms.append(found["figures"][0]["theirs"])
+    assert rms[0] == rms[1]
+
+
+def test_what_is_no_solution_is_said_and_nothing_written(tmp_path: Path, photogram: Photogram) -> None:
+    outcome = photogram("audit", tmp_path, "--output", tmp_path / "audit")
+    assert outcome.code == 1
+    assert "holds no solution that photogram knows" in outcome.err
+    assert not (tmp_path / "audit").exists()
