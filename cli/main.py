@@ -11,6 +11,7 @@ from photogram.cli.commands import (
     check,  # noqa: F401 - they register
     compare,  # noqa: F401 - they register
     demo,  # noqa: F401 - they register
+    export,  # noqa: F401 - they register
     init,  # noqa: F401 - they register
     mark,  # noqa: F401 - they register
     plan,  # noqa: F401 - they register

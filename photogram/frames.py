@@ -169,6 +169,13 @@ def geodetic_from_map(crs: str, points_map_m: FloatArray, datum_grid: str | None
     return np.column_stack([lon, lat, height])
 
 
+def geocentric_from_geodetic(longitude_latitude_height: FloatArray) -> FloatArray:
+    """Return geocentric points (N, 3), m, of WGS 84 longitude and latitude in degrees and ellipsoidal height in m
+    (N, 3)."""
+    turned = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True).transform(*longitude_latitude_height.T)
+    return np.column_stack(turned)
+
+
 def geodetic_from_geocentric(points_m: FloatArray) -> FloatArray:
     """Return WGS 84 longitude and latitude in degrees and ellipsoidal height in m (N, 3) of geocentric points (N, 3),
     m."""

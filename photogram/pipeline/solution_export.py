@@ -1,0 +1,154 @@
+"""An adjusted survey as a solution for other programs: cameras, poses, tie points, ground points and marks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Literal, get_args
+
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.camera import Pose
+from photogram.errors import ExchangeError
+from photogram.files.atomic import make_folder
+from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
+from photogram.files.exchange.bundler import write_bundler
+from photogram.files.exchange.colmap.sparse_models import write_colmap
+from photogram.files.exchange.metashape.metashape_cameras import write_metashape_cameras
+from photogram.files.exchange.opensfm.reconstructions import write_opensfm
+from photogram.files.exchange.pix4d.opf import write_opf
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.files.exchange.undistorted import pinhole_solution, write_undistorted
+from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map
+from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.results import Adjustment
+from photogram.sfm.similarity import Similarity, fit_similarity
+
+SolutionFormat = Literal[
+    "colmap", "colmap-text", "opensfm", "bundler", "metashape", "opf", "omega-phi-kappa", "yaw-pitch-roll",
+    "undistorted",
+]  # fmt: skip
+
+_FRAMES: dict[SolutionFormat, Frame] = {
+    "opensfm": "topocentric", "metashape": "geocentric", "opf": "map", "omega-phi-kappa": "map",
+    "yaw-pitch-roll": "map",
+}  # fmt: skip
+"""What coordinates a format has; east, north and up of the survey for all others."""
+
+FOLDERS: frozenset[SolutionFormat] = frozenset({"colmap", "colmap-text", "opensfm", "opf", "undistorted"})
+"""Formats that are a folder of files."""
+
+FORMATS: tuple[SolutionFormat, ...] = get_args(SolutionFormat)
+
+
+def export_solution(
+    project: Path | str, form: SolutionFormat, target: Path | str, *, photographs: Path | str | None = None
+) -> tuple[str, ...]:
+    """Write an adjusted survey for another program; returns sentences on what its files do not hold.
+
+    ``target`` is a new or empty folder for FOLDERS, else a new file; ``photographs`` the folder of the
+    photographs in place of the project's. Raises ExchangeError where the survey is not adjusted as the project now
+    stands, the format cannot hold it, or something is there already; WorkspaceError where nothing can be written.
+    """
+    target = Path(target)
+    if (target.is_dir() and (form not in FOLDERS or any(target.iterdir()))) or target.is_file():
+        raise ExchangeError(f"{target}: is there already: name a new {'folder' if form in FOLDERS else 'file'}")
+    survey = load_project(Path(project), None if photographs is None else Path(photographs))
+    with open_run(survey) as run:
+        if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
+            raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
+        result = run.adjustment()
+    frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else _FRAMES.get(form, "local")
+    solution = adjusted_solution(result, frame)
+    if form == "undistorted":
+        make_folder(target)
+        said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent)
+        make_folder(target / "sparse")
+        return (*said, *write_colmap(target / "sparse", pinhole_solution(solution)))
+    return _written(form, target, solution)
+
+
+def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    if form in FOLDERS:
+        make_folder(target)
+    try:
+        return _WRITERS[form](target, solution)
+    except ExchangeError as fault:
+        if form in FOLDERS and not any(target.iterdir()):
+            target.rmdir()
+        raise ExchangeError(
+            f"{fault}; --to undistorted writes photographs without distortion, whose cameras every program takes"
+        ) from fault
+
+
+_WRITERS: dict[SolutionFormat, Callable[[Path, ForeignSolution], tuple[str, ...]]] = {
+    "colmap": write_colmap,
+    "colmap-text": lambda target, solution: write_colmap(target, solution, "text"),
+    "opensfm": write_opensfm,
+    "bundler": write_bundler,
+    "metashape": write_metashape_cameras,
+    "opf": write_opf,
+    "omega-phi-kappa": write_omega_phi_kappa,
+    "yaw-pitch-roll": write_yaw_pitch_roll,
+}
+
+
+def adjusted_solution(result: Adjustment, frame: Frame) -> ForeignSolution:
+    """Return an adjustment as a solution whose coordinates are ``frame``: local, those of the survey's own east, north
+    and up; topocentric or geocentric; or those of its map.
+
+    Ground points have their surveyed coordinates, in the map.
+    """
+    block, world = result.block, result.block.frame
+    points = block.control_points
+    similarity, origin_lla = _placed(world, frame)
+    photographs = []
+    for photograph, pose in zip(block.photographs, block.poses, strict=True):
+        measured = photograph.gnss_world_m
+        photographs.append(
+            ForeignPhotograph(
+                photograph.name,
+                photograph.camera,
+                None if pose is None else _pose(world, pose) if frame == "map" else similarity.pose(pose),
+                PurePosixPath(photograph.name),
+                None if measured is None or world.is_local else world.map_from_world(measured[None])[0],
+                None if measured is None or world.is_local else photograph.gnss_sigma_m,
+            )
+        )
+    ties = block.tie_points
+    to_map = world.map_from_world
+    moved = to_map(ties.position_world_m) if frame == "map" else similarity.points(ties.position_world_m)
+    return ForeignSolution(
+        "photogram",
+        block.cameras,
+        tuple(photographs),
+        replace(ties, position_world_m=moved),
+        replace(points, position_world_m=to_map(points.position_world_m)) if len(points) else None,
+        frame,
+        origin_lla,
+        None if world.is_local else world.crs,
+    )
+
+
+def _pose(world: LocalFrame, pose: Pose) -> Pose:
+    turn = world.rotation_world_from_map(pose.position_world_m).T
+    return Pose(turn @ pose.rotation_world_from_camera, world.map_from_world(pose.position_world_m[None])[0])
+
+
+def _placed(world: LocalFrame, frame: Frame) -> tuple[Similarity, tuple[float, float, float] | None]:
+    """Return what takes the world to a frame, and the latitude, longitude and height of its origin."""
+    stays = Similarity(1.0, np.eye(3), np.zeros(3))
+    if frame in ("local", "map"):
+        return stays, None
+    corners: FloatArray = 100.0 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    geodetic = geodetic_from_map(world.crs, world.map_from_world(corners))
+    geodetic[:, 2] += world.geoid_height_m(world.map_from_world(corners))
+    geocentric = geocentric_from_geodetic(geodetic)
+    if frame == "geocentric":
+        return fit_similarity(corners, geocentric), None
+    longitude, latitude, height = geodetic[0].tolist()
+    s, c = np.sin(np.deg2rad([latitude, longitude])), np.cos(np.deg2rad([latitude, longitude]))
+    axes = np.array([[-s[1], c[1], 0.0], [-s[0] * c[1], -s[0] * s[1], c[0]], [c[0] * c[1], c[0] * s[1], s[0]]])
+    return fit_similarity(corners, (geocentric - geocentric[0]) @ axes.T), (latitude, longitude, height)
