@@ -69,7 +69,7 @@ def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: st
     """And read again where it holds a solution; a camera that a format cannot hold is said, and nothing is left."""
     target = tmp_path / form
     if form == "bundler":  # its two radial terms are too few for any real lens
-        with pytest.raises(ExchangeError, match="more distortion than k1 and k2.*--to undistorted"):
+        with pytest.raises(ExchangeError, match=r"more distortion than k1 and k2.*--to undistorted"):
             export_solution(adjusted_survey / "project.yaml", "bundler", target)
         assert not target.exists()
         return
