@@ -31,12 +31,14 @@ FAMILIES = {
 }
 """Families of codes and OpenCV's number of each."""
 LEAST_EXPLAINED = 0.94
-MODEL_ERROR = 0.9
-"""Factor of standard deviations, as of fitting: what the picture lacks along all edges counts as noise."""
+MODEL_ERROR = 1.1
+"""Factor of standard deviations, as of fitting."""
 LEAST_CONTRAST_DN = 20.0
 SHORTEST_PX = 40.0
 """Perimeter from which a coded target may be read: a field has two pixels or less there."""
 _BLUR = 8  # place of the blur among the ten parameters: c, A, h, blur; the levels follow
+LEAST_FIELD_PX = 2.2
+"""Side of a field from which a code can be told from other squares."""
 RIM = 0.5
 """Fields around the black square that are fitted too: they are white."""
 
@@ -45,7 +47,10 @@ RIM = 0.5
 def _detector(perimeter: float) -> Any:  # noqa: ANN401 - OpenCV carries no types
     """Return the detector of targets whose perimeter is at least so many times the longer side of the patch."""
     options = cv2.aruco.DetectorParameters()
-    options.errorCorrectionRate = 0.0  # a code with a wrong field is none
+    # fields that a blur has misread are corrected: the fit to the grey values then rejects a code that is not there
+    options.errorCorrectionRate = 0.4
+    # the middle of a field is read, where its neighbours have the least part
+    options.perspectiveRemovePixelPerCell, options.perspectiveRemoveIgnoredMarginPerCell = 8, 0.3
     options.minMarkerPerimeterRate = perimeter
     options.maxErroneousBitsInBorderRate = 0.15
     options.adaptiveThreshWinSizeMin, options.adaptiveThreshWinSizeMax = 5, 45
@@ -88,7 +93,7 @@ def find_coded(grey: NDArray[np.uint8] | NDArray[np.float32]) -> list[MeasuredCe
 
 def _sharpened(grey: ByteArray, factor: int) -> ByteArray:
     """Return a patch in which what is blurred by a pixel or two can be read; it is fitted as it was."""
-    return np.asarray(cv2.addWeighted(grey, 3.5, cv2.GaussianBlur(grey, (0, 0), 1.5 * factor), -2.5, 0.0), np.uint8)
+    return np.asarray(cv2.addWeighted(grey, 5.0, cv2.GaussianBlur(grey, (0, 0), 2.0 * factor), -4.0, 0.0), np.uint8)
 
 
 def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> MeasuredCentre | None:
@@ -97,7 +102,8 @@ def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> M
     half = 0.5 * (len(fields) - 2)
     square = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     H, _ = cv2.findHomography(corner, square)
-    if H is None:
+    sides = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1)
+    if H is None or sides.min() < 2.0 * half * LEAST_FIELD_PX:
         return None
     start = _centred(np.asarray(H, np.float64))
     low = np.maximum(np.floor(corner.min(axis=0)).astype(int) - 3, 0)
@@ -124,7 +130,6 @@ def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> M
         return None
     own_noise = centre_covariance(place, -np.asarray(solution.jac), residual, np.ones(len(own)), np.zeros(len(own)))
     covariance = MODEL_ERROR**2 * own_noise
-    sides = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1)
     return MeasuredCentre(
         Kind.CODED, theta[:2].copy(), covariance, explained, float(sides.max()), float(theta[_BLUR]), contrast,
         (family, number),

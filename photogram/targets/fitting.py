@@ -30,7 +30,7 @@ from photogram.targets.picture import (
     Pattern,
     box,
     draw,
-    level_shares,
+    level_share,
     margin_px,
     within,
 )
@@ -39,14 +39,19 @@ LAGS = 10
 """Up to which lag, in px, residuals are taken as correlated."""
 LEAST_NOISE_DN = 0.5
 """Noise below which grey values are not believed: they are rounded, and the blur of a lens is not quite Gaussian."""
-WORTHWHILE = (0.6, 0.8, 0.85)
-"""Share of the variance that a picture must explain each time to be fitted further."""
+WORTHWHILE = (0.55, 0.75, 0.9)
+"""Share of the variance, weighted or not, that a picture must explain each time to be fitted further."""
 MODEL_ERROR = {
     Pattern.CORNER: 1.4,
     Pattern.OPEN_CORNER: 1.4,
-    Pattern.CIRCLE: 1.1,
-    Pattern.RING: 0.75,
+    Pattern.CIRCLE: 1.05,
+    Pattern.RING: 0.65,
     Pattern.FIELDS: 0.8,
+    Pattern.DISC_OF_QUADRANTS: 0.87,
+    Pattern.SQUARE_OF_QUADRANTS: 0.87,
+    Pattern.CROSS: 1.1,
+    Pattern.OPEN_CROSS: 1.1,
+    Pattern.CROSSED_SQUARE: 1.1,
 }
 """Factors of standard deviations for what the picture of a pattern lacks, from rendered targets: what it lacks on one
 side of an L moves the corner; what it lacks all around a ring or a crossing counts as noise but moves nothing.
@@ -95,7 +100,13 @@ class Fit:
     @property
     def explained(self) -> float:
         """Share of the variance of the grey values that the picture explains."""
-        return 1.0 - float(self.residual @ self.residual) / max(self.variation, 1e-9)
+        return _explained(self.grey, self.residual, np.ones(len(self.grey)))
+
+    @cached_property
+    def explained_at_best(self) -> float:
+        """The same, or of the weighted squares where that is more: rough ground beside a target, which no picture
+        explains, counts less in them, but so does the difference of the target from the ground."""
+        return _explained_at_best(self.grey, self.residual, self.weight)
 
     @property
     def variation(self) -> float:
@@ -117,14 +128,16 @@ def _minimise(
     """Return the parameters at the minimum of the weighted squares, and its value."""
     n, p = len(grey), len(free)
     theta, trial = start.copy(), start.copy()
-    shown, jacobian, nothing = np.empty(n), np.empty((n, 13)), np.empty((0, 13))
+    shown, jacobian, other_jacobian = np.empty(n), np.empty((n, 13)), np.empty((n, 13))
     draw(pattern, theta, place, shown, jacobian)
-    cost = (((grey - shown) * root_weight) ** 2).sum()
+    r = (grey - shown) * root_weight
+    cost = (r**2).sum()
     damping = 1e-3
     for _ in range(iterations):
-        J, r = np.empty((n, p)), (grey - shown) * root_weight
-        for j in range(p):
-            J[:, j] = jacobian[:, free[j]] * root_weight
+        J = np.empty((n, p))
+        for i in range(n):
+            for j in range(p):
+                J[i, j] = jacobian[i, free[j]] * root_weight[i]
         normal, right = J.T @ J, J.T @ r
         improved, last = False, False
         for _ in range(8):
@@ -139,17 +152,19 @@ def _minimise(
             trial[7] = min(max(trial[7], 0.03), 0.95)
             for j in range(8, 11):  # what is narrower than its blur shall not become brighter than white
                 trial[j] = min(max(trial[j], -20.0), 275.0)
-            draw(pattern, trial, place, shown, nothing)
-            lower = (((grey - shown) * root_weight) ** 2).sum()
+            # most steps are taken, so that drawing once with derivatives costs less than twice
+            draw(pattern, trial, place, shown, other_jacobian)
+            other = (grey - shown) * root_weight
+            lower = (other**2).sum()
             if lower < cost:
                 last = cost - lower < tolerance * cost
-                improved, cost, damping = True, lower, max(0.2 * damping, 1e-9)
+                improved, cost, damping, r = True, lower, max(0.2 * damping, 1e-9), other
                 theta[:] = trial
+                jacobian, other_jacobian = other_jacobian, jacobian
                 break
             damping *= 6.0
         if not improved or last or not np.isfinite(cost):
             break
-        draw(pattern, theta, place, shown, jacobian)
     return theta, cost
 
 
@@ -204,10 +219,20 @@ def _fitted(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float 
         shown, jacobian = np.empty(len(own)), np.empty((len(own), COUNT))
         draw(int(pattern), theta, exact, shown, jacobian)
         residual = own - shown
-        if float(residual @ residual) > (1.0 - WORTHWHILE[n]) * float(((own - own.mean()) ** 2).sum()):
+        if _explained_at_best(own, residual, weight) < WORTHWHILE[n]:
             return None
         weight_at = _zones(pattern, theta, exact, residual)
     return Fit(pattern, theta, jacobian[:, FREE[pattern]], place, own, residual, weight, reach)
+
+
+def _explained(grey: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
+    """Return the share of the weighted squares of grey values (N,) about their mean that is no residual (N,)."""
+    total = float((weight * (grey - np.average(grey, weights=weight)) ** 2).sum())
+    return 1.0 - float((weight * residual**2).sum()) / max(total, 1e-9)
+
+
+def _explained_at_best(grey: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
+    return max(_explained(grey, residual, weight), _explained(grey, residual, np.ones(len(grey))))
 
 
 def _thinned(place: IntArray) -> IntArray:
@@ -232,7 +257,7 @@ def _is_sane(theta: FloatArray, start: FloatArray) -> bool:
 
 def _outside(pattern: Pattern, theta: FloatArray, place: FloatArray) -> FloatArray:
     """Return the share (N,) of each pixel that lies beside the pattern."""
-    return level_shares(pattern, theta, place).outside if OUTSIDE in FREE[pattern] else np.zeros(len(place))
+    return level_share(pattern, theta, place, OUTSIDE) if OUTSIDE in FREE[pattern] else np.zeros(len(place))
 
 
 def _zones(pattern: Pattern, theta: FloatArray, place: FloatArray, residual: FloatArray) -> tuple[float, float]:

@@ -63,10 +63,10 @@ def judge(
             for j in range(lines):
                 ex[j], ey[j] = _rough_phi((x - offset[j]) / wx, theta[6]), _rough_phi((y - offset[j]) / wy, theta[6])
             if is_round:
-                radius = max(math.hypot(x, y), 1e-9)
+                radius = max(math.sqrt(x * x + y * y), 1e-9)
                 ux = (theta[2] * x + theta[4] * y) / radius
                 uy = (theta[3] * x + theta[5] * y) / radius
-                w = max(math.hypot(ux, uy), 1e-12)
+                w = max(math.sqrt(ux * ux + uy * uy), 1e-12)
                 circle[0] = _rough_phi((1.0 - radius) / w, theta[6])
                 circle[1] = _rough_phi((theta[7] - radius) / w, theta[6])
             first, second = shares(pattern, ex, ey, circle, g)

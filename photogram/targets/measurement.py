@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.targets.acceptance import SADDLES, axes_px, evidence, ground, is_target
+from photogram.targets.acceptance import SADDLES, axes_px, contrast_dn, ground, is_target
 from photogram.targets.coded import find_coded
 from photogram.targets.cross_starts import cross_starts
 from photogram.targets.fitting import Fit, fit
@@ -77,7 +77,7 @@ def snap(
         return None
     place = near - low
     own = part.astype(np.float64)
-    found = _accepted(own, _starts_near(own, place, reach_px), FITS)
+    found = _accepted(own, _starts_near(own, place, reach_px), FITS, is_expected=True)
     nearest = min((_distance(f, place) for f in found if f.pattern in SADDLES), default=np.inf)
     # of a board's corners the nearest is meant, and none that lies beyond the fields around the rough place
     found = [f for f in found if f.pattern not in SADDLES or _distance(f, place) <= nearest + 1.0]
@@ -107,7 +107,7 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     ranked = [(_coded_gain(c), c) for c in find_coded(grey)]
     ranked += [
         (_gain(f), _measured(f, zero, focal_px))
-        for f in _accepted(own, starts, 4 + own.size // 10_000)
+        for f in _accepted(own, starts, 4 + own.size // 10_000, is_expected=False)
         if f.pattern != Pattern.OPEN_CROSS
     ]
     ranked.sort(key=lambda pair: -pair[0])
@@ -128,15 +128,15 @@ def _starts_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[St
     starts += corner_starts(grey, near, reach_px)
     starts += cross_starts(grey, near, reach_px)
     apart = [float(np.hypot(*(s.theta[:2] - near))) / reach_px for s in starts]
-    # where a click is, its target is rather than a larger one beside it
+    # where a click is, its target is rather than a larger one beside it, and of a board's corners the nearest is meant
     return [
-        replace(s, promise=s.promise * float(np.exp(-3.0 * d**2)))
+        replace(s, promise=s.promise * float(np.exp(-(10.0 if s.pattern == Pattern.FIELDS else 3.0) * d**2)))
         for s, d in zip(starts, apart, strict=True)
         if d <= 1.0 + 3.0 / reach_px
     ]
 
 
-def _accepted(grey: FloatArray, starts: list[Start], most: int) -> list[Fit]:
+def _accepted(grey: FloatArray, starts: list[Start], most: int, is_expected: bool) -> list[Fit]:
     """Return the fits that are targets, of starts that differ, the most promising first: at most so many of each
     pattern, or one that promises much would leave no room for another that is true."""
     found: list[Fit] = []
@@ -150,7 +150,7 @@ def _accepted(grey: FloatArray, starts: list[Start], most: int) -> list[Fit]:
         fitted = fit(grey, start.pattern, start.theta, start.reach)
         if fitted is None or np.hypot(*(fitted.theta[:2] - start.theta[:2])) > _leash(start):
             continue
-        if is_target(fitted, around):
+        if is_target(fitted, around, is_expected):
             found.append(fitted)
     return found
 
@@ -192,15 +192,14 @@ def _measured(found: Fit, shift: NDArray[np.int64], focal_px: float) -> Measured
     if found.pattern in PERSPECTIVE:
         eccentricity = eccentricity_px2(found.theta[2:6].reshape(2, 2), focal_px)
         covariance = covariance + PERSPECTIVE[found.pattern] ** 2 * eccentricity
-    own = evidence(found)
     return MeasuredCentre(
         _KINDS[found.pattern],
         found.theta[:2] + shift,
         covariance,
         found.explained,
-        own.length_px,
+        axes_px(found)[0],
         float(found.theta[BLUR]),
-        own.contrast_dn,
+        contrast_dn(found),
     )
 
 

@@ -306,8 +306,9 @@ def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, j
             a[j], b[j] = (x - offset[j]) / (wx * blur), (y - offset[j]) / (wy * blur)
             ex[j], ey[j] = _phi(a[j], 1.0), _phi(b[j], 1.0)
         if is_round:
-            radius = max(math.hypot(x, y), 1e-9)
-            w = max(math.hypot(axx * x + ayx * y, axy * x + ayy * y) / radius, 1e-12)
+            radius = max(math.sqrt(x * x + y * y), 1e-9)
+            ux, uy = axx * x + ayx * y, axy * x + ayy * y
+            w = max(math.sqrt(ux * ux + uy * uy) / radius, 1e-12)
             circle[0] = _phi((1.0 - radius) / w, blur)
             circle[1] = _phi((theta[7] - radius) / w, blur)
         first, second = shares(pattern, ex, ey, circle, g)
@@ -348,29 +349,33 @@ def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, j
 
 def level_shares(pattern: Pattern, theta: FloatArray, place: FloatArray) -> Levels:
     """Return the shares of the levels in pixels at ``place`` (N, 2): the picture is linear in the levels."""
-    parts = []
-    for level in (OUTSIDE, FIRST, SECOND):
-        one = theta.copy()
-        one[OUTSIDE:] = 0.0
-        one[level] = 1.0
-        grey = np.empty(len(place))
-        draw(int(pattern), one, place, grey, np.empty((0, COUNT)))
-        parts.append(grey)
-    return Levels(*parts)
+    return Levels(*(level_share(pattern, theta, place, level) for level in (OUTSIDE, FIRST, SECOND)))
+
+
+def level_share(pattern: Pattern, theta: FloatArray, place: FloatArray, level: int) -> FloatArray:
+    """Return the share (N,) of one level, OUTSIDE, FIRST or SECOND, in pixels at ``place`` (N, 2)."""
+    one = theta.copy()
+    one[OUTSIDE:] = 0.0
+    one[level] = 1.0
+    grey = np.empty(len(place))
+    draw(int(pattern), one, place, grey, np.empty((0, COUNT)))
+    return grey
 
 
 @njit(cache=True, nogil=True)
 def lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: float, reach: float) -> bool:
     """Return whether a place of the target lies in the pattern or at most ``margin_px`` beside it."""
-    wx, wy = math.hypot(theta[2], theta[3]), math.hypot(theta[4], theta[5])
     if pattern == 0:
         return x * x + y * y <= reach * reach
     if pattern == 1 or pattern == 3 or pattern == 4:
-        radius = math.hypot(x, y)
-        if radius <= 1.0:
+        square = x * x + y * y
+        if square <= 1.0:
             return True
-        nx, ny = x / radius, y / radius
-        return (radius - 1.0) <= margin_px * math.hypot(theta[2] * nx + theta[4] * ny, theta[3] * nx + theta[5] * ny)
+        radius = math.sqrt(square)  # many times faster than hypot
+        ux, uy = theta[2] * x + theta[4] * y, theta[3] * x + theta[5] * y
+        return (radius - 1.0) * radius <= margin_px * math.sqrt(ux * ux + uy * uy)
+    wx = math.sqrt(theta[2] * theta[2] + theta[3] * theta[3])
+    wy = math.sqrt(theta[4] * theta[4] + theta[5] * theta[5])
     low, high, wide, end = -1.0, -1.0, 1.0, 1.0
     if pattern == 5:
         low, wide = -theta[7], theta[7]

@@ -52,3 +52,11 @@ def test_an_empty_patch_has_nothing() -> None:
     assert saddles(grey, 10) == []
     assert regions(grey) == []
     assert corner_starts(grey, np.array([25.0, 25.0]), 8.0) == []
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.5, -0.4])
+def test_a_saddle_between_pixels_is_found_to_a_fraction_of_one(shift: float) -> None:
+    v, u = np.mgrid[:40, :40] - 20.0
+    grey = 100.0 + 60.0 * np.tanh(0.3 * (u - shift)) * np.tanh(0.3 * (v + shift))
+    centre, _ = saddles(grey, 1)[0]
+    np.testing.assert_allclose(centre, [20.0 + shift, 20.0 - shift], atol=0.1)
