@@ -32,7 +32,21 @@ class CommandError(Exception):
 class Commands(TyperGroup):
     """The commands in the order of their use; what they raise is handed on as CommandError."""
 
-    ORDER = ("demo", "plan", "init", "mark", "check", "adjust", "report", "view", "compare", "study", "schema")
+    ORDER = (
+        "demo",
+        "plan",
+        "init",
+        "mark",
+        "check",
+        "adjust",
+        "report",
+        "view",
+        "export",
+        "compare",
+        "audit",
+        "study",
+        "schema",
+    )
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - Typer's own type, which it does not export
         """Return the names of the commands as the help lists them."""

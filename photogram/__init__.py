@@ -30,6 +30,7 @@ __all__ = [
     "ControlPointError",
     "ControlPoints",
     "DamagedStageError",
+    "ExchangeError",
     "FeatureSettings",
     "Findings",
     "FlightPlan",
@@ -62,6 +63,7 @@ __all__ = [
     "contour_lines",
     "diagnose",
     "export_marks",
+    "export_solution",
     "find_features",
     "init",
     "intersect",
@@ -95,6 +97,7 @@ _PLACES = {
     "open": "photogram.pipeline.opened_survey:open_survey",
     "view": "photogram.pipeline.view:write_view",
     "export_marks": "photogram.pipeline.mark_export:export_marks",
+    "export_solution": "photogram.pipeline.solution_export:export_solution",
     # the data of a survey
     "Block": "photogram.survey:Block",
     "Camera": "photogram.camera:Camera",
@@ -149,6 +152,7 @@ _PLACES = {
     "AdjustmentError": "photogram.errors:AdjustmentError",
     "ControlPointError": "photogram.errors:ControlPointError",
     "DamagedStageError": "photogram.errors:DamagedStageError",
+    "ExchangeError": "photogram.errors:ExchangeError",
     "FrameError": "photogram.errors:FrameError",
     "ImageError": "photogram.errors:ImageError",
     "OrientationError": "photogram.errors:OrientationError",
@@ -168,6 +172,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
         AdjustmentError,
         ControlPointError,
         DamagedStageError,
+        ExchangeError,
         FrameError,
         ImageError,
         OrientationError,
@@ -187,6 +192,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.pipeline.new_project import NewProject, init
     from photogram.pipeline.opened_survey import OpenedSurvey
     from photogram.pipeline.opened_survey import open_survey as open
+    from photogram.pipeline.solution_export import export_solution
     from photogram.pipeline.view import write_view as view
     from photogram.project.findings import Findings
     from photogram.quality.accuracy import check_accuracy

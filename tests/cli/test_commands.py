@@ -44,6 +44,8 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("adjust",), ["PROJECT", "--photographs", "--from", "--until", "--quiet", "--json"]),
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
         (("demo",), ["FOLDER", "--seed"]),
+        (("audit",), ["SOLUTION", "--crs", "--check", "--output"]),
+        (("export",), ["PROJECT", "--to", "--output", "--photographs"]),
         (("study",), ["ransac"]),
         (("schema",), ["report", "events"]),
         (("study", "ransac"), ["PROJECT", "--pair", "--iterations", "--sample-sizes", "--thresholds", "--seed"]),
