@@ -293,7 +293,7 @@ class Least:
 
 
 LEAST: dict[Pattern, Least] = {
-    Pattern.FIELDS: Least(23.3, 1.0, explained=0.96, weakest_sector=0.85, contrast_over_texture=3.0, length_px=6.3),
+    Pattern.FIELDS: Least(24.0, 1.0, explained=0.96, weakest_sector=0.85, contrast_over_texture=3.0, length_px=6.3),
     Pattern.DISC_OF_QUADRANTS: Least(22.3, 0.8),
     Pattern.SQUARE_OF_QUADRANTS: Least(21.8, 0.8),
     Pattern.CIRCLE: Least(23.2, 1.2, contrast_over_noise=13.0, length_px=4.5),
@@ -301,7 +301,7 @@ LEAST: dict[Pattern, Least] = {
     Pattern.CROSS: Least(23.3, 0.3, width_px=4.5, shape=(0.0, 0.42)),
     Pattern.CROSSED_SQUARE: Least(23.0, 0.4, contrast_over_noise=11.0, width_px=4.5, shape=(0.08, 0.42)),
     Pattern.OPEN_CROSS: Least(
-        23.8, 0.7, contrast_over_noise=14.0, contrast_over_texture=3.5, width_px=2.5, length_px=3.3
+        24.5, 0.7, contrast_over_noise=14.0, contrast_over_texture=3.5, width_px=2.5, length_px=3.3
     ),
     Pattern.CORNER: Least(
         21.0,
@@ -311,7 +311,7 @@ LEAST: dict[Pattern, Least] = {
         contrast_over_strongest_blob=3.5,
         width_px=4.5,
         sigma_px=1.1,
-        shape=(0.08, 0.5),
+        shape=(0.08, 0.42),
     ),
     Pattern.OPEN_CORNER: Least(
         22.6, 0.6, explained=0.95, weakest_sector=0.75, contrast_over_strongest_blob=8.0, sigma_px=1.1
