@@ -183,15 +183,38 @@ def geodetic_from_geocentric(points_m: FloatArray) -> FloatArray:
     return np.column_stack(turned)
 
 
-def geodetic_from_topocentric(origin_lla: tuple[float, float, float], points_m: FloatArray) -> FloatArray:
-    """Return WGS 84 longitude and latitude in degrees and ellipsoidal height in m (N, 3) of points (N, 3) along east,
-    north and up at an origin of such latitude, longitude and height."""
+def _topocentric_at(origin_lla: tuple[float, float, float]) -> str:
+    """Return PROJ's step from geocentric coordinates to east, north and up at an origin of such latitude, longitude and
+    height."""
     latitude, longitude, height = origin_lla
-    pipeline = Transformer.from_pipeline(
+    return f"+proj=topocentric +ellps=WGS84 +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
+
+
+def _topocentric_of_geodetic(origin_lla: tuple[float, float, float]) -> Transformer:
+    return Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
-        f"+step +proj=topocentric +ellps=WGS84 +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
+        f"+step {_topocentric_at(origin_lla)}"
     )
-    return np.column_stack(pipeline.transform(*np.asarray(points_m).T, direction="INVERSE"))
+
+
+def topocentric_from_geodetic(
+    origin_lla: tuple[float, float, float], longitude_latitude_height: FloatArray
+) -> FloatArray:
+    """Return points (N, 3) along east, north and up, m, at an origin of such latitude, longitude and height, of WGS 84
+    longitude and latitude in degrees and ellipsoidal height in m (N, 3)."""
+    return np.column_stack(_topocentric_of_geodetic(origin_lla).transform(*longitude_latitude_height.T))
+
+
+def geodetic_from_topocentric(origin_lla: tuple[float, float, float], points_m: FloatArray) -> FloatArray:
+    """Return what ``topocentric_from_geodetic`` takes (N, 3) of points (N, 3) along east, north and up."""
+    return np.column_stack(_topocentric_of_geodetic(origin_lla).transform(*np.asarray(points_m).T, direction="INVERSE"))
+
+
+def geocentric_from_topocentric(origin_lla: tuple[float, float, float], points_m: FloatArray) -> FloatArray:
+    """Return geocentric points (N, 3), m, of points (N, 3) along east, north and up at an origin of such latitude,
+    longitude and height."""
+    turned = Transformer.from_pipeline(_topocentric_at(origin_lla))
+    return np.column_stack(turned.transform(*np.asarray(points_m).T, direction="INVERSE"))
 
 
 @dataclass(frozen=True)

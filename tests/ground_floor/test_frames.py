@@ -8,7 +8,16 @@ from pyproj import CRS, Proj, Transformer
 
 from photogram.crs import projected_crs
 from photogram.errors import FrameError
-from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
+from photogram.frames import (
+    LocalFrame,
+    geocentric_from_geodetic,
+    geocentric_from_topocentric,
+    geodetic_from_geocentric,
+    geodetic_from_map,
+    geodetic_from_topocentric,
+    map_from_geodetic,
+    topocentric_from_geodetic,
+)
 
 SITES = {
     "EPSG:25832": (719950.0, 6191960.0, 80.0),
@@ -193,6 +202,35 @@ def test_geodetic_coordinates_agree_with_proj_and_come_back(crs: str) -> None:
     np.testing.assert_array_equal(geodetic, np.column_stack([lon, lat, points[:, 2]]))
     # A datum shift by the small-angle Helmert formula and its published inverse part by about a millimetre (EPSG:2056).
     np.testing.assert_allclose(map_from_geodetic(crs, geodetic), points, rtol=0, atol=2e-3)
+
+
+def _geocentric(geodetic: np.ndarray) -> np.ndarray:
+    """Geocentric coordinates in closed form (Hofmann-Wellenhof, Lichtenegger & Wasle 2008, eq. 8.5)."""
+    flattening = 1 / 298.257223563
+    e2 = flattening * (2 - flattening)
+    lon, lat = np.radians(geodetic[:, :2].T)
+    h = geodetic[:, 2]
+    N = 6378137.0 / np.sqrt(1 - e2 * np.sin(lat) ** 2)
+    level = (N + h) * np.cos(lat)
+    return np.column_stack([level * np.cos(lon), level * np.sin(lon), (N * (1 - e2) + h) * np.sin(lat)])
+
+
+@pytest.mark.parametrize(
+    "origin", [(50.1, 8.7, 120.0), (-33.9, 151.2, -30.0), (0.0, -180.0, 0.0), (89.9, 45.0, 3000.0)]
+)
+def test_east_north_and_up_at_an_origin_follow_their_formula_and_come_back(origin: tuple[float, float, float]) -> None:
+    enu = np.random.default_rng(4).normal(0.0, [3000.0, 3000.0, 300.0], (200, 3))
+    lat, lon = np.radians(origin[:2])
+    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    axes = np.array([[-sl, cl, 0.0], [-s * cl, -s * sl, c], [c * cl, c * sl, s]])
+    place = np.array([[origin[1], origin[0], origin[2]]])
+    expected = enu @ axes + _geocentric(place)
+    geodetic = geodetic_from_topocentric(origin, enu)
+    np.testing.assert_allclose(geocentric_from_topocentric(origin, enu), expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(_geocentric(geodetic), expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(geocentric_from_geodetic(geodetic), expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(_geocentric(geodetic_from_geocentric(expected)), expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(topocentric_from_geodetic(origin, geodetic), enu, rtol=0, atol=2e-8)
 
 
 def test_a_known_place_lands_where_its_grid_says() -> None:

@@ -32,7 +32,6 @@ from photogram.files.exchange.json_values import (
     member,
     read_json,
 )
-from photogram.files.exchange.opensfm.topocentric import geodetic_from_topocentric, topocentric_from_geodetic
 from photogram.files.exchange.opensfm.tracks import (
     Tracks,
     normalised_of_pixel,
@@ -41,6 +40,7 @@ from photogram.files.exchange.opensfm.tracks import (
     tracks_text,
 )
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.frames import geodetic_from_topocentric, topocentric_from_geodetic
 from photogram.survey import TiePoints
 from photogram.wording import printable, shortened, things
 
