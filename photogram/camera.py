@@ -171,6 +171,23 @@ class Pose:
         return points_camera_m @ self.rotation_world_from_camera.T + self.position_world_m
 
 
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """``target = scale · rotation · source + translation``: ``rotation`` (3, 3), ``translation`` (3,)."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+    def points(self, source: FloatArray) -> FloatArray:
+        """Transform points (N, 3)."""
+        return np.asarray(self.scale * source @ self.rotation.T + self.translation)
+
+    def pose(self, pose: Pose) -> Pose:
+        """Transform the exterior orientation of a photograph."""
+        return Pose(self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0])
+
+
 def oriented_cameras(
     cameras: Sequence[Camera], camera_of: IntArray, rotation: FloatArray, position: FloatArray
 ) -> OrientedCameras:

@@ -12,10 +12,9 @@ from makers import simulated
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.camera import Camera
+from photogram.camera import Camera, Similarity
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.results import Adjustment
-from photogram.sfm.similarity import Similarity
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 

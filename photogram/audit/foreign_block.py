@@ -11,7 +11,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera, Pose
+from photogram.camera import Camera, Pose, Similarity
 from photogram.crs import NO_CRS
 from photogram.errors import AdjustmentError, ExchangeError, FrameError, OrientationError
 from photogram.files.exchange.solution import ForeignSolution
@@ -26,7 +26,7 @@ from photogram.project.draft.sites import utm_crs
 from photogram.projection import CAMERA_PARAMETERS, P1, P2
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
-from photogram.sfm.similarity import Similarity, fit_similarity
+from photogram.sfm.similarity import fit_similarity
 from photogram.survey import Block, ControlPoints, Photograph, Role
 from photogram.wording import some
 

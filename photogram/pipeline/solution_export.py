@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import Pose
+from photogram.camera import Pose, Similarity
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
 from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
@@ -21,10 +21,10 @@ from photogram.files.exchange.opensfm.reconstructions import write_opensfm
 from photogram.files.exchange.pix4d.opf import write_opf
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.exchange.undistorted import pinhole_solution, write_undistorted
-from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map
+from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.results import Adjustment
-from photogram.sfm.similarity import Similarity, fit_similarity
+from photogram.sfm.similarity import fit_similarity
 
 SolutionFormat = Literal[
     "colmap", "colmap-text", "opensfm", "bundler", "metashape", "opf", "omega-phi-kappa", "yaw-pitch-roll",
@@ -145,10 +145,8 @@ def _placed(world: LocalFrame, frame: Frame) -> tuple[Similarity, tuple[float, f
     corners: FloatArray = 100.0 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     geodetic = geodetic_from_map(world.crs, world.map_from_world(corners))
     geodetic[:, 2] += world.geoid_height_m(world.map_from_world(corners))
-    geocentric = geocentric_from_geodetic(geodetic)
     if frame == "geocentric":
-        return fit_similarity(corners, geocentric), None
+        return fit_similarity(corners, geocentric_from_geodetic(geodetic)), None
     longitude, latitude, height = geodetic[0].tolist()
-    s, c = np.sin(np.deg2rad([latitude, longitude])), np.cos(np.deg2rad([latitude, longitude]))
-    axes = np.array([[-s[1], c[1], 0.0], [-s[0] * c[1], -s[0] * s[1], c[0]], [c[0] * c[1], c[0] * s[1], s[0]]])
-    return fit_similarity(corners, (geocentric - geocentric[0]) @ axes.T), (latitude, longitude, height)
+    origin_lla = latitude, longitude, height
+    return fit_similarity(corners, topocentric_from_geodetic(origin_lla, geodetic)), origin_lla

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray
+from photogram.camera import Similarity
 from photogram.errors import OrientationError
-from photogram.sfm.similarity import Similarity, common_rotation
+from photogram.sfm.similarity import common_rotation
 from photogram.survey import Block, Distance
 
 Vertical = Literal["auto", "down", "level"]

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose
+from photogram.camera import Camera, Pose, Similarity
 from photogram.errors import OrientationError, PhotogramError
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
@@ -25,7 +25,6 @@ from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, collinear, resect
 from photogram.sfm.similarity import (
-    Similarity,
     common_rotation,
     open_turn_rad,
     robust_similarity,

@@ -7,13 +7,11 @@ the seven parameters, so triples are drawn and the one with the most agreeing pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.camera import Pose
+from photogram.camera import Similarity
 from photogram.errors import OrientationError
 
 TRIPLES = 500
@@ -22,23 +20,6 @@ AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is acce
 UNEXPLAINED = (
     0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Similarity:
-    """``target = scale · rotation · source + translation``: ``rotation`` (3, 3), ``translation`` (3,)."""
-
-    scale: float
-    rotation: FloatArray
-    translation: FloatArray
-
-    def points(self, source: FloatArray) -> FloatArray:
-        """Transform points (N, 3)."""
-        return np.asarray(self.scale * source @ self.rotation.T + self.translation)
-
-    def pose(self, pose: Pose) -> Pose:
-        """Transform the exterior orientation of a photograph."""
-        return Pose(self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0])
 
 
 def straight(points: FloatArray) -> bool:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import (
     Camera,
     Pose,
+    Similarity,
     distort,
     gimbal_from_rotation,
     image_plane,
@@ -292,6 +293,16 @@ def test_a_pose_takes_points_there_and_back() -> None:
     np.testing.assert_allclose(POSE.world_from_camera(POSE.camera_from_world(points)), points, atol=1e-12)
     with pytest.raises(ValueError, match="pose"):
         Pose(np.eye(3), np.zeros((3, 1)))
+
+
+def test_a_similarity_of_points_and_poses_changes_no_pixel() -> None:
+    rng = np.random.default_rng(5)
+    similarity = Similarity(3.5, Rotation.from_rotvec([0.3, -1.2, 0.7]).as_matrix(), np.array([100.0, -20.0, 7.0]))
+    camera = Camera("a", 640, 480, 500.0, np.array([320.0, 240.0]), np.array([-0.1, 0.02, 0.0, 0.0]))
+    pose = Pose(Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix(), np.array([0.5, 0.25, -4.0]))
+    points = rng.uniform(-1.0, 1.0, (20, 3))
+    moved = project(camera, similarity.pose(pose), similarity.points(points))
+    np.testing.assert_allclose(moved, project(camera, pose, points), rtol=0, atol=1e-9)
 
 
 def test_a_camera_knows_its_edges_width_from_height() -> None:

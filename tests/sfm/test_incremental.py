@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from makers import true_centres
 
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, Similarity, project, rotation_from_gimbal
 from photogram.sfm.incremental import grow, seed_pairs, shared_points
 from photogram.sfm.reconstruction import Structure, StructureSettings
-from photogram.sfm.similarity import Similarity, fit_similarity
+from photogram.sfm.similarity import fit_similarity
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import TiePoints
 

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, Similarity, project
 from photogram.errors import OrientationError
 from photogram.sfm.similarity import (
-    Similarity,
     fit_similarity,
     open_turn_rad,
     robust_similarity,

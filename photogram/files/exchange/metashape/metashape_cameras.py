@@ -12,14 +12,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera
+from photogram.camera import Camera, Similarity
 from photogram.crs import written_crs
 from photogram.errors import ExchangeError, PhotogramError
 from photogram.files.atomic import replacing
-from photogram.files.exchange.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, Similarity, read_chunk
+from photogram.files.exchange.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, read_chunk
 from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, check_writable, no_tie_points
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.xml_elements import elements_of
+from photogram.frames import geocentric_from_topocentric
 from photogram.wording import shortened, things
 
 _WGS_84 = (
@@ -29,6 +30,7 @@ _WGS_84 = (
 )
 _LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 _REMEDY = "export the cameras from Metashape again"
+_ARM_M = 1e6  # long beside the rounding of geocentric coordinates
 
 
 def read_metashape_cameras(path: Path) -> ForeignSolution:
@@ -138,7 +140,7 @@ def _written_frame(path: Path, solution: ForeignSolution) -> tuple[str, Similari
     if solution.frame in ("geocentric", "topocentric"):
         wkt = _WGS_84 if solution.crs is None else _wkt(path, solution.crs)
         if solution.origin_lla is not None:
-            return wkt, _geocentric_from_topocentric(solution.origin_lla), left_out
+            return wkt, _geocentric_from(solution.origin_lla), left_out
         return wkt, same, left_out
     if solution.crs is not None and (measured or solution.frame == "map"):
         if solution.frame == "local":
@@ -162,19 +164,10 @@ def _wkt(path: Path, name: str) -> str:
         raise ExchangeError(f"{path}: the CRS {shortened(name)} has no WKT ({shortened(str(fault))})") from fault
 
 
-def _geocentric_from_topocentric(origin_lla: tuple[float, float, float]) -> Similarity:
-    """Return the transform from east, north, up at an origin to geocentric coordinates of WGS 84 (Hofmann-Wellenhof,
-    Lichtenegger & Wasle 2008, eqs. 8.5 and 8.59)."""
-    a, flattening = 6378137.0, 1 / 298.257223563
-    e2 = flattening * (2 - flattening)
-    latitude, longitude = np.radians(origin_lla[:2])
-    sin_b, cos_b, sin_l, cos_l = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    n, h = a / np.sqrt(1 - e2 * sin_b**2), origin_lla[2]
-    origin = np.array([(n + h) * cos_b * cos_l, (n + h) * cos_b * sin_l, (n * (1 - e2) + h) * sin_b])
-    east = [-sin_l, cos_l, 0.0]
-    north = [-sin_b * cos_l, -sin_b * sin_l, cos_b]
-    up = [cos_b * cos_l, cos_b * sin_l, sin_b]
-    return Similarity(1.0, np.column_stack([east, north, up]), origin)
+def _geocentric_from(origin_lla: tuple[float, float, float]) -> Similarity:
+    """Return the transform from east, north, up at an origin to geocentric coordinates of WGS 84."""
+    origin, *ends = geocentric_from_topocentric(origin_lla, _ARM_M * np.vstack([np.zeros(3), np.eye(3)]))
+    return Similarity(1.0, (np.array(ends) - origin).T / _ARM_M, origin)
 
 
 def _not_written(solution: ForeignSolution) -> Iterator[str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Camera, Pose
+from photogram.camera import Camera, Pose, Similarity
 from photogram.errors import ExchangeError
 from photogram.files.exchange.parsing import (
     HALF_PIXEL,
@@ -40,25 +40,6 @@ _NOT_HELD = ("p3", "p4", "k5", "k6")
 _TRUE = ("true", "1")
 _UNKNOWN_SIGMA_PX = 1.0
 _REMEDY = "export the cameras from Metashape again"
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """x' = scale R x + translation."""
-
-    scale: float
-    rotation: FloatArray
-    translation: FloatArray
-
-    def of_points(self, points: FloatArray) -> FloatArray:
-        """Transform points (N, 3)."""
-        return np.asarray(self.scale * points @ self.rotation.T + self.translation)
-
-    def of_pose(self, pose: Pose, place: str) -> Pose:
-        """Transform a pose."""
-        return pose_of(
-            self.rotation @ pose.rotation_world_from_camera, self.of_points(pose.position_world_m[None])[0], place
-        )
 
 
 @dataclass(frozen=True)
@@ -269,7 +250,7 @@ def _photographs(
 
 def _pose(place: str, text: str, world: Similarity) -> Pose:
     M = numbers_of(text, 16, "the transform of a camera", place).reshape(4, 4)
-    return world.of_pose(pose_of(M[:3, :3], M[:3, 3], place), place)
+    return world.pose(pose_of(M[:3, :3], M[:3, 3], place))
 
 
 def _position(path: Path, reference: Element) -> FloatArray | None:

@@ -257,7 +257,7 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         np.concatenate(photograph or none),
         np.concatenate(point or none),
         np.concatenate(pixel or [np.zeros((0, 2))]) - HALF_PIXEL,
-        chunk.world.of_points(position),
+        chunk.world.points(position),
         feature=np.concatenate(feature or none),
         sigma_px=chunk.tie_sigma_px or 1.0,
         colour=_colours(place, cloud, ids),
