@@ -8,16 +8,10 @@ placed by people and are marks; the others are where Metashape expects a marker,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
-from xml.sax import SAXException, SAXParseException
-from xml.sax.handler import ContentHandler
-from xml.sax.xmlreader import AttributesImpl, Locator
-
-from defusedxml import DefusedXmlException
-from defusedxml.sax import parseString
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
@@ -25,85 +19,16 @@ from photogram.files.marks.actions import Mark
 from photogram.files.marks.corner_pixels import from_corner, to_corner
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, Sigma3, check_marks
 from photogram.files.text_lines import SIGMA_M, Faults, text_of
-from photogram.wording import printable, shortened, some
+from photogram.files.xml_elements import Element, elements_of
+from photogram.wording import shortened, some
 
-_DEEPEST = 50
+_REMEDY = "export the markers from Metashape again"
 _AUTHORITY = re.compile(r'AUTHORITY\["EPSG","(\d+)"\]\]\s*$')
 _BOM = "\ufeff"
 
 
-@dataclass
-class _Element:
-    tag: str
-    attributes: Mapping[str, str]
-    line: int
-    children: list[_Element] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
-
-    @property
-    def text(self) -> str:
-        """All of its text."""
-        return "".join(self.texts)
-
-    def all(self, *path: str) -> Iterator[_Element]:
-        """Give the elements at the end of a path of tags."""
-        if not path:
-            yield self
-            return
-        for child in self.children:
-            if child.tag == path[0]:
-                yield from child.all(*path[1:])
-
-    def below(self, tag: str) -> Iterator[_Element]:
-        """Give the elements of a tag at any depth."""
-        for child in self.children:
-            if child.tag == tag:
-                yield child
-            yield from child.below(tag)
-
-
-class _TooDeep(SAXException):
-    """Elements lie in one another as no program writes them."""
-
-
-class _Builder(ContentHandler):
-    """Builds the elements with their lines, which ElementTree does not keep."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.root = _Element("", {}, 1)
-        self._open = [self.root]
-        self._place: Locator | None = None
-
-    def setDocumentLocator(self, locator: Locator) -> None:  # noqa: N802
-        self._place = locator
-
-    def startElement(self, name: str, attrs: AttributesImpl) -> None:  # noqa: N802  # SAX's own name
-        if len(self._open) > _DEEPEST:
-            raise _TooDeep("elements lie too deep in one another")
-        line = self._place.getLineNumber() if self._place else 1
-        element = _Element(name, dict(attrs.items()), line or 1)
-        self._open[-1].children.append(element)
-        self._open.append(element)
-
-    def endElement(self, name: str) -> None:  # noqa: ARG002, N802
-        self._open.pop()
-
-    def characters(self, content: str) -> None:
-        self._open[-1].texts.append(content)
-
-
-def _root(path: Path) -> _Element:
-    builder = _Builder()
-    try:
-        parseString(text_of(path, ControlPointError).encode(), builder, forbid_dtd=True)
-    except SAXParseException as fault:
-        what = f"{path}:{fault.getLineNumber() or 1}: is not valid XML ({fault.getMessage()})"
-        raise ControlPointError(f"{what}: export the markers from Metashape again") from fault
-    except (SAXException, DefusedXmlException, ValueError, LookupError) as fault:
-        what = f"{path}:1: is XML that is not read ({printable(shortened(str(fault)))})"
-        raise ControlPointError(f"{what}: give the markers as Metashape exports them") from fault
-    return builder.root
+def _root(path: Path) -> Element:
+    return elements_of(text_of(path, ControlPointError).encode(), path, ControlPointError, _REMEDY)
 
 
 def holds_metashape_markers(first_line: str) -> bool:
@@ -114,7 +39,7 @@ def holds_metashape_markers(first_line: str) -> bool:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _one_chunk(path: Path, root: _Element) -> _Element:
+def _one_chunk(path: Path, root: Element) -> Element:
     chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
     held = [chunk for chunk in chunks if any(chunk.all("markers", "marker"))]
     if not held:
@@ -127,16 +52,17 @@ def _one_chunk(path: Path, root: _Element) -> _Element:
     return held[0]
 
 
-def _crs(chunk: _Element) -> str | None:
+def _crs(chunk: Element) -> str | None:
     """Return the CRS of the chunk, by its EPSG code where its WKT ends with one; None for local coordinates."""
-    wkt = " ".join(next((element.text for element in chunk.all("reference")), "").split())
+    reference = chunk.first("reference")
+    wkt = "" if reference is None else " ".join(reference.text.split())
     if not wkt or wkt.startswith("LOCAL_CS"):
         return None
     code = _AUTHORITY.search(wkt)
     return f"EPSG:{code[1]}" if code else wkt
 
 
-def _sigma_m(reference: _Element, name: str, faults: Faults) -> Sigma3:
+def _sigma_m(reference: Element, name: str, faults: Faults) -> Sigma3:
     """Return the accuracies: sx, sy and sz, or sxy and sz as before version 1.3."""
     found = []
     for column in ("sx", "sy", "sz"):
@@ -149,9 +75,9 @@ def _sigma_m(reference: _Element, name: str, faults: Faults) -> Sigma3:
     return found[0], found[1], found[2]
 
 
-def _named(elements: Iterable[_Element], what: str, faults: Faults) -> dict[str, tuple[str, _Element]]:
+def _named(elements: Iterable[Element], what: str, faults: Faults) -> dict[str, tuple[str, Element]]:
     """Return the labels of elements by their numbers, which Metashape calls id."""
-    named: dict[str, tuple[str, _Element]] = {}
+    named: dict[str, tuple[str, Element]] = {}
     lines: dict[str, int] = {}
     for element in elements:
         label, number = element.attributes.get("label", "").strip(), element.attributes.get("id", "")
@@ -167,7 +93,7 @@ def _named(elements: Iterable[_Element], what: str, faults: Faults) -> dict[str,
     return named
 
 
-def _points(markers: Mapping[str, tuple[str, _Element]], faults: Faults) -> list[FilePoint]:
+def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[FilePoint]:
     points = []
     for label, element in markers.values():
         for reference in element.all("reference"):
@@ -186,7 +112,7 @@ def _points(markers: Mapping[str, tuple[str, _Element]], faults: Faults) -> list
     return points
 
 
-def _photographs(chunk: _Element, frame: _Element | None, faults: Faults) -> dict[str, str]:
+def _photographs(chunk: Element, frame: Element | None, faults: Faults) -> dict[str, str]:
     """Return the names of photographs by the numbers of their cameras: the file's where it is told, else the label."""
     cameras = (camera for held in chunk.all("cameras") for camera in held.below("camera"))
     names = {number: label for number, (label, _) in _named(cameras, "camera", faults).items()}
@@ -198,7 +124,7 @@ def _photographs(chunk: _Element, frame: _Element | None, faults: Faults) -> dic
     return names
 
 
-def _one_frame(path: Path, chunk: _Element) -> _Element | None:
+def _one_frame(path: Path, chunk: Element) -> Element | None:
     frames = [frame for frame in chunk.all("frames", "frame") if any(frame.all("markers", "marker", "location"))]
     if len(frames) > 1:
         raise ControlPointError(f"{path}:{frames[1].line}: holds markers of {len(frames)} frames: export one at a time")
@@ -253,7 +179,7 @@ def read_markers(path: Path) -> MarkerFile:
     return MarkerFile(file, tuple(bare), tuple(others))
 
 
-def _mark(location: _Element, point: str, photographs: Mapping[str, str], faults: Faults) -> FileMark | None:
+def _mark(location: Element, point: str, photographs: Mapping[str, str], faults: Faults) -> FileMark | None:
     camera = location.attributes.get("camera_id", "")
     if camera not in photographs:
         text = f"camera_id {shortened(camera)!r} of marker {point} is no camera of the chunk"
