@@ -38,6 +38,9 @@ from photogram.projection import (
 VERTICAL = 1e-7
 """Level part of an optical axis, of unit length, below which it counts as vertical."""
 
+_ALONG_EASTING = 1e-9
+"""What of an optical axis, of unit length, is not along the easting below which φ counts as ±90°."""
+
 
 def _zeros(n: int) -> FloatArray:
     return np.zeros(n)
@@ -354,13 +357,28 @@ def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float,
     return float(np.rad2deg(yaw)), float(np.rad2deg(pitch)), float(np.rad2deg(roll))
 
 
-def omega_phi_kappa_deg(rotation_map_from_camera: FloatArray) -> FloatArray:
-    """Return the photogrammetric angles (3,) in degrees of a rotation from the camera to easting, northing, up.
+def rotation_from_omega_phi_kappa(angles_deg: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) from the camera to easting, northing, up of photogrammetric angles in degrees.
 
     R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007,
     sec. 2.1).
     """
+    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles_deg)), np.cos(np.radians(angles_deg))
+    Rx = np.array([[1.0, 0.0, 0.0], [0.0, co, -so], [0.0, so, co]])
+    Ry = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    Rz = np.array([[ck, -sk, 0.0], [sk, ck, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(Rx @ Ry @ Rz @ np.diag([1.0, -1.0, -1.0]))
+
+
+def omega_phi_kappa_deg(rotation_map_from_camera: FloatArray) -> FloatArray:
+    """Return the photogrammetric angles (3,) in degrees of a rotation from the camera to easting, northing, up:
+    rotation_from_omega_phi_kappa undone.
+
+    Of a photograph that looks level along the easting only the sum or the difference of ω and κ is known: ω is 0 there.
+    """
     R = rotation_map_from_camera @ np.diag([1.0, -1.0, -1.0])
-    return np.rad2deg(
-        [np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1.0, 1.0)), np.arctan2(-R[0, 1], R[0, 0])]
-    )
+    level = np.hypot(R[0, 0], R[0, 1])
+    phi = np.arctan2(R[0, 2], level)  # the arcsine of nearly 1 would lose half of the digits
+    if level < _ALONG_EASTING:
+        return np.degrees([0.0, phi, np.arctan2(R[1, 0], R[1, 1])])
+    return np.degrees([np.arctan2(-R[1, 2], R[2, 2]), phi, np.arctan2(-R[0, 1], R[0, 0])])

@@ -25,6 +25,7 @@ from pyproj.transformer import TransformerGroup
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.height_systems import DeclaredHeights, HeightSystem, crs_name, full_crs, is_gnss_ellipsoid, vertical_crs
+from photogram.wording import printable
 
 NO_CRS = "none"
 """What stands for the CRS of a survey in a Cartesian system of its own, which no map knows."""
@@ -37,6 +38,7 @@ _PLACES = 1  # decimals of a degree: operations are chosen anew some 10 km farth
 _MOST_M = 1000.0
 """Datums lie less than this apart."""
 
+_EPSG_AT_END = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
 _ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
 
@@ -63,6 +65,15 @@ def projected_crs(name: str) -> CRS:
     if units != {"metre"}:
         raise FrameError(f"crs: {name!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres")
     return horizontal
+
+
+def crs_of_wkt(wkt: str) -> str | None:
+    """Return a CRS by the EPSG code with which its WKT ends, else as WKT; None for local coordinates and for none."""
+    text = " ".join(wkt.split())
+    if not text or text.upper().startswith(("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")):
+        return None
+    code = _EPSG_AT_END.search(text)
+    return f"EPSG:{code[1]}" if code else printable(text)
 
 
 def vertical_of(name: str) -> str | None:

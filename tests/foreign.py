@@ -1,12 +1,14 @@
-"""What tests of other programs' files share: a small solution, its reprojection, and files that are damaged."""
+"""Foreign solutions for the tests of photogram.files.exchange: made, compared, projected, and their files damaged."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project
@@ -15,16 +17,8 @@ from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import ControlPoints, TiePoints
 
 NOISE_PX = 0.4
-CUTS = 60
-CHANGES = 200
 
-
-def rotation_of(rotation_vector: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) by its axis times its angle, rad (Rodrigues 1840)."""
-    angle = float(np.linalg.norm(rotation_vector))
-    x, y, z = rotation_vector / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)
+# ---- made ----------------------------------------------------------------------------------------------------------
 
 
 def small_solution(seed: int = 4, k4: float = 0.003, b: tuple[float, float] = (0.4, -0.3)) -> ForeignSolution:
@@ -39,7 +33,7 @@ def small_solution(seed: int = 4, k4: float = 0.003, b: tuple[float, float] = (0
     points = rng.uniform([-6.0, -5.0, -1.0], [6.0, 5.0, 1.0], (30, 3))
     photographs = []
     for i in range(5):
-        tilt = rotation_of(rng.normal(0.0, 0.15, 3))
+        tilt = Rotation.from_rotvec(rng.normal(0.0, 0.15, 3)).as_matrix()
         pose = Pose(tilt @ np.diag([1.0, -1.0, -1.0]), np.array([2.1 * i - 4.0, 0.3 * i - 0.5, 14.0 + 0.2 * i]))
         photographs.append(
             ForeignPhotograph(
@@ -75,20 +69,65 @@ def small_solution(seed: int = 4, k4: float = 0.003, b: tuple[float, float] = (0
     return ForeignSolution("photogram", cameras, tuple(photographs), tie_points, ground)
 
 
-def reprojection_rms_px(solution: ForeignSolution) -> float:
-    """Return the root mean square of the length of a tie point's residual, by photogram.camera.project alone."""
-    tie = solution.tie_points
-    residual = np.full((len(tie.point), 2), np.nan)
+def brown(name: str = "1", size_px: tuple[int, int] = (400, 301), centred: bool = False, **q: object) -> Camera:
+    """Return a camera with as many distortions as are given, its principal point off the centre unless ``centred``."""
+    width, height = size_px
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    return Camera(name, width, height, 380.25, centre + (0.0 if centred else np.array([1.7, -2.3])), **q)  # type: ignore[arg-type]
+
+
+def made(
+    cameras: Sequence[Camera], photographs: int = 4, points: int = 40, seed: int = 1, noise_px: float = 0.5
+) -> ForeignSolution:
+    """Return photographs around the z axis that look at points before them, observed with noise where they show."""
+    rng = np.random.default_rng(seed)
+    X = rng.uniform([-3, -2, 8], [3, 2, 12], (points, 3))
+    shot, rows = [], []
+    for i in range(photographs):
+        R = Rotation.from_rotvec(rng.normal(0, 0.12, 3)).as_matrix()
+        pose = Pose(R, rng.normal(0, 0.6, 3))
+        file = PurePosixPath(f"flight/photo_{i:02d}.jpg")
+        shot.append(ForeignPhotograph(file.name, i % len(cameras), pose, file))
+        pixel = project(cameras[i % len(cameras)], pose, X) + rng.normal(0, noise_px, (points, 2))
+        inside = cameras[i % len(cameras)].contains(pixel)
+        rows += [(k, i, *pixel[k]) for k in np.flatnonzero(inside)]
+    rows.sort()
+    table = np.array(rows)
+    point, photograph = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)
+    used = np.unique(point)
+    tie = TiePoints(
+        photograph,
+        np.searchsorted(used, point).astype(np.int64),
+        np.arange(len(table)),
+        table[:, 2:],
+        np.ones(len(table)),
+        X[used],
+        rng.integers(0, 256, (len(used), 3)).astype(np.uint8),
+    )
+    return ForeignSolution("test", tuple(cameras), tuple(shot), tie)
+
+
+def residuals(solution: ForeignSolution) -> FloatArray:
+    """Return observed less projected pixels (N, 2) of all tie points."""
+    tie, misfit = solution.tie_points, np.full((len(solution.tie_points.point), 2), np.nan)
     for i, photograph in enumerate(solution.photographs):
-        mine = tie.photograph == i
-        if mine.any() and photograph.pose is not None:
-            at = project(solution.cameras[photograph.camera], photograph.pose, tie.position_world_m[tie.point[mine]])
-            residual[mine] = at - tie.pixel[mine]
-    return float(np.sqrt((residual**2).sum(axis=1).mean()))
+        if photograph.pose is not None:
+            mine = tie.photograph == i
+            X = tie.position_world_m[tie.point[mine]]
+            misfit[mine] = tie.pixel[mine] - project(solution.cameras[photograph.camera], photograph.pose, X)
+    return misfit
+
+
+def rms_px(solution: ForeignSolution) -> float:
+    """Return the root mean square of the lengths of all residuals of tie points, by photogram.camera.project alone."""
+    return float(np.sqrt((residuals(solution) ** 2).sum(axis=1).mean()))
+
+
+# ---- compared ------------------------------------------------------------------------------------------------------
 
 
 def assert_same_cameras(found: ForeignSolution, expected: ForeignSolution, tolerance: float = 1e-9) -> None:
-    """Assert that names, calibrations and poses agree."""
+    """Assert that names, calibrations and poses agree, photographs in the same order."""
     assert [p.name for p in found.photographs] == [p.name for p in expected.photographs]
     for one, other in zip(found.photographs, expected.photographs, strict=True):
         mine, theirs = found.cameras[one.camera], expected.cameras[other.camera]
@@ -102,35 +141,100 @@ def assert_same_cameras(found: ForeignSolution, expected: ForeignSolution, toler
             np.testing.assert_allclose(one.pose.position_world_m, other.pose.position_world_m, rtol=0, atol=tolerance)
 
 
-def damaged(data: bytes, seed: int) -> Iterator[bytes]:
-    """Give what is left of a file that was cut off, or in which bytes, words and numbers were changed."""
+def assert_same(first: ForeignSolution, second: ForeignSolution, tolerance: float = 1e-9) -> None:
+    """Assert that calibrations, poses, points and pixels agree, cameras and photographs in whatever order."""
+    number = {p.name: i for i, p in enumerate(second.photographs)}
+    other = np.array([number[p.name] for p in first.photographs])
+    assert_same_cameras(first, replace(second, photographs=tuple(second.photographs[i] for i in other)), tolerance)
+    s, t = first.tie_points, second.tie_points
+    assert np.allclose(s.position_world_m, t.position_world_m, rtol=0, atol=tolerance)
+    assert np.array_equal(s.colour, t.colour)
+    order_s, order_t = np.lexsort((other[s.photograph], s.point)), np.lexsort((t.photograph, t.point))
+    assert np.array_equal(s.point[order_s], t.point[order_t])
+    assert np.array_equal(other[s.photograph][order_s], t.photograph[order_t])
+    assert np.allclose(s.pixel[order_s], t.pixel[order_t], rtol=0, atol=tolerance)
+
+
+def disagreement(first: ForeignSolution, second: ForeignSolution) -> tuple[float, float]:
+    """Return how far the poses of two solutions are apart after a similarity: the largest angle in degrees, and the
+    largest distance of projection centres in parts of their extent."""
+    pairs = [
+        (p.pose, q.pose)
+        for p in first.photographs
+        for q in second.photographs
+        if p.name == q.name and p.pose is not None and q.pose is not None
+    ]
+    assert len(pairs) > 3
+    A = np.array([p.position_world_m for p, _ in pairs])
+    B = np.array([q.position_world_m for _, q in pairs])
+    # the rotation from the attitudes and the centres, the scale from the centres (Horn 1987, sec. 2)
+    turns = [p.rotation_world_from_camera @ q.rotation_world_from_camera.T for p, q in pairs]
+    R = Rotation.from_matrix(np.array(turns)).mean().as_matrix()
+    a, b = A - A.mean(axis=0), (B - B.mean(axis=0)) @ R.T
+    scale = (a * b).sum() / (b * b).sum()
+    angles = [np.rad2deg(Rotation.from_matrix(R.T @ turn).magnitude()) for turn in turns]
+    return float(max(angles)), float(np.linalg.norm(a - scale * b, axis=1).max() / np.ptp(A, axis=0).max())
+
+
+# ---- damaged -------------------------------------------------------------------------------------------------------
+
+
+def damaged(data: bytes, seed: int = 5, times: int = 100) -> Iterator[bytes]:
+    """Give a file cut off at many places, with bytes changed, repeated and taken out, and with other numbers in it."""
     rng = np.random.default_rng(seed)
-    for end in np.unique(np.linspace(0, max(len(data) - 1, 0), CUTS).astype(int)):
-        yield data[:end]
-    words = (b"nan", b"-1", b"9223372036854775808", b"1e400", b"", b"\x00", b"\xff\xfe", b"../..", b"<", b"99999999")
-    for _ in range(CHANGES):
-        at, kind = int(rng.integers(len(data))), int(rng.integers(3))
-        if kind == 0:
-            yield data[:at] + bytes([int(rng.integers(256))]) + data[at + 1 :]
-        elif kind == 1:
-            yield data[:at] + words[int(rng.integers(len(words)))] + data[at + int(rng.integers(12)) :]
-        else:
-            end = at + int(rng.integers(1, 40))
-            yield data[:at] + data[at:end] * 2 + data[end:]
+    yield from (data[: int(n)] for n in np.linspace(0, len(data) - 1, times))
+    words = (
+        b"nan",
+        b"inf",
+        b"-1",
+        b"9223372036854775808",
+        b"99999999",
+        b"1e400",
+        b"..",
+        b"../..",
+        b"/",
+        b"\0",
+        b"\xff\xfe",
+        b"",
+        b"{",
+        b'"',
+        b"<",
+    )
+    for _ in range(times):
+        at, size = int(rng.integers(len(data))), int(rng.integers(1, 9))
+        yield data[:at] + rng.bytes(size) + data[at + size :]
+        yield data[:at] + b"\xff" * 8 + data[at + 8 :]
+        yield data[:at] + data[at + size :]
+        yield data[:at] + data[at : at + 40] + data[at:]
+        word = words[int(rng.integers(len(words)))]
+        yield data[:at] + word + data[at + int(rng.integers(12)) :]
+        parts = data.split(b" ")
+        parts[int(rng.integers(len(parts)))] = word
+        yield b" ".join(parts)
 
 
-def assert_refused_or_read(read: Callable[[Path], ForeignSolution], path: Path, data: bytes, seed: int) -> int:
-    """Assert that whatever is left of a file is read, or refused by ExchangeError; returns how many were refused."""
-    refused = 0
+def refusals(write: Callable[[bytes], object], read: Callable[[], object], data: bytes, seed: int = 5) -> int:
+    """Return how many kinds of damage to the data of a file are refused with an ExchangeError; the others must do no
+    harm, and the data be read again at the end."""
+    messages = []
     for changed in damaged(data, seed):
-        path.write_bytes(changed)
+        write(changed)
         try:
-            read(path)
-        except ExchangeError:
-            refused += 1
-    return refused
+            read()
+        except ExchangeError as fault:
+            messages.append(str(fault))
+    write(data)
+    read()
+    assert max(map(len, messages)) < 1500
+    return len(messages)
 
 
-def without_ground_points(solution: ForeignSolution) -> ForeignSolution:
-    """Return a solution without ground points."""
-    return replace(solution, ground_points=None)
+def assert_refused_or_read(path: Path, read: Callable[[], object], seed: int = 5, least: int = 50) -> None:
+    """Assert that damage to a file of a solution is refused or does no harm, and refused more than ``least`` times."""
+    assert refusals(path.write_bytes, read, path.read_bytes(), seed) > least
+
+
+def assert_refuses(read: Callable[[], object], words: str) -> None:
+    """Assert an ExchangeError whose message holds these words."""
+    with pytest.raises(ExchangeError, match=words):
+        read()

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from foreign import small_solution
 
-from photogram.camera import omega_phi_kappa_deg, rotation_from_gimbal
+from photogram.camera import omega_phi_kappa_deg, rotation_from_gimbal, rotation_from_omega_phi_kappa
 from photogram.errors import ExchangeError
 from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
-from photogram.files.exchange.parsing import rotation_from_omega_phi_kappa
 from photogram.files.exchange.solution import ForeignSolution
 
 Writer = Callable[[Path, ForeignSolution], tuple[str, ...]]

@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
-from foreign_solutions import assert_refused_or_read, assert_refuses, assert_same, brown, made, residuals
+from foreign import assert_refused_or_read, assert_refuses, assert_same, brown, made, residuals
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -124,9 +124,22 @@ def test_heads_that_lie_are_refused(tmp_path: Path, old: str, new: str, words: s
     assert_refuses(lambda: read_bundler(path, sizes_px=sizes(solution)), words)
 
 
-@pytest.mark.parametrize("name", ["../x.jpg", "a\0b.jpg", "a/..", "x" * 300])
+@pytest.mark.parametrize("name", ["..", "a\0b.jpg", "a/..", "x" * 300])
 def test_hostile_names_are_refused(tmp_path: Path, name: str) -> None:
     solution = made(CAMERAS)
     write_bundler(tmp_path / "bundle.out", solution)
     (tmp_path / "list.txt").write_text("\n".join(["a.jpg", name, "b.jpg 0 380.25", "c.jpg"]))
     assert_refuses(lambda: read_bundler(tmp_path / "bundle.out", sizes_px=sizes(solution)), "name")
+
+
+def test_a_photograph_that_a_list_names_outside_of_its_folder_is_not_opened(tmp_path: Path) -> None:
+    solution = made(CAMERAS)
+    path = tmp_path / "in" / "bundle.out"
+    path.parent.mkdir()
+    write_bundler(path, solution)
+    names = [photograph.name for photograph in solution.photographs]
+    path.with_name("list.txt").write_text("\n".join(["../photo_00.jpg", *names[1:]]))
+    assert [p.name for p in read_bundler(path, sizes_px=sizes(solution)).photographs] == names
+    (tmp_path / "photo_00.jpg").write_bytes(b"")
+    others = {name: size for name, size in sizes(solution).items() if name != "photo_00.jpg"}
+    assert_refuses(lambda: read_bundler(path, sizes_px=others), "'../photo_00.jpg' is not looked for")

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
-from foreign_solutions import (
+from foreign import (
     assert_refused_or_read,
     assert_refuses,
     assert_same,
@@ -120,7 +120,7 @@ def test_what_has_no_place_is_said(tmp_path: Path) -> None:
     for words in (
         "1 photograph without",
         "1 tie point without",
-        "topocentric",
+        "east, north and up at an origin",
         "Measured positions",
         "observations of",
     ):
@@ -164,7 +164,7 @@ def test_a_count_beyond_the_file_is_not_believed(tmp_path: Path, name: str) -> N
     assert_refuses(lambda: read_colmap(tmp_path), "announces")
 
 
-@pytest.mark.parametrize("name", ["../a.jpg", "x/../../a.jpg", "", "a\x1b[2J.jpg", "x" * 300])
+@pytest.mark.parametrize("name", ["..", "x/..", "", "a\x1b[2J.jpg", "x" * 300])
 def test_hostile_names_are_refused(tmp_path: Path, name: str) -> None:
     write_colmap(tmp_path, made([brown()]))
     path = tmp_path / "images.bin"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_solutions import assert_refused_or_read, assert_refuses, brown, disagreement, made, residuals, rms_px
+from foreign import assert_refused_or_read, assert_refuses, brown, disagreement, made, residuals, rms_px
 from makers import SharedData
 from scipy.spatial.transform import Rotation
 
@@ -150,8 +150,9 @@ def test_damaged_files_are_refused_or_read(tmp_path: Path) -> None:
         ("\n4\n", "\n9223372036854775807\n", "whole number|announces"),
         ("\n4\n", "\n400000\n", "announces 400000 lines more"),
         ("\n4\n", "\n0\n", "holds no model"),
-        ("images/photo_01.jpg", "../photo_01.jpg", "no name of a photograph"),
+        ("images/photo_01.jpg", "images/..", "no name of a photograph"),
         ("images/photo_01.jpg", "images/photo_00.jpg", "same file name"),
+        ("images/photo_01.jpg", "../other.jpg", "is not looked for"),
         ("images/photo_01.jpg", "images/other.jpg", "size of other.jpg is not known"),
     ],
 )

@@ -21,6 +21,7 @@ from photogram.camera import (
     oriented_by,
     project,
     rotation_from_gimbal,
+    rotation_from_omega_phi_kappa,
     undistort,
     unproject,
 )
@@ -381,3 +382,19 @@ def test_points_beyond_the_fold_of_the_distortion_are_not_seen() -> None:
     pixel = project(camera, nadir, np.array([[1.1, 0.0, 1.0], [1.2, 0.0, 1.0], [2.0, 0.0, 1.0]]))
     assert np.isfinite(pixel[0]).all()
     assert np.isnan(pixel[1:]).all()
+
+
+@given(st.lists(st.floats(-180.0, 180.0), min_size=3, max_size=3))
+def test_angles_come_back_to_all_digits(angles: list[float]) -> None:
+    for phi in (angles[1], 90.0, -90.0, 90.0 - 1e-7):
+        R = rotation_from_omega_phi_kappa([angles[0], phi, angles[2]])
+        back = rotation_from_omega_phi_kappa(omega_phi_kappa_deg(R))
+        np.testing.assert_allclose(back, R, rtol=0, atol=3e-9)
+
+
+def test_the_angles_of_any_rotation_give_it_back() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        R = Rotation.from_rotvec(rng.normal(0.0, 1.5, 3)).as_matrix()
+        back = rotation_from_omega_phi_kappa(omega_phi_kappa_deg(R))
+        np.testing.assert_allclose(back, R, rtol=0, atol=1e-13)

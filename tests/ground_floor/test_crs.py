@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.crs import WGS84, changes_datum, datum_change, middle_deg
+from photogram.crs import WGS84, changes_datum, crs_of_wkt, datum_change, middle_deg
 from photogram.errors import FrameError
 from photogram.frames import geodetic_from_map, map_from_crs, map_from_geodetic
 
@@ -120,3 +120,19 @@ def test_the_middle_of_positions() -> None:
     assert middle_deg("EPSG:25832", np.array([ETRS89_UTM32_M])) == (10.3, 48.8)
     assert middle_deg(WGS84, np.full((2, 2), np.nan)) is None
     assert middle_deg(WGS84, np.array([[500_000.0, 5_000_000.0]])) is None
+
+
+@pytest.mark.parametrize(
+    ("wkt", "expected"),
+    [
+        ("", None),
+        ('LOCAL_CS["x"]', None),
+        ('ENGCRS["x"]', None),
+        ('PROJCS["a", AUTHORITY["EPSG","25832"]]', "EPSG:25832"),
+        ('PROJCRS["a",\n  ID["EPSG",25832]]', "EPSG:25832"),
+        ('PROJCS["a"]', 'PROJCS["a"]'),
+        ("EPSG:25832+7837", "EPSG:25832+7837"),
+    ],
+)
+def test_a_crs_is_known_by_its_code(wkt: str, expected: str | None) -> None:
+    assert crs_of_wkt(wkt) == expected

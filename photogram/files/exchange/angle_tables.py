@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from photogram.arrays import FloatArray
-from photogram.camera import gimbal_from_rotation
+from photogram.camera import gimbal_from_rotation, omega_phi_kappa_deg
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
-from photogram.files.exchange.parsing import check_writable, exact_omega_phi_kappa_deg
 from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.writing import check_writable
 from photogram.wording import printable, things
 
 _OMEGA_PHI_KAPPA = (
@@ -35,7 +35,7 @@ def write_omega_phi_kappa(path: Path, solution: ForeignSolution) -> tuple[str, .
     Angles are those of Kraus 2007, sec. 2.1. Raises ExchangeError where a name has blanks or a pose is not finite, or
     coordinates are geocentric, whose angles mean nothing; WorkspaceError where the file cannot be written.
     """
-    return _write(path, solution, _OMEGA_PHI_KAPPA, exact_omega_phi_kappa_deg)
+    return _write(path, solution, _OMEGA_PHI_KAPPA, omega_phi_kappa_deg)
 
 
 def write_yaw_pitch_roll(path: Path, solution: ForeignSolution) -> tuple[str, ...]:

@@ -1,148 +1,38 @@
-"""What all readers of foreign solutions share: files read whole, names, numbers and rotations checked, tie points
-sorted.
+"""Values of other programs' files as cameras, poses and tie points.
 
-Whatever is wrong with a file becomes an ExchangeError here, with the place that the reader names in ``where``.
+Values that make none become an ExchangeError that begins with ``where``, the place that the reader names.
 """
 
 from __future__ import annotations
 
-import re
-from array import array
 from collections.abc import Iterable, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
-from photogram.files.reading import read_whole
+from photogram.files.exchange.parsing import check_finite
+from photogram.files.exchange.solution import ForeignPhotograph
 from photogram.projection import Model
-from photogram.survey import TiePoints
-from photogram.wording import printable, shortened
+from photogram.survey import TRANSFERRED, TiePoints
+from photogram.wording import printable
 
-MOST_BYTES = 8_000_000_000
-"""Of one file of a solution."""
+HALF_PIXEL = 0.5
+"""What the pixels of programs have more whose top-left pixel has its centre at (0.5, 0.5)."""
 
-LARGEST_SIDE_PX = 1_000_000
-LARGEST_WHOLE = 2**53
-"""Above it, a double no longer holds every whole number."""
-
-_LONGEST_NAME = 255
-_LONGEST_PATH = 4096
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
-_CROOKED = 1e-3
-"""What of RᵀR − I is more than rounding to four digits."""
-
-
-def bytes_of(path: Path) -> bytes:
-    """Return the content of a file. Raises ExchangeError where it cannot be read or is far too large."""
-    try:
-        return read_whole(path, MOST_BYTES)
-    except OSError as fault:
-        raise ExchangeError(f"{path}: cannot be read ({fault.strerror}): check its name and folder") from fault
-
-
-def text_of(path: Path) -> str:
-    """Return the text of a file. Raises ExchangeError where it cannot be read, or is not UTF-8."""
-    data = bytes_of(path)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        line = data[: fault.start].count(b"\n") + 1
-        raise ExchangeError(
-            f"{path}:{line}: byte {data[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
-
-
-def file_of(where: str, text: str) -> PurePosixPath:
-    """Return the path by which a program names a photograph; backslashes become slashes. Raises ExchangeError where it
-    names none, is too long, or holds ``..`` or a character that cannot be printed."""
-    file = PurePosixPath(text.replace("\\", "/"))
-    shown = repr(shortened(printable(text)))
-    if not file.name or ".." in file.parts:
-        raise ExchangeError(f"{where}: {shown} is no name of a photograph: name its file, without '..'")
-    if len(file.name.encode("utf-8", "surrogatepass")) > _LONGEST_NAME or len(text) > _LONGEST_PATH:
-        raise ExchangeError(f"{where}: the name {shown} is longer than that of any file: check the file")
-    if _CONTROL.search(text) or any("\ud800" <= c <= "\udfff" for c in text):
-        raise ExchangeError(f"{where}: the name {shown} holds a character that cannot be printed: rename the file")
-    return file
-
-
-def check_names(where: str, photographs: Sequence[ForeignPhotograph]) -> None:
-    """Raise ExchangeError where two photographs have the same file name, in whatever folders."""
-    first: dict[str, PurePosixPath] = {}
-    for photograph in photographs:
-        if photograph.name in first:
-            raise ExchangeError(
-                f"{where}: {first[photograph.name]} and {photograph.file} have the same file name: give every "
-                "photograph a name of its own, whatever its folder"
-            )
-        first[photograph.name] = photograph.file
-
-
-def numbers(where: str, texts: Iterable[str]) -> FloatArray:
-    """Return numbers (N,) as they are written; any may be infinite or NaN."""
-    texts = list(texts)
-    try:
-        values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
-    except ValueError as fault:
-        wrong = next((text for text in texts if not _is_number(text)), "")
-        raise ExchangeError(f"{where}: {shortened(printable(wrong))!r} is not a number: check the file") from fault
-    return values
-
-
-def number_rows(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[FloatArray, IntArray]:
-    """Return the numbers (N,) of numbered lines that hold nothing else, and how many each line has."""
-    flat, counts, before = array("d"), array("q"), 0
-    for line, text in lines:
-        try:
-            flat.extend(map(float, text.split()))
-        except ValueError:
-            numbers(f"{path}:{line}", text.split())
-        counts.append(len(flat) - before)
-        before = len(flat)
-    return np.frombuffer(flat, dtype=np.float64), np.frombuffer(counts, dtype=np.int64)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def check_finite(where: str, what: str, values: FloatArray) -> None:
-    """Raise ExchangeError where a number is infinite or NaN."""
-    if not np.isfinite(values).all():
-        wrong = values[~np.isfinite(values)].ravel()[0]
-        raise ExchangeError(f"{where}: {what}: found {wrong}, which is no number: export the solution again")
-
-
-def whole_numbers(where: str, what: str, values: FloatArray, low: int = 0, high: int = LARGEST_WHOLE) -> IntArray:
-    """Return values (N,) as whole numbers. Raises ExchangeError unless they are that, and from low to high."""
-    good: BoolArray = np.asarray((values >= low) & (values <= high) & (values == np.floor(values)))
-    if not good.all():
-        wrong = np.asarray(values)[~good].ravel()[0]
-        raise ExchangeError(
-            f"{where}: {what} must be a whole number from {low} to {high}, found {wrong:.17g}: export the solution "
-            "again"
-        )
-    return np.asarray(values, dtype=np.int64)
-
-
-def whole_number(where: str, what: str, text: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
-    """Return the whole number that a text holds, as ``whole_numbers``."""
-    return int(whole_numbers(where, what, numbers(where, [text]), low, high)[0])
+_LARGEST_SIDE_PX = 1_000_000
+_LARGEST_COEFFICIENT = 1e12
+_EXACT, _CROOKED = 1e-14, 1e-3
+"""What of RᵀR − I is the rounding of doubles, and what is more than rounding to four digits."""
 
 
 def camera_of(
     where: str,
     name: str,
-    size_px: tuple[int, int],
+    size_px: tuple[float, float],
     focal_px: float,
     principal_point_px: Sequence[float],
     radial: Sequence[float] = (),
@@ -152,18 +42,26 @@ def camera_of(
 ) -> Camera:
     """Return a camera; coefficients of ``radial`` that are not given are zero. Raises ExchangeError where its size, its
     focal length or another number is none that a camera can have."""
-    if not all(1 <= side <= LARGEST_SIDE_PX for side in size_px):
-        raise ExchangeError(f"{where}: camera {name}: {size_px[0]} × {size_px[1]} px are no size of a photograph")
-    values = np.array([focal_px, *principal_point_px, *radial, *tangential, *affinity], dtype=np.float64)
-    check_finite(where, f"camera {name}", values)
-    if not focal_px > 0:
-        raise ExchangeError(f"{where}: camera {name}: the focal length must be positive, found {focal_px:g}")
+    name = printable(name)
+    where = f"{where}: camera {name}"
+    width, height = size_px
+    if not all(1 <= side <= _LARGEST_SIDE_PX and side == int(side) for side in size_px):
+        raise ExchangeError(f"{where}: {width:g} × {height:g} px are no size of a photograph: correct it")
     k = np.zeros(4)
     k[: len(radial)] = radial
+    values = np.array([focal_px, *principal_point_px, *k, *tangential, *affinity], dtype=np.float64)
+    check_finite(where, "calibration", values)
+    if not focal_px > 0:
+        raise ExchangeError(
+            f"{where}: the focal length must be positive, found {focal_px:g} px: correct the calibration"
+        )
+    largest = float(np.abs(values).max())
+    if largest > _LARGEST_COEFFICIENT:
+        raise ExchangeError(f"{where}: the calibration has the value {largest:g}, which no lens has: correct it")
     return Camera(
         name,
-        size_px[0],
-        size_px[1],
+        int(width),
+        int(height),
         float(focal_px),
         np.array(principal_point_px, dtype=np.float64),
         k,
@@ -174,15 +72,19 @@ def camera_of(
 
 
 def pose_of(where: str, rotation_world_from_camera: FloatArray, position: FloatArray) -> Pose:
-    """Return a pose; the rotation (3, 3) becomes the nearest orthogonal matrix, which undoes the rounding of what was
-    written with few digits. Raises ExchangeError where it is no rotation, or a number is not finite."""
+    """Return a pose; a rotation (3, 3) that was written with few digits becomes the nearest orthogonal matrix, one with
+    all its digits stays as it is. Raises ExchangeError where it is no rotation, or a number is not finite."""
     R = np.asarray(rotation_world_from_camera, dtype=np.float64)
     check_finite(where, "rotation", R)
     check_finite(where, "position", position)
-    if not np.abs(R.T @ R - np.eye(3)).max() < _CROOKED or np.linalg.det(R) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        departure = np.abs(R.T @ R - np.eye(3)).max()
+    if not departure < _CROOKED or np.linalg.det(R) < 0:
         raise ExchangeError(f"{where}: the rotation is none: its matrix is not orthogonal: export the solution again")
-    U, _, Vt = np.linalg.svd(R)
-    return Pose(np.ascontiguousarray(U @ Vt), np.array(position, dtype=np.float64))
+    if departure > _EXACT:
+        U, _, Vt = np.linalg.svd(R)
+        R = np.ascontiguousarray(U @ Vt)
+    return Pose(R, np.array(position, dtype=np.float64))
 
 
 def rotation_of_quaternion(where: str, quaternion: FloatArray) -> FloatArray:
@@ -202,32 +104,62 @@ def rotation_of_quaternion(where: str, quaternion: FloatArray) -> FloatArray:
     )
 
 
+def check_names(where: str, files: Iterable[PurePosixPath]) -> None:
+    """Raise ExchangeError where two photographs have the same file name, in whatever folders."""
+    first: dict[str, PurePosixPath] = {}
+    for file in files:
+        if file.name in first:
+            raise ExchangeError(
+                f"{where}: {first[file.name]} and {file} have the same file name: give every photograph a name of its "
+                "own, whatever its folder"
+            )
+        first[file.name] = file
+
+
+def sizes_of(cameras: Sequence[Camera], photographs: Sequence[ForeignPhotograph]) -> IntArray:
+    """Return width and height of photographs (F, 2), px."""
+    sizes = np.array([(camera.width_px, camera.height_px) for camera in cameras], dtype=np.int64).reshape(-1, 2)
+    index = np.array([photograph.camera for photograph in photographs], dtype=np.int64)
+    return np.asarray(sizes[index], dtype=np.int64)
+
+
+def no_tie_points() -> TiePoints:
+    """Return no tie points."""
+    none = np.zeros(0, dtype=np.int64)
+    return TiePoints(none, none, none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+
+
 def tie_points_of(
     where: str,
-    photograph: IntArray,
-    point: IntArray,
-    feature: IntArray,
+    photograph: NDArray[np.integer],
+    point: NDArray[np.integer],
     pixel: FloatArray,
     position: FloatArray,
-    colour: ByteArray,
+    *,
+    feature: NDArray[np.integer] | None = None,
+    colour: ByteArray | None = None,
     sigma_px: float = 1.0,
 ) -> TiePoints:
     """Return tie points with their observations sorted by point, then photograph.
 
-    Observations (N,) with their pixels (N, 2); points (P, 3) with their colours (P, 3). ``sigma_px`` is that of every
+    Observations (N,) in any order, with pixels (N, 2) and the numbers of their key points, TRANSFERRED where the format
+    has none; points (P, 3) with their colours (P, 3), black where the format has none. ``sigma_px`` is that of every
     observation: 1 where the program states none. Raises ExchangeError where a number is not finite.
     """
     check_finite(where, "position of a tie point", position)
     check_finite(where, "observation of a tie point", pixel)
     order = np.lexsort((photograph, point))
+    number = np.full(len(order), TRANSFERRED) if feature is None else feature
     return TiePoints(
         np.ascontiguousarray(photograph[order], dtype=np.int64),
         np.ascontiguousarray(point[order], dtype=np.int64),
-        np.ascontiguousarray(feature[order], dtype=np.int64),
+        np.ascontiguousarray(number[order], dtype=np.int64),
         np.ascontiguousarray(pixel[order], dtype=np.float64).reshape(-1, 2),
         np.full(len(order), sigma_px),
         np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3),
-        np.ascontiguousarray(colour, dtype=np.uint8).reshape(-1, 3),
+        np.zeros((len(position), 3), np.uint8)
+        if colour is None
+        else np.ascontiguousarray(colour, dtype=np.uint8).reshape(-1, 3),
     )
 
 
@@ -238,32 +170,3 @@ def index_in(sorted_by: IntArray, ids: IntArray, wanted: IntArray) -> IntArray:
     place = np.minimum(np.searchsorted(ids, wanted, sorter=sorted_by), len(ids) - 1)
     index = sorted_by[place]
     return np.where(ids[index] == wanted, index, -1).astype(np.int64)
-
-
-def check_distinct(where: str, what: str, ids: NDArray[np.generic]) -> None:
-    """Raise ExchangeError where a number comes twice."""
-    values, count = np.unique(ids, return_counts=True)
-    if (count > 1).any():
-        raise ExchangeError(f"{where}: {what} {values[count > 1][0]} comes twice: export the solution again")
-
-
-def path_to_write(photograph: ForeignPhotograph) -> str:
-    """Return the path that another program shall find a photograph by: the one it was read with where that is relative
-    to a folder, else its name."""
-    return photograph.name if _is_absolute(photograph.file) else str(photograph.file)
-
-
-def _is_absolute(file: PurePosixPath) -> bool:
-    return file.is_absolute() or re.match(r"[A-Za-z]:", file.parts[0]) is not None
-
-
-def without_place(solution: ForeignSolution) -> list[str]:
-    """Return sentences on what a format cannot hold that knows neither ground, nor measured positions, nor a frame."""
-    said = []
-    if solution.frame != "local":
-        said.append(f"What the coordinates are: {solution.frame}.")
-    if solution.ground_points is not None:
-        said.append("Ground points and their marks.")
-    if any(photograph.measured is not None for photograph in solution.photographs):
-        said.append("Measured positions of photographs.")
-    return said

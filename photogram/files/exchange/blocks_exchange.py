@@ -17,27 +17,18 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose
-from photogram.crs import projected_crs
+from photogram.camera import Camera, Pose, rotation_from_omega_phi_kappa
+from photogram.crs import crs_of_wkt, projected_crs
 from photogram.errors import ExchangeError, FrameError
-from photogram.files.exchange.parsing import (
-    bytes_of,
-    camera_of,
-    check_photographs,
-    crs_of,
-    file_of,
-    no_tie_points,
-    number_of,
-    pose_of,
-    rotation_from_omega_phi_kappa,
-    sorted_tie_points,
-)
+from photogram.files.exchange.assembly import camera_of, check_names, index_in, no_tie_points, pose_of, tie_points_of
+from photogram.files.exchange.parsing import bytes_of, check_finite, file_of, number_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.xml_elements import Element, elements_of
 from photogram.survey import ControlPoints, Role, TiePoints
 from photogram.wording import printable, shortened, things
 
 _REMEDY = "export the block again"
+_MOST_BYTES = 2_000_000_000  # 20 million observations
 _START, _END = b"<TiePoints>", b"</TiePoints>"
 _NUMBER = rb"\s*([^<\s]{1,40})\s*"
 _MEASUREMENT = re.compile(
@@ -79,7 +70,7 @@ def read_blocks_exchange(path: Path) -> ForeignSolution:
     Raises ExchangeError with the line where the file is damaged, has several blocks or none, geographic coordinates, a
     skew, or a camera model that photogram has not.
     """
-    data = bytes_of(path)
+    data = bytes_of(path, _MOST_BYTES)
     section, rest = _without_tie_points(path, data)
     root = elements_of(rest, path, ExchangeError, _REMEDY)
     blocks = list(root.all("BlocksExchange", "Block"))
@@ -97,7 +88,7 @@ def read_blocks_exchange(path: Path) -> ForeignSolution:
     system = _System("local", None, None) if system_id is None else _system(path, block, definitions[system_id])
     left_out: list[str] = []
     cameras, photographs, index = _photographs(path, block, system_id, left_out)
-    check_photographs(str(path), photographs)
+    check_names(str(path), (photograph.file for photograph in photographs))
     ground = _ground_points(path, block, system_id, index, left_out)
     return ForeignSolution(
         program="ContextCapture",
@@ -134,7 +125,7 @@ def _text(path: Path, element: Element, *tags: str) -> str:
 def _number(path: Path, element: Element, *tags: str) -> float:
     found = element.first(*tags)
     place = f"{path}:{element.line if found is None else found.line}"
-    return number_of("" if found is None else found.text, " / ".join(tags), place)
+    return number_of(place, " / ".join(tags), "" if found is None else found.text)
 
 
 def _system(path: Path, block: Element, definition: str) -> _System:
@@ -143,9 +134,9 @@ def _system(path: Path, block: Element, definition: str) -> _System:
         parts = definition[4:].split(",")
         if len(parts) not in (2, 3):
             raise ExchangeError(f"{place}: the origin {printable(shortened(definition))} is not read: {_REMEDY}")
-        values = [number_of(part, "the origin of the block", place) for part in parts]
+        values = [number_of(place, "the origin of the block", part) for part in parts]
         return _System("topocentric", None, (values[0], values[1], values[2] if len(values) == 3 else 0.0))
-    crs = crs_of(definition)
+    crs = crs_of_wkt(definition)
     if crs is None:
         return _System("local", None, None)
     if crs == "EPSG:4978":
@@ -178,7 +169,7 @@ def _photographs(
             if key in index:
                 raise ExchangeError(f"{path}:{photo.line}: the photograph {key} comes twice: {_REMEDY}")
             index[key] = len(photographs)
-            file = file_of(_text(path, photo, "ImagePath"), f"{path}:{photo.line}")
+            file = file_of(f"{path}:{photo.line}", _text(path, photo, "ImagePath"))
             pose = _pose(path, photo, np.array(orientation, dtype=np.float64))
             measured, other = _measured(path, photo, system)
             elsewhere += other
@@ -219,7 +210,7 @@ def _camera(path: Path, group: Element) -> Camera:
         centre = _number(path, group, "PrincipalPoint", "x"), _number(path, group, "PrincipalPoint", "y")
     q = {"K1": 0.0, "K2": 0.0, "K3": 0.0, "P1": 0.0, "P2": 0.0}
     for child in (child for held in group.all("Distortion") for child in held.children):
-        value = number_of(child.text, child.tag, f"{path}:{child.line}")
+        value = number_of(f"{path}:{child.line}", child.tag, child.text)
         if child.tag not in q and value != 0:
             raise ExchangeError(
                 f"{path}:{child.line}: has the distortion {printable(child.tag)}, which photogram has not: {_REMEDY}"
@@ -246,7 +237,7 @@ def _pose(path: Path, photo: Element, orientation: FloatArray) -> Pose | None:
     else:
         raise ExchangeError(f"{place}: has neither a matrix nor omega, phi and kappa: export the block with them")
     position = np.array([_number(path, centre, axis) for axis in "xyz"])
-    return pose_of((orientation @ M).T, position, place)
+    return pose_of(place, (orientation @ M).T, position)
 
 
 def _measured(path: Path, photo: Element, system: str | None) -> tuple[FloatArray | None, bool]:
@@ -314,19 +305,17 @@ def _tie_points(path: Path, section: bytes, index: dict[int, int], left_out: lis
         raise ExchangeError(f"{path}: something else stands among its tie points: {_REMEDY}")
     parts = list(_parts(path, points))
     position, colour, count, measurement = (np.concatenate([part[k] for part in parts]) for k in range(4))
-    if not (np.isfinite(position).all() and np.isfinite(measurement).all() and np.all((colour >= 0) & (colour <= 1))):
-        raise ExchangeError(f"{path}: tie points are not finite, or have colours that are not from 0 to 1: {_REMEDY}")
-    known = np.array(sorted(index), dtype=np.int64)
-    number = np.array([index[int(key)] for key in known], dtype=np.int64)
-    ids = measurement[:, 0].astype(np.int64)
-    at = np.minimum(np.searchsorted(known, ids), max(len(known) - 1, 0))
-    found = known[at] == ids if len(known) else np.zeros(len(ids), dtype=bool)
+    if not np.all((colour >= 0) & (colour <= 1)):
+        raise ExchangeError(f"{path}: tie points have colours that are not from 0 to 1: {_REMEDY}")
+    check_finite(str(path), "measurement of a tie point", measurement)
+    ids = np.array(list(index), dtype=np.int64)  # in the order of the photographs
+    photograph = index_in(np.argsort(ids), ids, measurement[:, 0].astype(np.int64))
+    found = photograph >= 0
     if not found.all():
         left_out.append(f"{things(int((~found).sum()), 'measurement')} in photographs that are not there left out.")
     point = np.repeat(np.arange(len(points)), count)
     rgb = np.round(255 * colour).astype(np.uint8)
-    photograph = number[at[found]] if len(known) else ids[found]
-    return sorted_tie_points(photograph, point[found], measurement[found, 1:], position, colour=rgb)
+    return tie_points_of(str(path), photograph[found], point[found], measurement[found, 1:], position, colour=rgb)
 
 
 def _parts(path: Path, points: list[bytes]) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:

@@ -12,29 +12,20 @@ from the photographs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
-from photogram.files.exchange.assembly import (
-    camera_of,
-    check_finite,
-    check_names,
-    file_of,
-    number_rows,
-    path_to_write,
-    pose_of,
-    text_of,
-    tie_points_of,
-    whole_numbers,
-    without_place,
-)
+from photogram.files.exchange.assembly import camera_of, check_names, pose_of, sizes_of, tie_points_of
+from photogram.files.exchange.parsing import check_finite, file_of, number_rows, text_of, whole_numbers
 from photogram.files.exchange.picture_sizes import Sizes, centre_px, size_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.exchange.writing import check_writable, oriented_tie_points, path_to_write, without_place
 from photogram.survey import TiePoints
 from photogram.wording import things
 
@@ -78,7 +69,7 @@ def read_bundler(path: Path, list_path: Path | None = None, sizes_px: Sizes | No
         raise ExchangeError(f"{path}: the lines of a camera must hold three numbers each: it is damaged")
     sizes = [size_of(list_path, file, sizes_px or {}) for file in files]
     distinct, photographs = _photographs(path, values.reshape(-1, 15), files, sizes)
-    check_names(str(list_path), photographs)
+    check_names(str(list_path), files)
     tie_points = _tie_points(path, lines[body:], np.array(sizes, dtype=np.int64).reshape(-1, 2))
     return ForeignSolution("Bundler", distinct, photographs, tie_points)
 
@@ -161,15 +152,14 @@ def _tie_points(path: Path, lines: list[tuple[int, str]], sizes: IntArray) -> Ti
     photograph = whole_numbers(where, "the camera of a view", table[:, 0], 0, len(sizes) - 1)
     feature = whole_numbers(where, "the key of a view", table[:, 1])
     centre = (sizes[photograph] - 1) / 2
-    check_finite(where, "colour", colour)
     return tie_points_of(
         where,
         photograph,
         np.repeat(np.arange(len(counts)), (counts - 1) // 4),
-        feature,
         centre + table[:, 2:] * [1.0, -1.0],
         position.reshape(-1, 3),
-        whole_numbers(where, "a colour", colour, 0, 255).astype(np.uint8).reshape(-1, 3),
+        feature=feature,
+        colour=whole_numbers(where, "a colour", colour, 0, 255).astype(np.uint8).reshape(-1, 3),
     )
 
 
@@ -182,18 +172,14 @@ def write_bundler(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
     Raises ExchangeError where a camera is not a pinhole with k1 and k2 and its principal point in the centre of the
     picture, or a name has a space; WorkspaceError where the folder cannot be written.
     """
+    check_writable(path, solution)
     for camera in solution.cameras:
         _check_camera(path, camera)
     names = [path_to_write(photograph) for photograph in solution.photographs]
     for name in names:
-        file_of(str(path), name)
         if len(name.split()) != 1:
             raise ExchangeError(f"{path}: Bundler takes no name with a space, found {name!r}: rename the photograph")
-    tie = solution.tie_points
-    known: BoolArray = np.asarray(np.isfinite(tie.position_world_m).all(axis=1))
-    oriented = np.array([photograph.pose is not None for photograph in solution.photographs], dtype=bool)
-    kept: BoolArray = np.asarray(known[tie.point] & oriented[tie.photograph])
-    chosen = tie.select(known, kept)
+    chosen, others = oriented_tie_points(solution)
     lines = [_HEADER, f"{len(names)} {len(chosen)}"]
     for photograph in solution.photographs:
         if photograph.pose is None:
@@ -203,9 +189,8 @@ def write_bundler(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
         R = _D @ photograph.pose.rotation_world_from_camera.T
         t = -R @ photograph.pose.position_world_m
         lines += [_row([camera.focal_px, *camera.radial[:2]]), *(_row(row) for row in R), _row(t)]
-    sizes = np.array([(c.width_px, c.height_px) for c in solution.cameras], dtype=np.int64).reshape(-1, 2)
-    camera_index = np.array([photograph.camera for photograph in solution.photographs], dtype=np.int64)
-    offset = chosen.pixel - (sizes[camera_index[chosen.photograph]] - 1) / 2
+    sizes = sizes_of(solution.cameras, solution.photographs)
+    offset = chosen.pixel - (sizes[chosen.photograph] - 1) / 2
     key = np.where(chosen.feature < 0, 0, chosen.feature)
     views = [
         f" {i} {k} {x!r} {-y!r}"
@@ -217,7 +202,7 @@ def write_bundler(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
     for place, text in ((path, "\n".join(lines)), (path.with_name("list.txt"), "\n".join(names))):
         with replacing(place) as partial:
             partial.write_text(text + "\n", encoding="utf-8")
-    return _not_written(solution, int((~known).sum()), int((~kept).sum()))
+    return (*_not_written(solution), *others, *without_place(solution))
 
 
 def _row(values: FloatArray | list[float]) -> str:
@@ -240,14 +225,9 @@ def _check_camera(path: Path, camera: Camera) -> None:
     )
 
 
-def _not_written(solution: ForeignSolution, unknown: int, lost: int) -> tuple[str, ...]:
-    said = ["The sizes of the photographs."]
+def _not_written(solution: ForeignSolution) -> Iterator[str]:
+    yield "The sizes of the photographs."
     if any(photograph.pose is None for photograph in solution.photographs):
-        said.append("The cameras of photographs without an orientation.")
-    if unknown:
-        said.append(f"{things(unknown, 'tie point')} without a position.")
-    if lost:
-        said.append(f"{things(lost, 'observation')} of those, or in photographs without an orientation.")
+        yield "The cameras of photographs without an orientation."
     if (solution.tie_points.feature < 0).any():
-        said.append("That some observations have no key point: they have the number 0.")
-    return (*said, *without_place(solution))
+        yield "That some observations have no key point: they have the number 0."

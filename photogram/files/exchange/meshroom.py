@@ -9,26 +9,16 @@ not.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import camera_of, check_names, file_of, pose_of, tie_points_of, whole_numbers
-from photogram.files.exchange.json_values import (
-    Object,
-    as_list,
-    as_number,
-    as_object,
-    as_rows,
-    as_text,
-    as_vector,
-    as_whole,
-    member,
-    read_json,
-)
+from photogram.files.exchange.assembly import camera_of, check_names, index_in, pose_of, tie_points_of
+from photogram.files.exchange.json_nodes import Node, read_json
+from photogram.files.exchange.parsing import file_of, whole_numbers
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import TRANSFERRED, TiePoints
 from photogram.wording import printable, shortened, things
@@ -46,6 +36,9 @@ _PARAMETERS = {"none": 0, "radialk1": 1, "radialk3": 3, "brown": 5, "fisheye4": 
 _SENSOR_WIDTH_MM = 36.0
 """What AliceVision takes where a file has none."""
 
+_NONE = 2**32 - 1
+"""The largest number of a view, a pose, a camera or a key point; of key points it stands for none."""
+
 
 def read_meshroom(path: Path) -> ForeignSolution:
     """Return the scene of an .sfm file of JSON.
@@ -53,129 +46,126 @@ def read_meshroom(path: Path) -> ForeignSolution:
     Photographs of rigs have poses that depend on one another, and none here. Raises ExchangeError where the file is
     damaged, or a camera model is none of photogram's.
     """
-    where = str(path)
-    scene = as_object(where, read_json(path))
-    version = tuple(int(v) for v in as_vector(f"{where}: version", member(where, scene, "version"), 3))
-    held = as_list(f"{where}: intrinsics", scene.get("intrinsics", []))
+    scene = read_json(path, numbers_are_text=True)
+    version = tuple(scene.get("version").numbers(3).astype(int).tolist())
     cameras, index = [], {}
-    for i, value in enumerate(held):
-        camera = as_object(f"{where}: intrinsics: {i}", value)
-        number = _id(f"{where}: intrinsics: {i}", camera, "intrinsicId")
+    for i, held in enumerate(scene.get("intrinsics", []).items()):
+        number = _id(held, "intrinsicId")
         index[number] = i
-        cameras.append(_camera(f"{where}: camera {number}", number, camera, version))
-    poses = {}
-    for i, value in enumerate(as_list(f"{where}: poses", scene.get("poses", []))):
-        owner = as_object(f"{where}: poses: {i}", value)
-        number = _id(f"{where}: poses: {i}", owner, "poseId")
-        poses[number] = _pose(f"{where}: pose {number}", owner)
-    photographs, views, of_rigs = [], {}, 0
-    for i, value in enumerate(as_list(f"{where}: views", scene.get("views", []))):
-        view = as_object(f"{where}: views: {i}", value)
-        file = file_of(f"{where}: views: {i}", as_text(where, member(where, view, "path")))
-        camera_id = _id(f"{where}: view of {file.name}", view, "intrinsicId")
+        cameras.append(_camera(held, str(number), version))
+    poses = {_id(owner, "poseId"): _pose(owner.get("pose")) for owner in scene.get("poses", []).items()}
+    photographs, views, of_rigs = [], [], 0
+    for view in scene.get("views", []).items():
+        file = file_of(view.place, view.get("path").text())
+        camera_id = _id(view, "intrinsicId")
         if camera_id not in index:
-            raise ExchangeError(f"{where}: {file.name} names camera {camera_id}, which is not there: it is damaged")
-        is_of_rig = str(view.get("isPoseIndependant", "true")).lower() in ("false", "0")
+            raise ExchangeError(
+                f"{view.place}: {file.name} names camera {camera_id}, which is not there: it is damaged"
+            )
+        is_of_rig = not view.get("isPoseIndependant", True).flag()
         of_rigs += is_of_rig
-        pose = None if is_of_rig else poses.get(str(view.get("poseId", "")))
-        views[_id(where, view, "viewId")] = i
+        pose = None if is_of_rig or view.find("poseId") is None else poses.get(_id(view, "poseId"))
+        views.append(_id(view, "viewId"))
         photographs.append(ForeignPhotograph(file.name, index[camera_id], pose, file))
-    check_names(where, photographs)
-    tie_points, has_features = _tie_points(where, as_list(f"{where}: structure", scene.get("structure", [])), views)
+    check_names(str(path), (photograph.file for photograph in photographs))
+    structure = scene.get("structure", [])
+    tie_points, has_features = _tie_points(structure, np.array(views, dtype=np.int64))
     left_out = [f"The poses of {things(of_rigs, 'photograph')} of rigs."] if of_rigs else []
     if len(tie_points) and not has_features:
         left_out.append("The observations of tie points: the file was saved without features.")
-    if "controlPoints" in scene:
+    if scene.find("controlPoints") is not None:
         left_out.append("Control points.")
     return ForeignSolution("Meshroom", tuple(cameras), tuple(photographs), tie_points, left_out=tuple(left_out))
 
 
-def _id(where: str, owner: Object, key: str) -> str:
-    return str(as_whole(f"{where}: {key}", member(where, owner, key)))
+def _id(owner: Node, key: str) -> int:
+    return owner.get(key).whole(_NONE)
 
 
-def _camera(where: str, number: str, held: Object, version: tuple[int, ...]) -> Camera:
-    kind = as_text(f"{where}: type", member(where, held, "type"))
-    distortion = as_text(where, held.get("distortionType", _DISTORTIONS.get(kind, kind))).lower()
-    undistortion = as_text(where, held.get("undistortionType", "none")).lower()
-    beyond = next((k for k, bad in ((kind, kind not in _DISTORTIONS), (distortion, distortion not in _PARAMETERS),
-                                    (undistortion, undistortion != "none")) if bad), None)  # fmt: skip
-    if beyond is not None:
-        raise ExchangeError(
-            f"{where}: photogram has no camera model {shortened(printable(beyond))!r}: choose pinhole with brown, "
-            "radialk3 or fisheye4 in Meshroom"
-        )
-    width, height = (as_whole(f"{where}: {key}", member(where, held, key)) for key in ("width", "height"))
-    k = [as_number(where, v) for v in as_list(f"{where}: distortionParams", held.get("distortionParams", []))]
+def _camera(held: Node, number: str, version: tuple[int, ...]) -> Camera:
+    kind = held.get("type").text()
+    distortion = held.get("distortionType", _DISTORTIONS.get(kind, kind)).text().lower()
+    undistortion = held.get("undistortionType", "none").text().lower()
+    for name, is_known in (
+        (kind, kind in _DISTORTIONS),
+        (distortion, distortion in _PARAMETERS),
+        (undistortion, undistortion == "none"),
+    ):
+        if not is_known:
+            raise ExchangeError(
+                f"{held.place}: photogram has no camera model {shortened(printable(name))!r}: choose pinhole with "
+                "brown, radialk3 or fisheye4 in Meshroom"
+            )
+    width, height = (held.get(key).number() for key in ("width", "height"))
+    k = [value.number() for value in held.get("distortionParams", []).items()]
     if len(k) != _PARAMETERS[distortion] and not (distortion == "none" and not any(k)):
         raise ExchangeError(
-            f"{where}: has {len(k)} parameters of distortion, {distortion} has {_PARAMETERS[distortion]}: it is damaged"
+            f"{held.place}: has {len(k)} parameters of distortion, {distortion} has {_PARAMETERS[distortion]}: it is "
+            "damaged"
         )
-    fx, fy = _focal_px(where, held, version, width)
-    offset = as_vector(f"{where}: principalPoint", member(where, held, "principalPoint"), 2)
+    fx, fy = _focal_px(held, version, width)
+    offset = held.get("principalPoint").numbers(2)
     centre = offset if version < (1, 2, 1) else offset + np.array([width / 2, height / 2])
-    radial = {"none": [], "brown": k[:3]}.get(distortion, k)
-    tangential = (k[3], k[4]) if distortion == "brown" else (0.0, 0.0)
-    model = "fisheye" if distortion == "fisheye4" else "brown"
     return camera_of(
-        where, number, (width, height), fy, centre.tolist(), radial, tangential, (fx - fy, 0.0),
-        "fisheye" if model == "fisheye" else "brown",
-    )  # fmt: skip
+        held.place,
+        number,
+        (width, height),
+        fy,
+        centre.tolist(),
+        {"none": [], "brown": k[:3]}.get(distortion, k),
+        (k[3], k[4]) if distortion == "brown" else (0.0, 0.0),
+        (fx - fy, 0.0),
+        "fisheye" if distortion == "fisheye4" else "brown",
+    )
 
 
-def _focal_px(where: str, held: Object, version: tuple[int, ...], width: int) -> tuple[float, float]:
+def _focal_px(held: Node, version: tuple[int, ...], width: float) -> tuple[float, float]:
     """Return the focal lengths fx and fy, which four versions of the file hold in four ways."""
     if version < (1, 2, 0):
-        focal = as_number(f"{where}: pxFocalLength", member(where, held, "pxFocalLength"))
+        focal = held.get("pxFocalLength").number()
         return focal, focal
     if version < (1, 2, 2):
-        fx, fy = as_vector(f"{where}: pxFocalLength", member(where, held, "pxFocalLength"), 2).tolist()
+        fx, fy = held.get("pxFocalLength").numbers(2).tolist()
         return fx, fy
-    focal = as_number(f"{where}: focalLength", member(where, held, "focalLength"))
-    sensor = as_number(f"{where}: sensorWidth", held.get("sensorWidth", _SENSOR_WIDTH_MM))
-    ratio = as_number(f"{where}: pixelRatio", held.get("pixelRatio", 1.0))
+    focal = held.get("focalLength").number()
+    sensor = held.get("sensorWidth", _SENSOR_WIDTH_MM).number()
+    ratio = held.get("pixelRatio", 1.0).number()
     if not (sensor > 0 and ratio > 0):
-        raise ExchangeError(f"{where}: sensorWidth and pixelRatio must be positive: it is damaged")
+        raise ExchangeError(f"{held.place}: sensorWidth and pixelRatio must be positive: it is damaged")
     fx = focal / sensor * width
     return fx, fx / ratio if version < (1, 2, 5) else fx * ratio
 
 
-def _pose(where: str, owner: Object) -> Pose | None:
-    held = as_object(where, member(where, owner, "pose"))
-    if str(held.get("valid", "1")).lower() in ("0", "false"):
+def _pose(held: Node) -> Pose | None:
+    if not held.get("valid", True).flag():
         return None
-    transform = as_object(where, member(where, held, "transform"))
-    rotation = as_vector(f"{where}: rotation", member(where, transform, "rotation"), 9)
-    centre = as_vector(f"{where}: center", member(where, transform, "center"), 3)
-    return pose_of(where, rotation.reshape(3, 3), centre)
+    transform = held.get("transform")
+    rotation = transform.get("rotation").numbers(9).reshape(3, 3)
+    return pose_of(held.place, rotation, transform.get("center").numbers(3))
 
 
-def _tie_points(where: str, structure: object, views: Mapping[str, int]) -> tuple[TiePoints, bool]:
-    """Return the tie points, and whether their observations have places."""
-    where = f"{where}: structure"
-    landmarks = [as_object(where, landmark) for landmark in as_list(where, structure)]
-    position = as_rows(f"{where}: X", (member(where, landmark, "X") for landmark in landmarks), 3)
-    colour = as_rows(f"{where}: color", (landmark.get("color", [0, 0, 0]) for landmark in landmarks), 3)
-    found = [as_list(where, landmark.get("observations", [])) for landmark in landmarks]
+def _tie_points(structure: Node, views: IntArray) -> tuple[TiePoints, bool]:
+    """Return the tie points, and whether their observations have pixels; ``views`` (F,) are the photographs' ids."""
+    where = structure.place
+    position, colour = structure.table("X", 3), structure.table("color", 3, [0, 0, 0])
+    found = [landmark.get("observations", []).elements() for landmark in structure.items()]
+    seen = Node([observation for observations in found for observation in observations], f"{where}: observations")
     point = np.repeat(np.arange(len(found)), [len(observations) for observations in found])
-    seen = [as_object(where, observation) for observations in found for observation in observations]
-    has_features = bool(seen) and "x" in seen[0]
+    has_features = len(point) > 0 and seen.item(0).find("x") is not None
     if not has_features:
-        seen, point = [], point[:0]
-    pixel = as_rows(f"{where}: x", (member(where, observation, "x") for observation in seen), 2)
-    feature = as_rows(f"{where}: featureId", ([o.get("featureId", TRANSFERRED)] for o in seen), 1)[:, 0]
-    photograph = np.array([views.get(str(o.get("observationId", "")), -1) for o in seen], dtype=np.int64)
+        seen, point = Node([], seen.place), point[:0]
+    wanted = whole_numbers(where, "observationId", seen.table("observationId", 1)[:, 0], 0, _NONE)
+    feature = whole_numbers(where, "featureId", seen.table("featureId", 1, _NONE)[:, 0], 0, _NONE)
+    photograph = index_in(np.argsort(views), views, wanted)
     if (photograph < 0).any():
         raise ExchangeError(f"{where}: an observation names a view that is not there: it is damaged")
-    # what has no key point has the largest number of 32 bits
-    feature = np.where(feature >= 2**32 - 1, TRANSFERRED, feature)
     tie_points = tie_points_of(
         where,
         photograph,
         point.astype(np.int64),
-        whole_numbers(where, "featureId", feature, TRANSFERRED),
-        pixel,
+        seen.table("x", 2),
         position,
-        whole_numbers(where, "a color", colour.ravel(), 0, 255).astype(np.uint8),
+        feature=np.where(feature == _NONE, TRANSFERRED, feature),
+        colour=whole_numbers(where, "a color", colour.ravel(), 0, 255).astype(np.uint8),
     )
     return tie_points, has_features

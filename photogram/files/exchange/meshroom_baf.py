@@ -15,22 +15,17 @@ import numpy as np
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import (
-    camera_of,
+from photogram.files.exchange.assembly import camera_of, check_names, index_in, pose_of, tie_points_of
+from photogram.files.exchange.parsing import (
     check_distinct,
-    check_names,
     file_of,
-    index_in,
     number_rows,
-    pose_of,
     text_of,
-    tie_points_of,
     whole_number,
     whole_numbers,
 )
 from photogram.files.exchange.picture_sizes import Sizes, size_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
-from photogram.survey import TRANSFERRED
 from photogram.wording import things
 
 _HEAD = 4
@@ -71,7 +66,7 @@ def read_meshroom_baf(path: Path, sizes_px: Sizes | None = None) -> ForeignSolut
     poses, lengths = number_rows(path, lines[3 + cameras : 3 + cameras + views])
     if (lengths != _POSE).any():
         raise ExchangeError(f"{path}: a photograph must have {_POSE} numbers of its pose: it is damaged")
-    head, table, point = _points(path, lines[3 + cameras + views :])
+    position, pixel, table, point = _points(path, lines[3 + cameras + views :])
     files, pose_ids, camera_ids = _photographs_listed(path, views, table)
     check_distinct(str(path), "pose", pose_ids)
     photograph = index_in(np.argsort(pose_ids), pose_ids, table[:, 1])
@@ -88,22 +83,14 @@ def read_meshroom_baf(path: Path, sizes_px: Sizes | None = None) -> ForeignSolut
     held, photographs = _oriented(
         path, interior, camera_index, poses.reshape(-1, _POSE), files, observed, sizes_px or {}
     )
-    check_names(str(path), photographs)
-    tie_points = tie_points_of(
-        str(path),
-        photograph,
-        point,
-        np.full(len(point), TRANSFERRED, dtype=np.int64),
-        head[1],
-        head[0],
-        np.zeros((points, 3), dtype=np.uint8),
-    )
+    check_names(str(path), files)
+    tie_points = tie_points_of(str(path), photograph, point, pixel, position)
     left_out = () if _list_of(path).exists() else ("The names of the photographs: there is no list of them beside it.",)
     return ForeignSolution("Meshroom", held, photographs, tie_points, left_out=left_out)
 
 
-def _points(path: Path, lines: list[tuple[int, str]]) -> tuple[tuple[FloatArray, FloatArray], IntArray, IntArray]:
-    """Return positions (P, 3) and pixels (N, 2), camera and pose (N, 2) of the observations, and their points (N,)."""
+def _points(path: Path, lines: list[tuple[int, str]]) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Return positions (P, 3), pixels (N, 2), camera and pose (N, 2) of the observations, and their points (N,)."""
     values, counts = number_rows(path, lines)
     starts = np.cumsum(counts) - counts
     if (counts < _HEAD).any() or (counts != _HEAD + 4 * values[starts + _HEAD - 1]).any():
@@ -113,7 +100,7 @@ def _points(path: Path, lines: list[tuple[int, str]]) -> tuple[tuple[FloatArray,
     observing[(starts[:, None] + np.arange(_HEAD)).ravel()] = False
     rows = values[observing].reshape(-1, 4)
     ids = whole_numbers(str(path), "a number of a camera or pose", rows[:, :2].ravel()).reshape(-1, 2)
-    return (position, rows[:, 2:]), ids, np.repeat(np.arange(len(counts)), (counts - _HEAD) // 4)
+    return position, rows[:, 2:], ids, np.repeat(np.arange(len(counts)), (counts - _HEAD) // 4)
 
 
 def _list_of(path: Path) -> Path:

@@ -23,16 +23,8 @@ from scipy.optimize import least_squares
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project
 from photogram.errors import ExchangeError
-from photogram.files.exchange.parsing import (
-    bytes_of,
-    camera_of,
-    check_photographs,
-    file_of,
-    no_tie_points,
-    number_of,
-    numbers_of,
-    pose_of,
-)
+from photogram.files.exchange.assembly import camera_of, check_names, no_tie_points, pose_of
+from photogram.files.exchange.parsing import bytes_of, file_of, number_of, numbers_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.xml_elements import Element, elements_of
 from photogram.projection import PARAMETERS
@@ -96,7 +88,7 @@ def read_micmac(folder: Path) -> ForeignSolution:
         orientation = root.first("ExportAPERO", "OrientationConique") or root.first("OrientationConique")
         if orientation is None:
             raise ExchangeError(f"{file}:1: has no OrientationConique: {_REMEDY}")
-        name = file_of(file.name[len(_START) : -len(_END)], str(file))
+        name = file_of(str(file), file.name[len(_START) : -len(_END)])
         key, place, calibration = _calibration_of(folder, file, orientation)
         if key not in known:
             known[key] = len(cameras)
@@ -104,7 +96,7 @@ def read_micmac(folder: Path) -> ForeignSolution:
             cameras.append(camera)
             said += [sentence] if sentence else []
         photographs.append(ForeignPhotograph(name.name, known[key], _pose(file, orientation), name))
-    check_photographs(str(folder), photographs)
+    check_names(str(folder), (photograph.file for photograph in photographs))
     return ForeignSolution(
         program="MicMac",
         cameras=tuple(cameras),
@@ -119,11 +111,17 @@ def _root(file: Path) -> Element:
 
 
 def _text(path: Path, element: Element, *tags: str) -> tuple[str, str]:
-    """Return the text at the end of a path of tags, and its place."""
+    """Return the place of the element at the end of a path of tags, and its text."""
     found = element.first(*tags)
     if found is None:
         raise ExchangeError(f"{path}:{element.line}: has no {' / '.join(tags)}: {_REMEDY}")
-    return found.text, f"{path}:{found.line}"
+    return f"{path}:{found.line}", found.text
+
+
+def _numbers(path: Path, element: Element, *tags: str, count: int) -> FloatArray:
+    """Return the numbers (count,) of the element at the end of a path of tags."""
+    place, text = _text(path, element, *tags)
+    return numbers_of(place, tags[-1], text, count)
 
 
 def _pose(file: Path, orientation: Element) -> Pose:
@@ -134,12 +132,12 @@ def _pose(file: Path, orientation: Element) -> Pose:
                     f"{file}:{element.line}: has the convention {printable(shortened(element.text))}, only "
                     f"{_FORWARD} is read: {_REMEDY}"
                 )
-    rows = []
-    for row in ("L1", "L2", "L3"):
-        text, place = _text(file, orientation, "Externe", "ParamRotation", "CodageMatr", row)
-        rows.append(numbers_of(text, 3, row, place))
-    text, place = _text(file, orientation, "Externe", "Centre")
-    return pose_of(np.array(rows), numbers_of(text, 3, "Centre", place), place)
+    rows = [
+        _numbers(file, orientation, "Externe", "ParamRotation", "CodageMatr", row, count=3)
+        for row in ("L1", "L2", "L3")
+    ]
+    centre = _numbers(file, orientation, "Externe", "Centre", count=3)
+    return pose_of(f"{file}:{orientation.line}", np.array(rows), centre)
 
 
 def _calibration_of(folder: Path, file: Path, orientation: Element) -> tuple[str, str, _Calibration]:
@@ -153,8 +151,7 @@ def _calibration_of(folder: Path, file: Path, orientation: Element) -> tuple[str
     inside = orientation.first("Interne")
     if inside is not None:
         return file.name, f"{file}:{inside.line}", _calibration(file, inside)
-    text, place = _text(file, orientation, "FileInterne")
-    name = file_of(text, place).name
+    name = file_of(*_text(file, orientation, "FileInterne")).name
     path = folder / name
     if path.is_symlink():
         raise ExchangeError(f"{path}: is a link in a folder of another program: put the file in its place")
@@ -172,8 +169,7 @@ def _calibration(path: Path, element: Element) -> _Calibration:
             f"{path}:{convention.line}: its distortion leads from the photograph to the ray "
             f"({printable(shortened(convention.text))}), the inverse of photogram's: {_REMEDY}"
         )
-    pp, f, size = (numbers_of(*_two(_text(path, element, tag), tag, count))
-                   for tag, count in (("PP", 2), ("F", 1), ("SzIm", 2)))  # fmt: skip
+    pp, f, size = (_numbers(path, element, tag, count=count) for tag, count in (("PP", 2), ("F", 1), ("SzIm", 2)))
     models = [model for held in element.all("CalibDistortion") for model in held.children]
     models = [model for model in models if model.tag != "ModNoDist"]
     if len(models) > 1:
@@ -191,18 +187,13 @@ def _calibration(path: Path, element: Element) -> _Calibration:
     radial = model if model.tag == "ModRad" else model.first("RadialePart")
     if radial is None:
         raise ExchangeError(f"{path}:{model.line}: has no RadialePart: {_REMEDY}")
-    coefficients = [number_of(c.text, "CoeffDist", f"{path}:{c.line}") for c in radial.all("CoeffDist")]
+    coefficients = [number_of(f"{path}:{c.line}", "CoeffDist", c.text) for c in radial.all("CoeffDist")]
     if len(coefficients) > _MOST_COEFFICIENTS:
         raise ExchangeError(f"{path}:{radial.line}: has {len(coefficients)} radial coefficients: {_REMEDY}")
-    more = [number_of(c.text, tag, f"{path}:{c.line}") if (c := model.first(tag)) else 0.0
+    more = [number_of(f"{path}:{c.line}", tag, c.text) if (c := model.first(tag)) else 0.0
             for tag in ("P1", "P2", "b1", "b2")]  # fmt: skip
-    centre = numbers_of(*_two(_text(path, radial, "CDist"), "CDist", 2))
+    centre = _numbers(path, radial, "CDist", count=2)
     return _Calibration(size, float(f[0]), pp, centre, np.array(coefficients), np.array(more[:2]), np.array(more[2:]))
-
-
-def _two(found: tuple[str, str], what: str, count: int) -> tuple[str, int, str, str]:
-    """Return what ``numbers_of`` takes."""
-    return found[0], count, what, found[1]
 
 
 def _camera(place: str, name: str, calibration: _Calibration) -> tuple[Camera, str]:

@@ -1,36 +1,34 @@
-"""What readers of other programs' files have in common: bounded reading, checked numbers and names, sorted tie points.
+"""Bytes of other programs' files as values: files read whole, numbers, names and paths checked.
 
-Everything here raises ExchangeError with the place that it is given, such as a file and a line.
+Whatever is wrong becomes an ExchangeError that begins with ``where``: the place that the reader names, such as a file
+and a line.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.reading import read_whole
 from photogram.files.text_lines import LONGEST_NAME
-from photogram.projection import Model
-from photogram.survey import TRANSFERRED, TiePoints
-from photogram.wording import printable, shortened
+from photogram.wording import is_number, printable, shortened
 
-MOST_BYTES = 2_000_000_000
-"""Of one file; that of 20 million observations is smaller."""
+MOST_BYTES = 8_000_000_000
+"""Of one file of a solution."""
 
-_EPSG_AT_END = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
-_LARGEST_SIDE_PX = 1_000_000
-_LARGEST_COEFFICIENT = 1e12
-_ROTATION_TOLERANCE = 1e-5
-HALF_PIXEL = 0.5
-"""What the programs add whose top-left pixel has its centre at (0.5, 0.5)."""
+LARGEST_WHOLE = 2**53
+"""Above it, a double no longer holds every whole number."""
+
+_LONGEST_PATH = 4096
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What a terminal would obey, and halves of surrogate pairs."""
 
 
 def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
@@ -42,7 +40,7 @@ def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def text_of(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """Return the text of a file in UTF-8. Raises ExchangeError where it is none."""
+    """Return the text of a file. Raises ExchangeError where it cannot be read, is larger, or is not UTF-8."""
     data = bytes_of(path, most_bytes)
     try:
         return data.decode("utf-8-sig")
@@ -53,43 +51,27 @@ def text_of(path: Path, most_bytes: int = MOST_BYTES) -> str:
         ) from fault
 
 
-def numbers_of(text: str, count: int, what: str, place: str) -> FloatArray:
-    """Return the ``count`` finite numbers (count,) of a text, between blanks. Raises ExchangeError where it has
-    others."""
-    words = text.split(maxsplit=count)
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError:
-        values = np.zeros(0)
-    if len(words) != count or len(values) != count or not np.isfinite(values).all():
-        kind = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise ExchangeError(
-            f"{place}: {what} must be {kind}, found {printable(shortened(text.strip()))!r}: "
-            "export the file again, or correct it"
-        )
-    return values
+# ---- names and paths -----------------------------------------------------------------------------------------------
 
 
-def number_of(text: str, what: str, place: str) -> float:
-    """Return the finite number of a text. Raises ExchangeError where it is none."""
-    return float(numbers_of(text, 1, what, place)[0])
+def file_of(where: str, text: str) -> PurePosixPath:
+    """Return the path by which a program names a photograph; backslashes become slashes, its last part is the name.
 
-
-def file_of(text: str, place: str) -> PurePosixPath:
-    """Return a path of another machine, as its program names it; its last part is the photograph's name.
-
-    Nothing is ever opened by it. Raises ExchangeError where its last part is no name of a file.
+    It may lead anywhere, as paths of other machines do: nothing may be opened by it unchecked. Raises ExchangeError
+    where its last part is no name of a file, it is too long, or it holds a character that cannot be printed.
     """
     file = PurePosixPath(text.replace("\\", "/"))
-    name = file.name
-    if name in ("", ".", "..") or not name.isprintable() or len(name) > LONGEST_NAME or "\0" in text:
-        raise ExchangeError(
-            f"{place}: {printable(shortened(text))!r} is no name of a photograph: name the file in the other program"
-        )
+    shown = repr(shortened(printable(text)))
+    if file.name in ("", ".", ".."):
+        raise ExchangeError(f"{where}: {shown} is no name of a photograph: name its file in the other program")
+    if len(file.name) > LONGEST_NAME or len(text) > _LONGEST_PATH:
+        raise ExchangeError(f"{where}: the name {shown} is longer than that of any file: check the file")
+    if _CONTROL.search(text):
+        raise ExchangeError(f"{where}: the name {shown} holds a character that cannot be printed: rename the file")
     return file
 
 
-def part_of(folder: Path, text: str, place: str) -> Path:
+def part_of(where: str, folder: Path, text: str) -> Path:
     """Return the path of a file that another names, within ``folder``.
 
     Raises ExchangeError where the name leads out of the folder, or through a link.
@@ -97,7 +79,7 @@ def part_of(folder: Path, text: str, place: str) -> Path:
     parts = PurePosixPath(text.replace("\\", "/"))
     if not text or "\0" in text or parts.is_absolute() or ".." in parts.parts or ":" in text:
         raise ExchangeError(
-            f"{place}: {printable(shortened(text))!r} leads out of the folder of the project: "
+            f"{where}: {printable(shortened(text))!r} leads out of the folder of the project: "
             "only files within it are read"
         )
     path = folder
@@ -108,141 +90,81 @@ def part_of(folder: Path, text: str, place: str) -> Path:
     return path
 
 
-def pose_of(rotation: FloatArray, position: FloatArray, place: str) -> Pose:
-    """Return the pose of a rotation (3, 3), world from camera, and a position (3,).
+# ---- numbers -------------------------------------------------------------------------------------------------------
 
-    Raises ExchangeError where the matrix is no rotation; small departures, those of rounded digits, stay as they are.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-        turned = np.linalg.det(rotation) > 0 if np.isfinite(error) else False
-    if not error < _ROTATION_TOLERANCE or not turned or not np.isfinite(position).all():
+
+def numbers(where: str, texts: Iterable[str]) -> FloatArray:
+    """Return numbers (N,) as they are written; any may be infinite or NaN."""
+    texts = list(texts)
+    try:
+        values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    except ValueError as fault:
+        wrong = next((text for text in texts if not is_number(text)), "")
+        raise ExchangeError(f"{where}: {shortened(printable(wrong))!r} is not a number: check the file") from fault
+    return values
+
+
+def number_rows(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[FloatArray, IntArray]:
+    """Return the numbers (N,) of numbered lines that hold nothing else, and how many each line has."""
+    flat, counts, before = array("d"), array("q"), 0
+    for line, text in lines:
+        try:
+            flat.extend(map(float, text.split()))
+        except ValueError:
+            numbers(f"{path}:{line}", text.split())
+        counts.append(len(flat) - before)
+        before = len(flat)
+    return np.frombuffer(flat, dtype=np.float64), np.frombuffer(counts, dtype=np.int64)
+
+
+def numbers_of(where: str, what: str, text: str, count: int) -> FloatArray:
+    """Return the ``count`` finite numbers (count,) of a text, between blanks. Raises ExchangeError where it has
+    others."""
+    words = text.split(maxsplit=count)
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        values = np.zeros(0)
+    if len(words) != count or len(values) != count or not np.isfinite(values).all():
+        kind = "a finite number" if count == 1 else f"{count} finite numbers"
         raise ExchangeError(
-            f"{place}: is no rotation with a position (the columns depart by {error:.2g} from a right-handed "
-            "orthonormal frame): export the file again"
+            f"{where}: {what} must be {kind}, found {printable(shortened(text.strip()))!r}: "
+            "export the file again, or correct it"
         )
-    return Pose(rotation, position)
+    return values
 
 
-def camera_of(
-    place: str,
-    name: str,
-    size_px: tuple[float, float],
-    focal_px: float,
-    principal_point_px: Sequence[float],
-    radial: Sequence[float] = (),
-    tangential: Sequence[float] = (0.0, 0.0),
-    affinity: Sequence[float] = (0.0, 0.0),
-    model: Model = "brown",
-) -> Camera:
-    """Return a camera of numbers in photogram's terms; ``radial`` may have fewer than four coefficients.
+def number_of(where: str, what: str, text: str) -> float:
+    """Return the finite number of a text. Raises ExchangeError where it is none."""
+    return float(numbers_of(where, what, text, 1)[0])
 
-    Raises ExchangeError where they are not those of a camera.
-    """
-    k = np.array([*radial, *[0.0] * (4 - len(radial))])
-    sides = np.array(size_px, dtype=np.float64)
-    values = np.array([focal_px, *principal_point_px, *k, *tangential, *affinity])
-    if not np.isfinite(sides).all() or np.any(sides < 1) or np.any(sides > _LARGEST_SIDE_PX) or np.any(sides % 1):
-        raise ExchangeError(f"{place}: a photograph of {size_px[0]:g} × {size_px[1]:g} px: correct width and height")
-    if not 0 < focal_px < _LARGEST_COEFFICIENT:
+
+def check_finite(where: str, what: str, values: FloatArray) -> None:
+    """Raise ExchangeError where a number is infinite or NaN."""
+    if not np.isfinite(values).all():
+        wrong = values[~np.isfinite(values)].ravel()[0]
+        raise ExchangeError(f"{where}: {what}: found {wrong}, which is not finite: export the solution again")
+
+
+def whole_numbers(where: str, what: str, values: FloatArray, low: int = 0, high: int = LARGEST_WHOLE) -> IntArray:
+    """Return values (N,) as whole numbers. Raises ExchangeError unless they are that, and from low to high."""
+    good: BoolArray = np.asarray((values >= low) & (values <= high) & (values == np.floor(values)))
+    if not good.all():
+        wrong = np.asarray(values)[~good].ravel()[0]
         raise ExchangeError(
-            f"{place}: the focal length is {focal_px:g} px: it must be positive, correct the calibration"
+            f"{where}: {what} must be a whole number from {low} to {high}, found {wrong:.17g}: export the solution "
+            "again"
         )
-    if not np.abs(values).max() <= _LARGEST_COEFFICIENT:
-        raise ExchangeError(
-            f"{place}: the calibration has the value {np.abs(values).max():g}, which no lens has: correct it"
-        )
-    return Camera(
-        printable(name), int(sides[0]), int(sides[1]), focal_px, np.array(principal_point_px, dtype=np.float64), k,
-        np.array(tangential, dtype=np.float64), affinity=np.array(affinity, dtype=np.float64), model=model,
-    )  # fmt: skip
+    return np.asarray(values, dtype=np.int64)
 
 
-def crs_of(wkt: str) -> str | None:
-    """Return a CRS by the EPSG code with which its WKT ends, else as WKT; None for local coordinates and for none."""
-    text = " ".join(wkt.split())
-    if not text or text.upper().startswith(("LOCAL_CS", "ENGCRS", "ENGINEERINGCRS")):
-        return None
-    code = _EPSG_AT_END.search(text)
-    return f"EPSG:{code[1]}" if code else printable(text)
+def whole_number(where: str, what: str, text: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
+    """Return the whole number that a text holds, as ``whole_numbers``."""
+    return int(whole_numbers(where, what, numbers(where, [text]), low, high)[0])
 
 
-def no_tie_points() -> TiePoints:
-    """Return no tie points."""
-    none = np.zeros(0, dtype=np.int64)
-    return TiePoints(none, none, none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-
-
-def sorted_tie_points(
-    photograph: NDArray[np.integer],
-    point: NDArray[np.integer],
-    pixel: FloatArray,
-    position: FloatArray,
-    *,
-    feature: IntArray | None = None,
-    sigma_px: float = 1.0,
-    colour: ByteArray | None = None,
-) -> TiePoints:
-    """Return tie points of observations (N,) in any order; ``position`` (P, 3), black where no ``colour`` is given."""
-    order = np.lexsort((photograph, point))
-    number = np.full(len(point), TRANSFERRED) if feature is None else feature
-    return TiePoints(
-        photograph[order].astype(np.int64),
-        point[order].astype(np.int64),
-        number[order].astype(np.int64),
-        np.ascontiguousarray(pixel[order]),
-        np.full(len(point), sigma_px),
-        position,
-        np.zeros((len(position), 3), np.uint8) if colour is None else colour,
-    )
-
-
-def check_photographs(place: str, photographs: Sequence[ForeignPhotograph]) -> None:
-    """Raise ExchangeError where two photographs have the same name, which photogram could not tell apart."""
-    seen: dict[str, PurePosixPath] = {}
-    for photograph in photographs:
-        if photograph.name in seen:
-            raise ExchangeError(
-                f"{place}: two photographs are called {photograph.name} ({printable(str(seen[photograph.name]))} and "
-                f"{printable(str(photograph.file))}): rename one of them"
-            )
-        seen[photograph.name] = photograph.file
-
-
-def check_writable(path: Path, solution: ForeignSolution) -> None:
-    """Raise ExchangeError where a solution holds what no file can: values that are not finite, names that are none."""
-    for photograph in solution.photographs:
-        if "/" in photograph.name or "\\" in photograph.name or not photograph.name.isprintable():
-            raise ExchangeError(f"{path}: photograph {printable(photograph.name)!r} has a name that is no file's")
-        pose = photograph.pose
-        if pose is not None and not (
-            np.isfinite(pose.rotation_world_from_camera).all() and np.isfinite(pose.position_world_m).all()
-        ):
-            raise ExchangeError(f"{path}: photograph {photograph.name} has a pose that is not finite: leave it out")
-    for camera in solution.cameras:
-        if not np.isfinite(camera.parameters).all():
-            raise ExchangeError(f"{path}: camera {camera.name} has parameters that are not finite: leave it out")
-
-
-def rotation_from_omega_phi_kappa(angles_deg: Sequence[float] | FloatArray) -> FloatArray:
-    """Return the rotation (3, 3), world from camera, of photogrammetric angles in degrees.
-
-    R = Rx(ω) Ry(φ) Rz(κ) diag(1, −1, −1): the photogrammetric image frame has x right, y up, z backward (Kraus 2007,
-    sec. 2.1).
-    """
-    (so, sp, sk), (co, cp, ck) = np.sin(np.radians(angles_deg)), np.cos(np.radians(angles_deg))
-    Rx = np.array([[1.0, 0.0, 0.0], [0.0, co, -so], [0.0, so, co]])
-    Ry = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    Rz = np.array([[ck, -sk, 0.0], [sk, ck, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(Rx @ Ry @ Rz @ np.diag([1.0, -1.0, -1.0]))
-
-
-def exact_omega_phi_kappa_deg(rotation: FloatArray) -> FloatArray:
-    """Return the angles (3,) in degrees of which ``rotation_from_omega_phi_kappa`` is the rotation, to all digits for
-    level views too, where the arcsine would lose half of them; ω is 0 where φ is ±90°."""
-    R = rotation @ np.diag([1.0, -1.0, -1.0])
-    level = np.hypot(R[0, 0], R[0, 1])
-    phi = np.arctan2(R[0, 2], level)
-    if level < 1e-9:
-        return np.degrees([0.0, phi, np.arctan2(R[1, 0], R[1, 1])])
-    return np.degrees([np.arctan2(-R[1, 2], R[2, 2]), phi, np.arctan2(-R[0, 1], R[0, 0])])
+def check_distinct(where: str, what: str, ids: NDArray[np.generic]) -> None:
+    """Raise ExchangeError where a number comes twice."""
+    values, count = np.unique(ids, return_counts=True)
+    if (count > 1).any():
+        raise ExchangeError(f"{where}: {what} {values[count > 1][0]} comes twice: export the solution again")

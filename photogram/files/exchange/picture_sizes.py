@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from photogram.errors import ExchangeError, PhotogramError
 from photogram.files.photographs.images import read_tags
+from photogram.wording import printable, shortened
 
 Sizes = Mapping[str, tuple[int, int]]
 """Width and height in pixels by the file names of photographs."""
@@ -14,9 +15,14 @@ Sizes = Mapping[str, tuple[int, int]]
 
 def size_of(listed_in: Path, file: PurePosixPath, sizes_px: Sizes) -> tuple[int, int]:
     """Return width and height of a photograph, px: the one given, else that of the file, which lies where the list
-    names it. Raises ExchangeError where neither is there."""
+    names it. Raises ExchangeError where neither is there, or the name leads up from a folder."""
     if file.name in sizes_px:
         return sizes_px[file.name]
+    if ".." in file.parts:
+        raise ExchangeError(
+            f"{listed_in}: {printable(shortened(str(file)))!r} is not looked for: name the photograph without '..', or "
+            "give its size"
+        )
     try:
         tags = read_tags(listed_in.parent / file)
     except PhotogramError as fault:

@@ -18,8 +18,9 @@ from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, distort, image_plane_or_nan
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.exchange.parsing import check_photographs, check_writable
+from photogram.files.exchange.assembly import check_names
 from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.writing import check_writable
 from photogram.files.photographs.images import read_pixels
 from photogram.wording import some, things
 
@@ -41,7 +42,7 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
     for photograph in solution.photographs:
         name = PurePosixPath(photograph.name).with_suffix(SUFFIX).name
         photographs.append(replace(photograph, name=name, file=PurePosixPath(name)))
-    check_photographs("the undistorted photographs", photographs)
+    check_names("the undistorted photographs", (photograph.file for photograph in photographs))
     camera_of = np.array([photograph.camera for photograph in photographs], dtype=np.int64)
     tie, ground = solution.tie_points, solution.ground_points
     pixel = _undistorted(solution, camera_of[tie.photograph], tie.pixel)

@@ -21,17 +21,13 @@ from numpy.polynomial import polynomial
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import (
-    camera_of,
+from photogram.files.exchange.assembly import camera_of, check_names, pose_of, rotation_of_quaternion, tie_points_of
+from photogram.files.exchange.parsing import (
     check_finite,
-    check_names,
     file_of,
     number_rows,
     numbers,
-    pose_of,
-    rotation_of_quaternion,
     text_of,
-    tie_points_of,
     whole_number,
     whole_numbers,
 )
@@ -97,7 +93,7 @@ def _solution(
     files, rows = _camera_rows(path, camera_lines)
     sizes = [size_of(path, file, sizes_px) for file in files]
     cameras, photographs, worst_px = _photographs(path, files, rows, sizes)
-    check_names(str(path), photographs)
+    check_names(str(path), files)
     tie_points, from_corner = _tie_points(path, point_lines, np.array(sizes, dtype=np.int64))
     left_out = []
     if worst_px > _EXACT_PX:
@@ -201,9 +197,9 @@ def _tie_points(path: Path, lines: list[tuple[int, str]], sizes: IntArray) -> tu
         where,
         photograph,
         np.repeat(np.arange(len(counts)), (counts - _HEAD) // 4),
-        whole_numbers(where, "the key point of a measurement", table[:, 1]),
         table[:, 2:] + shift,
         head[:, :3],
-        whole_numbers(where, "a colour", head[:, 3:6].ravel(), 0, 255).astype(np.uint8),
+        feature=whole_numbers(where, "the key point of a measurement", table[:, 1]),
+        colour=whole_numbers(where, "a colour", head[:, 3:6].ravel(), 0, 255).astype(np.uint8),
     )
     return tie_points, from_corner

@@ -7,12 +7,12 @@ placed by people and are marks; the others are where Metashape expects a marker,
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
+from photogram.crs import crs_of_wkt
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.actions import Mark
@@ -23,7 +23,6 @@ from photogram.files.xml_elements import Element, elements_of
 from photogram.wording import shortened, some
 
 _REMEDY = "export the markers from Metashape again"
-_AUTHORITY = re.compile(r'AUTHORITY\["EPSG","(\d+)"\]\]\s*$')
 _BOM = "\ufeff"
 
 
@@ -50,16 +49,6 @@ def _one_chunk(path: Path, root: Element) -> Element:
             f"{path}:{held[1].line}: holds markers of {len(held)} chunks: export those of one chunk at a time"
         )
     return held[0]
-
-
-def _crs(chunk: Element) -> str | None:
-    """Return the CRS of the chunk, by its EPSG code where its WKT ends with one; None for local coordinates."""
-    reference = chunk.first("reference")
-    wkt = "" if reference is None else " ".join(reference.text.split())
-    if not wkt or wkt.startswith("LOCAL_CS"):
-        return None
-    code = _AUTHORITY.search(wkt)
-    return f"EPSG:{code[1]}" if code else wkt
 
 
 def _sigma_m(reference: Element, name: str, faults: Faults) -> Sigma3:
@@ -175,7 +164,16 @@ def read_markers(path: Path) -> MarkerFile:
     faults.raise_all()
     placed = {point.name for point in points}
     bare = dict.fromkeys(mark.point for mark in pinned if mark.point not in placed)
-    file = PointFile(path, _crs(chunk), None, True, tuple(points), tuple(pinned), format="metashape")
+    reference = chunk.first("reference")
+    file = PointFile(
+        path,
+        crs_of_wkt("" if reference is None else reference.text),
+        None,
+        True,
+        tuple(points),
+        tuple(pinned),
+        format="metashape",
+    )
     return MarkerFile(file, tuple(bare), tuple(others))
 
 

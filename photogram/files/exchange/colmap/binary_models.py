@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, IntArray
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import bytes_of
 from photogram.files.exchange.colmap.records import (
     ColmapCamera,
     ColmapImage,
@@ -24,6 +23,7 @@ from photogram.files.exchange.colmap.records import (
     SparseModel,
     model_of,
 )
+from photogram.files.exchange.parsing import bytes_of
 
 _COUNT = Struct("<Q")
 _CAMERA = Struct("<IiQQ")

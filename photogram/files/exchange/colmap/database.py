@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import MOST_BYTES, check_finite, file_of
-from photogram.files.exchange.colmap.records import HALF, ColmapCamera, from_colmap, model_of
+from photogram.files.exchange.assembly import HALF_PIXEL, check_names
+from photogram.files.exchange.colmap.records import ColmapCamera, from_colmap, model_of
+from photogram.files.exchange.parsing import MOST_BYTES, check_finite, file_of
 from photogram.files.reading import check_size
 from photogram.survey import Matches
 from photogram.wording import printable, things
@@ -182,7 +183,7 @@ def _read(tables: _Tables) -> ColmapDatabase:
         if camera not in cameras:
             raise ExchangeError(f"{path}: images: {number} names camera {camera}, which is not there: it is damaged")
         images[number] = (file_of(f"{path}: images: {number}", str(row[1])), camera)
-    _check_names(path, [file for file, _ in images.values()])
+    check_names(str(path), [file for file, _ in images.values()])
     index = {number: i for i, number in enumerate(images)}
     camera_index = {number: i for i, number in enumerate(cameras)}
     pixels, more = _key_points(tables, index)
@@ -201,17 +202,6 @@ def _read(tables: _Tables) -> ColmapDatabase:
     )
 
 
-def _check_names(path: Path, files: list[PurePosixPath]) -> None:
-    first: dict[str, PurePosixPath] = {}
-    for file in files:
-        if file.name in first:
-            raise ExchangeError(
-                f"{path}: {first[file.name]} and {file} have the same file name: give every photograph a name of "
-                "its own"
-            )
-        first[file.name] = file
-
-
 def _key_points(tables: _Tables, index: dict[int, int]) -> tuple[tuple[FloatArray, ...], bool]:
     """Return the key points of every photograph, and whether they have more than a position."""
     path, more = tables.path, False
@@ -224,7 +214,7 @@ def _key_points(tables: _Tables, index: dict[int, int]) -> tuple[tuple[FloatArra
         values = _table(where, row[3], rows, columns, "<f4")
         if rows and columns not in (2, 4, 6):
             raise ExchangeError(f"{where}: has {columns} columns, expected 2, 4 or 6: it is damaged")
-        pixels[index[number]] = values[:, :2].astype(np.float64) - HALF if rows else np.zeros((0, 2))
+        pixels[index[number]] = values[:, :2].astype(np.float64) - HALF_PIXEL if rows else np.zeros((0, 2))
         check_finite(where, "a key point", pixels[index[number]])
         more = more or (rows > 0 and columns > 2)
     return tuple(pixels), more

@@ -15,11 +15,8 @@ import numpy as np
 from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import camera_of
+from photogram.files.exchange.assembly import HALF_PIXEL, camera_of
 from photogram.projection import Model
-
-HALF = 0.5
-"""What COLMAP's pixels have more than photogram's."""
 
 
 class CameraModel(NamedTuple):
@@ -154,7 +151,7 @@ def from_colmap(where: str, camera: ColmapCamera) -> Camera:
         str(camera.number),
         camera.size_px,
         fy,
-        (q["cx"] - HALF, q["cy"] - HALF),
+        (q["cx"] - HALF_PIXEL, q["cy"] - HALF_PIXEL),
         [q.get(k, 0.0) for k in ("k1", "k2", "k3", "k4")],
         (q.get("p1", 0.0), q.get("p2", 0.0)),
         (fx - fy, 0.0),
@@ -166,7 +163,7 @@ def to_colmap(where: str, number: int, camera: Camera) -> ColmapCamera:
     """Return a camera as COLMAP holds it, of the model with the fewest parameters. Raises ExchangeError where none
     holds it."""
     fx = camera.focal_px + camera.affinity[0]
-    cx, cy = camera.principal_point_px + HALF
+    cx, cy = camera.principal_point_px + HALF_PIXEL
     k1, k2, k3, k4 = camera.radial
     p1, p2 = camera.tangential
     q = {"f": camera.focal_px, "fx": fx, "fy": camera.focal_px, "cx": cx, "cy": cy, "k1": k1, "k2": k2, "k3": k3}

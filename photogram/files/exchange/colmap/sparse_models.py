@@ -12,31 +12,30 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Pose
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.exchange.assembly import (
-    check_distinct,
+    HALF_PIXEL,
     check_names,
-    file_of,
     index_in,
-    path_to_write,
     pose_of,
     rotation_of_quaternion,
     tie_points_of,
-    without_place,
 )
 from photogram.files.exchange.colmap.binary_models import binary_files, read_binary, sensors_of_rigs
-from photogram.files.exchange.colmap.records import (
-    HALF,
-    ColmapImage,
-    ColmapPoints,
-    SparseModel,
-    from_colmap,
-    to_colmap,
-)
+from photogram.files.exchange.colmap.records import ColmapImage, ColmapPoints, SparseModel, from_colmap, to_colmap
 from photogram.files.exchange.colmap.text_models import read_text, text_files
+from photogram.files.exchange.parsing import check_distinct, file_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.exchange.writing import (
+    check_writable,
+    oriented_tie_points,
+    path_to_write,
+    unoriented_photographs,
+    without_place,
+)
 from photogram.survey import TiePoints
 from photogram.wording import things
 
@@ -67,7 +66,7 @@ def _solution(folder: Path, suffix: str, model: SparseModel) -> ForeignSolution:
     camera_index = {camera.number: i for i, camera in enumerate(model.cameras)}
     cameras = tuple(from_colmap(where["cameras"], camera) for camera in model.cameras)
     photographs = tuple(_photograph(where["images"], image, camera_index) for image in model.images)
-    check_names(where["images"], photographs)
+    check_names(where["images"], (photograph.file for photograph in photographs))
     tie_points = _tie_points(where, model)
     keys = sum(len(image.point) for image in model.images)
     spare = keys - len(tie_points.photograph)
@@ -108,10 +107,10 @@ def _tie_points(where: dict[str, str], model: SparseModel) -> TiePoints:
         where["points3D"],
         photograph.astype(np.int64),
         point,
-        (observing - ends[photograph]).astype(np.int64),
-        pixel[observing] - HALF,
+        pixel[observing] - HALF_PIXEL,
         points.position,
-        points.colour,
+        feature=observing - ends[photograph],
+        colour=points.colour,
     )
 
 
@@ -156,30 +155,27 @@ def write_colmap(
     stale = [name for name in others if (folder / name).exists()]
     if stale:
         raise ExchangeError(f"{folder}: holds {stale[0]} of another model: write to an empty folder")
+    check_writable(folder, solution)
     cameras = tuple(to_colmap(str(folder), i + 1, camera) for i, camera in enumerate(solution.cameras))
-    oriented = [i for i, photograph in enumerate(solution.photographs) if photograph.pose is not None]
-    tie = solution.tie_points
-    kept = np.isin(tie.photograph, oriented)
-    known: BoolArray = np.asarray(np.isfinite(tie.position_world_m).all(axis=1))
-    if not known.all():
-        kept &= known[tie.point]
-    photograph, pixel = tie.photograph[kept], tie.pixel[kept] + HALF
-    point = np.asarray(np.cumsum(known) - 1)[tie.point[kept]]
-    feature = np.empty(len(photograph), dtype=np.int64)
-    order = np.argsort(photograph, kind="stable")
-    cuts = np.searchsorted(photograph[order], np.arange(len(solution.photographs) + 1))
+    tie, others = oriented_tie_points(solution)
+    feature = np.empty(len(tie.photograph), dtype=np.int64)
+    order = np.argsort(tie.photograph, kind="stable")
+    cuts = np.searchsorted(tie.photograph[order], np.arange(len(solution.photographs) + 1))
     images = []
-    for i in oriented:
+    for i, photograph in enumerate(solution.photographs):
+        if photograph.pose is None:
+            continue
         mine = order[cuts[i] : cuts[i + 1]]
         feature[mine] = np.arange(len(mine))
-        images.append(_image(i, solution.photographs[i], pixel[mine], point[mine] + 1, form))
+        name = _name_to_write(photograph, form)
+        images.append(_image(i, photograph.camera, photograph.pose, name, tie.pixel[mine], tie.point[mine]))
     points = ColmapPoints(
-        np.arange(1, int(known.sum()) + 1),
-        tie.position_world_m[known],
-        tie.colour[known],
-        np.full(int(known.sum()), -1.0),
-        point,
-        photograph + 1,
+        np.arange(1, len(tie) + 1),
+        tie.position_world_m,
+        tie.colour,
+        np.full(len(tie), -1.0),
+        tie.point,
+        tie.photograph + 1,
         feature,
     )
     model = SparseModel(cameras, tuple(images), points)
@@ -187,31 +183,20 @@ def write_colmap(
     for name, content in (binary_files(model) if form == "binary" else text_files(model)).items():
         with replacing(folder / name) as partial:
             partial.write_bytes(content)
-    return _not_written(solution, len(oriented), int((~known).sum()), int((~kept).sum()))
+    renumbered = ["The numbers of key points: they are numbered anew."] if len(tie.feature) else []
+    return (*unoriented_photographs(solution), *others, *renumbered, *without_place(solution))
 
 
-def _image(i: int, photograph: ForeignPhotograph, pixel: FloatArray, point: IntArray, form: str) -> ColmapImage:
-    if photograph.pose is None:
-        raise ValueError("a photograph without a pose has no place in a model")
-    R = photograph.pose.rotation_world_from_camera.T
-    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
-    translation = -R @ photograph.pose.position_world_m
+def _name_to_write(photograph: ForeignPhotograph, form: str) -> str:
     name = path_to_write(photograph)
-    file_of("a photograph", name)
     if form == "text" and len(name.split()) != 1:
         raise ExchangeError(f"{name!r}: COLMAP ends names in text at a space: write the model in binary form")
-    return ColmapImage(i + 1, quaternion, translation, photograph.camera + 1, name, pixel, point)
+    return name
 
 
-def _not_written(solution: ForeignSolution, oriented: int, unknown: int, lost: int) -> tuple[str, ...]:
-    said = []
-    bare = len(solution.photographs) - oriented
-    if bare:
-        said.append(f"{things(bare, 'photograph')} without an orientation.")
-    if unknown:
-        said.append(f"{things(unknown, 'tie point')} without a position.")
-    if lost:
-        said.append(f"{things(lost, 'observation')} of those.")
-    if len(solution.tie_points.feature):
-        said.append("The numbers of key points: they are numbered anew.")
-    return (*said, *without_place(solution))
+def _image(i: int, camera: int, pose: Pose, name: str, pixel: FloatArray, point: IntArray) -> ColmapImage:
+    """Return photograph ``i`` with its observations, all counted from 0, as COLMAP has it, all counted from 1."""
+    R = pose.rotation_world_from_camera.T
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    translation = -R @ pose.position_world_m
+    return ColmapImage(i + 1, quaternion, translation, camera + 1, name, pixel + HALF_PIXEL, point + 1)

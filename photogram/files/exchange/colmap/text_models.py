@@ -12,7 +12,6 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import number_rows, numbers, text_of, whole_number, whole_numbers
 from photogram.files.exchange.colmap.records import (
     MODELS,
     NUMBERS,
@@ -21,6 +20,7 @@ from photogram.files.exchange.colmap.records import (
     ColmapPoints,
     SparseModel,
 )
+from photogram.files.exchange.parsing import number_rows, numbers, text_of, whole_number, whole_numbers
 from photogram.wording import printable, shortened
 
 _LARGEST_ID = 2**32 - 1

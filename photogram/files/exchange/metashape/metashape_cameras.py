@@ -16,9 +16,11 @@ from photogram.camera import Camera, Similarity
 from photogram.crs import written_crs
 from photogram.errors import ExchangeError, PhotogramError
 from photogram.files.atomic import replacing
+from photogram.files.exchange.assembly import HALF_PIXEL, no_tie_points
 from photogram.files.exchange.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, read_chunk
-from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, check_writable, no_tie_points
+from photogram.files.exchange.parsing import bytes_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.exchange.writing import check_writable
 from photogram.files.xml_elements import elements_of
 from photogram.frames import geocentric_from_topocentric
 from photogram.wording import shortened, things

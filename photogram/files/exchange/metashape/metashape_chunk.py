@@ -16,17 +16,10 @@ import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, Similarity
+from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
-from photogram.files.exchange.parsing import (
-    HALF_PIXEL,
-    camera_of,
-    check_photographs,
-    crs_of,
-    file_of,
-    number_of,
-    numbers_of,
-    pose_of,
-)
+from photogram.files.exchange.assembly import HALF_PIXEL, camera_of, check_names, pose_of
+from photogram.files.exchange.parsing import file_of, number_of, numbers_of
 from photogram.files.exchange.solution import ForeignPhotograph, Frame
 from photogram.files.xml_elements import Element
 from photogram.projection import Model
@@ -78,7 +71,7 @@ def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
     notes = _Notes()
     sensors, cameras = _sensors(path, chunk, notes)
     wkt = next((element.text for element in chunk.all("reference")), "")
-    crs, world = crs_of(wkt), _transform(path, chunk)
+    crs, world = crs_of_wkt(wkt), _transform(path, chunk)
     geocentric = crs is not None and world is not None
     if geocentric and "1984" not in wkt and "WGS" not in wkt:
         notes.sentences.append(f"The geocentric coordinates are of the datum of {crs}, not of WGS 84.")
@@ -109,8 +102,8 @@ def _setting(path: Path, settings: dict[str, Element], name: str) -> float | Non
     text = "" if element is None else element.attributes.get("value", "")
     if element is None or not text:
         return None
-    value = numbers_of(text.replace("/", " ").split()[0] if text.split() else "", 1, name, _place(path, element))[0]
-    return float(value) if value > 0 else None
+    value = number_of(_place(path, element), name, text.replace("/", " ").split()[0] if text.split() else "")
+    return value if value > 0 else None
 
 
 def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int], tuple[Camera, ...]]:
@@ -141,8 +134,8 @@ def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:
     resolution = calibration.first("resolution") or sensor.first("resolution")
     if resolution is None:
         raise ExchangeError(f"{place}: says no width and height of its photographs: {_REMEDY}")
-    width, height = (number_of(resolution.attributes.get(side, ""), side, place) for side in ("width", "height"))
-    q = {c.tag: number_of(c.text, c.tag, place) for c in calibration.children if c.tag in (*_HELD, *_NOT_HELD)}
+    width, height = (number_of(place, side, resolution.attributes.get(side, "")) for side in ("width", "height"))
+    q = {c.tag: number_of(place, c.tag, c.text) for c in calibration.children if c.tag in (*_HELD, *_NOT_HELD)}
     further = [name for name in _NOT_HELD if q.get(name)]
     if further:
         raise ExchangeError(
@@ -163,7 +156,7 @@ def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:
     else:
         raise ExchangeError(f"{place}: its calibration has no focal length f, or fx and fy: {_REMEDY}")
     return camera_of(
-        place,
+        _place(path, calibration),
         label,
         (width, height),
         focal,
@@ -183,11 +176,11 @@ def _transform(path: Path, chunk: Element) -> Similarity | None:
     place = f"{_place(path, element)}: the transform of the chunk"
     rotation, translation, scale = (element.first(tag) for tag in ("rotation", "translation", "scale"))
     if rotation is not None and translation is not None:
-        R = numbers_of(rotation.text, 9, "its rotation", place).reshape(3, 3)
-        s = 1.0 if scale is None else number_of(scale.text, "its scale", place)
-        t = numbers_of(translation.text, 3, "its translation", place)
+        R = numbers_of(place, "its rotation", rotation.text, 9).reshape(3, 3)
+        s = 1.0 if scale is None else number_of(place, "its scale", scale.text)
+        t = numbers_of(place, "its translation", translation.text, 3)
     elif element.text:
-        M = numbers_of(element.text, 16, "its matrix", place).reshape(4, 4)
+        M = numbers_of(place, "its matrix", element.text, 16).reshape(4, 4)
         with np.errstate(over="ignore", invalid="ignore"):
             s = float(np.cbrt(np.linalg.det(M[:3, :3])))
             R, t = M[:3, :3] / s if s else M[:3, :3], M[:3, 3]
@@ -195,8 +188,8 @@ def _transform(path: Path, chunk: Element) -> Similarity | None:
         return None
     if not 0 < s < np.inf:
         raise ExchangeError(f"{place} has the scale {s:g}: it must be positive")
-    pose_of(R, t, place)
-    return Similarity(s, R, t)
+    pose = pose_of(place, R, t)
+    return Similarity(s, pose.rotation_world_from_camera, pose.position_world_m)
 
 
 def _photographs(
@@ -219,7 +212,7 @@ def _photographs(
     uncalibrated = secondary = disabled = angles = 0
     for element in (camera for held in chunk.all("cameras") for camera in held.below("camera")):
         place, key = _place(path, element), element.attributes.get("id", "")
-        file = file_of(files.get(key) or element.attributes.get("label", ""), place)
+        file = file_of(place, files.get(key) or element.attributes.get("label", ""))
         sensor = sensors.get(element.attributes.get("sensor_id", ""))
         if sensor is None:
             if element.first("transform") is not None:
@@ -239,7 +232,7 @@ def _photographs(
             raise ExchangeError(f"{place}: the camera number {printable(shortened(key))} comes twice: {_REMEDY}")
         number[key] = len(photographs)
         photographs.append(ForeignPhotograph(file.name, sensor, pose, file, measured, measured_sigma))
-    check_photographs(str(path), photographs)
+    check_names(str(path), (photograph.file for photograph in photographs))
     notes.count(uncalibrated, "photograph of a sensor", "photographs of sensors", "without a calibration left out")
     notes.count(secondary, "photograph", "photographs", "of secondary sensors of a rig without orientation: it follows "
                 "from that of the primary sensor, which is not applied")  # fmt: skip
@@ -249,8 +242,8 @@ def _photographs(
 
 
 def _pose(place: str, text: str, world: Similarity) -> Pose:
-    M = numbers_of(text, 16, "the transform of a camera", place).reshape(4, 4)
-    return world.pose(pose_of(M[:3, :3], M[:3, 3], place))
+    M = numbers_of(place, "the transform of a camera", text, 16).reshape(4, 4)
+    return world.pose(pose_of(place, M[:3, :3], M[:3, 3]))
 
 
 def _position(path: Path, reference: Element) -> FloatArray | None:
@@ -259,7 +252,7 @@ def _position(path: Path, reference: Element) -> FloatArray | None:
     if not all(texts):
         return None
     place = _place(path, reference)
-    return np.array([number_of(text, axis, place) for text, axis in zip(texts, "xyz", strict=True)])
+    return np.array([number_of(place, axis, text) for text, axis in zip(texts, "xyz", strict=True)])
 
 
 def _sigmas(path: Path, reference: Element, otherwise: float | None) -> FloatArray:
@@ -267,7 +260,7 @@ def _sigmas(path: Path, reference: Element, otherwise: float | None) -> FloatArr
     found, attributes = [], reference.attributes
     for column in ("sx", "sy", "sz"):
         text = attributes.get(column) or (attributes.get("sxy") if column != "sz" else None) or attributes.get("sxyz")
-        value = number_of(text, column, _place(path, reference)) if text else otherwise
+        value = number_of(_place(path, reference), column, text) if text else otherwise
         if value is not None and value < 0:
             raise ExchangeError(f"{_place(path, reference)}: {column} is {value:g}: it must be positive")
         found.append(np.nan if value is None else value)
@@ -339,7 +332,7 @@ def _marks(
             else:
                 photograph.append(photograph_of[camera])
                 point.append(index[number])
-                pixel.append([number_of(location.attributes.get(axis, ""), axis, place) for axis in "xy"])
+                pixel.append([number_of(place, axis, location.attributes.get(axis, "")) for axis in "xy"])
     notes.count(unpinned, "projection", "projections", "of markers that nobody pinned left out")
     notes.count(elsewhere, "mark", "marks", "in photographs that are not read left out")
     return (

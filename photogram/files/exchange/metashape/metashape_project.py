@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import ExchangeError
 from photogram.files.clouds.binary_ply import vertices_of
+from photogram.files.exchange.assembly import HALF_PIXEL, index_in, no_tie_points, tie_points_of
 from photogram.files.exchange.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
-from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, no_tie_points, part_of, sorted_tie_points
+from photogram.files.exchange.parsing import bytes_of, check_distinct, check_finite, part_of
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.reading import ordinary_size
 from photogram.files.xml_elements import Element, elements_of
@@ -146,12 +147,12 @@ def _of_folder(path: Path, label: str | None) -> tuple[Path, Element, list[Eleme
     head = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY).first("document")
     named = "" if head is None else head.attributes.get("path", "")
     folder = path.parent
-    project = part_of(folder, named.replace(_PROJECT_NAME, path.stem), f"{path}:1: the path")
+    project = part_of(f"{path}:1: the path", folder, named.replace(_PROJECT_NAME, path.stem))
     with _opened(project) as archive:
         chunks = {}
         for entry in _document(archive, "document").all("chunks", "chunk"):
             place = f"{archive.path / _DOCUMENT}:{entry.line}: the path of a chunk"
-            chunks[part_of(project.parent, entry.attributes.get("path", ""), place)] = entry
+            chunks[part_of(place, project.parent, entry.attributes.get("path", ""))] = entry
     read = {}
     for file in chunks:
         with _opened(file) as archive:
@@ -162,14 +163,14 @@ def _of_folder(path: Path, label: str | None) -> tuple[Path, Element, list[Eleme
     if not frames:
         return file / _DOCUMENT, chosen, frames, None, None
     place = f"{file / _DOCUMENT}:{frames[0].line}: the path of a frame"
-    frame_file = part_of(file.parent, frames[0].attributes.get("path", ""), place)
+    frame_file = part_of(place, file.parent, frames[0].attributes.get("path", ""))
     with _opened(frame_file) as archive:
         frame = _document(archive, "frame")
     element = _cloud_element(frame)
     if element is None:
         return file / _DOCUMENT, chosen, frames, frame, None
     place = f"{frame_file / _DOCUMENT}:{element.line}: the path of the tie points"
-    with _opened(part_of(frame_file.parent, element.attributes.get("path", ""), place)) as archive:
+    with _opened(part_of(place, frame_file.parent, element.attributes.get("path", ""))) as archive:
         held = elements_of(archive.read(_DOCUMENT, MOST_XML_BYTES), archive.path / _DOCUMENT, ExchangeError, _REMEDY)
         cloud = _cloud_element(held)
         return file / _DOCUMENT, chosen, frames, frame, None if cloud is None else _cloud_of(archive, cloud)
@@ -225,8 +226,8 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
     points = _vertices(place, "points", cloud.points, "x", "y", "z", "id")
     ids = points["id"].astype(np.int64)
     position = _columns(points, "x", "y", "z")
-    if not np.isfinite(position).all() or len(np.unique(ids)) != len(ids):
-        raise ExchangeError(f"{place}: points have no finite coordinates, or an id comes twice: {_REMEDY}")
+    check_finite(place, "position of a tie point", position)
+    check_distinct(place, "the id of a point", ids)
     photograph, point, feature, pixel = [], [], [], []
     unplaced = elsewhere = 0
     order = np.argsort(ids)
@@ -236,12 +237,9 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         if camera not in chunk.photograph_of:
             elsewhere += len(found)
             continue
-        xy, wanted = _columns(found, "x", "y"), found["id"].astype(np.int64)
-        if not np.isfinite(xy).all():
-            raise ExchangeError(f"{place}: the {what} are not finite: {_REMEDY}")
-        at = np.searchsorted(ids, wanted, sorter=order)
-        number = order[np.minimum(at, len(ids) - 1)] if len(ids) else np.zeros(len(wanted), np.int64)
-        known = ids[number] == wanted if len(ids) else np.zeros(len(wanted), dtype=bool)
+        xy, number = _columns(found, "x", "y"), index_in(order, ids, found["id"].astype(np.int64))
+        check_finite(f"{place}: {what}", "a pixel", xy)
+        known = number >= 0
         unplaced += int(len(known) - known.sum())
         photograph.append(np.full(int(known.sum()), chunk.photograph_of[camera]))
         point.append(number[known])
@@ -253,7 +251,8 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         *(["The sizes of key points left out."] if photograph else []),
     ]
     none = [np.zeros(0, dtype=np.int64)]
-    return sorted_tie_points(
+    return tie_points_of(
+        place,
         np.concatenate(photograph or none),
         np.concatenate(point or none),
         np.concatenate(pixel or [np.zeros((0, 2))]) - HALF_PIXEL,

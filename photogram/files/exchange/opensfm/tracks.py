@@ -17,7 +17,7 @@ import numpy as np
 
 from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
-from photogram.files.exchange.assembly import numbers, text_of, whole_numbers
+from photogram.files.exchange.parsing import numbers, text_of, whole_numbers
 from photogram.wording import printable
 
 _HEADER = "OPENSFM_TRACKS_VERSION_v"

@@ -18,25 +18,16 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera
+from photogram.camera import Camera, omega_phi_kappa_deg, rotation_from_omega_phi_kappa
+from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.exchange.parsing import (
-    HALF_PIXEL,
-    camera_of,
-    check_photographs,
-    check_writable,
-    crs_of,
-    exact_omega_phi_kappa_deg,
-    file_of,
-    no_tie_points,
-    part_of,
-    pose_of,
-    rotation_from_omega_phi_kappa,
-)
-from photogram.files.exchange.pix4d.json_nodes import Node, read_json
-from photogram.files.exchange.pix4d.opf_tracks import read_tracks, write_tracks
+from photogram.files.exchange.assembly import HALF_PIXEL, camera_of, check_names, no_tie_points, pose_of
+from photogram.files.exchange.json_nodes import Node, read_json
+from photogram.files.exchange.parsing import file_of, part_of
+from photogram.files.exchange.pix4d.opf_tracks import MOST_JSON_BYTES, read_tracks, write_tracks
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.files.exchange.writing import check_writable
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
@@ -78,18 +69,21 @@ def read_opf(path: Path) -> ForeignSolution:
     calibration.
     """
     file = path / PROJECT if path.is_dir() else path
-    root = read_json(file)
+    root = read_json(file, MOST_JSON_BYTES)
     if root.get("format").text() != _format("project"):
         raise ExchangeError(f"{file}: is no OPF project: give its project.opf")
     resources = dict(_resources(file, root))
     for name in ("camera-list", "input-cameras", "calibrated-cameras"):
         if _format(name) not in resources:
             raise ExchangeError(f"{file}: names no {_format(name)}: export a project that is calibrated")
-    files = {format_: read_json(where[0]) for format_, where in resources.items() if format_.endswith("+json")
-             and format_.startswith("application/opf-")}  # fmt: skip
+    files = {
+        kind: read_json(where[0], MOST_JSON_BYTES)
+        for kind, where in resources.items()
+        if kind.endswith("+json") and kind.startswith("application/opf-")
+    }
     scene = _scene(files.get(_format("scene-reference-frame")))
     cameras, photographs, number = _photographs(files, scene)
-    check_photographs(str(file), photographs)
+    check_names(str(file), (photograph.file for photograph in photographs))
     tracks = [read_tracks(where, number) for where in resources.get(_TRACKS, [])[:1]]
     tie_points, sentences = tracks[0] if tracks else (no_tie_points(), ())
     tie_points = replace(tie_points, position_world_m=tie_points.position_world_m - scene.shift)
@@ -117,7 +111,7 @@ def _resources(file: Path, root: Node) -> Iterator[tuple[str, list[Path]]]:
         for resource in item.get("resources").items():
             format_, uri = resource.get("format").text(), resource.get("uri")
             if format_.startswith("application/opf-") or format_ == _TRACKS:
-                found.setdefault(format_, []).append(part_of(file.parent, unquote(uri.text()), uri.place))
+                found.setdefault(format_, []).append(part_of(uri.place, file.parent, unquote(uri.text())))
     yield from found.items()
 
 
@@ -130,7 +124,7 @@ def _scene(root: Node | None) -> _Scene:
         raise ExchangeError(
             f"{change.place}: scales the axes of the CRS by {scale.tolist()}: project in a CRS with one unit of 1 m"
         )
-    crs = crs_of(definition.get("definition").text())
+    crs = crs_of_wkt(definition.get("definition").text())
     left_out = ["The constant height of the geoid left out."] if definition.find("geoid_height") is not None else []
     if change.get("swap_xy").flag():
         left_out.append("Coordinates have easting before northing, unlike the CRS, which is left-handed.")
@@ -193,11 +187,11 @@ def _photographs(
 def _photograph(
     uri: Node, camera: int, oriented: Node | None, measured: Node | None, shift: FloatArray
 ) -> ForeignPhotograph:
-    file = file_of(unquote(uri.text().split("#")[0]), uri.place)
+    file = file_of(uri.place, unquote(uri.text().split("#")[0]))
     pose = None
     if oriented is not None:
         rotation = rotation_from_omega_phi_kappa(oriented.get("orientation_deg").numbers(3))
-        pose = pose_of(rotation, oriented.get("position").numbers(3) - shift, oriented.place)
+        pose = pose_of(oriented.place, rotation, oriented.get("position").numbers(3) - shift)
     if measured is None:
         return ForeignPhotograph(file.name, camera, pose, file)
     position = measured.get("position").numbers(3) - shift
@@ -441,7 +435,7 @@ def _calibrated_cameras(solution: ForeignSolution, uids: list[int], shift: Float
         {
             "id": uid,
             "sensor_id": photograph.camera + 1,
-            "orientation_deg": exact_omega_phi_kappa_deg(photograph.pose.rotation_world_from_camera).tolist(),
+            "orientation_deg": omega_phi_kappa_deg(photograph.pose.rotation_world_from_camera).tolist(),
             "position": (photograph.pose.position_world_m + shift).tolist(),
         }
         for uid, photograph in zip(uids, solution.photographs, strict=True)

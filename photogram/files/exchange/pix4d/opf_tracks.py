@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
-from photogram.files.exchange.parsing import HALF_PIXEL, bytes_of, no_tie_points, part_of, sorted_tie_points
-from photogram.files.exchange.pix4d.json_nodes import Node, read_json
+from photogram.files.exchange.assembly import HALF_PIXEL, no_tie_points, tie_points_of
+from photogram.files.exchange.json_nodes import Node, read_json
+from photogram.files.exchange.parsing import bytes_of, check_finite, part_of
 from photogram.survey import TRANSFERRED, TiePoints
 from photogram.wording import things
 
@@ -30,6 +31,8 @@ _NAMES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _NO_FEATURE = np.uint64(2**64 - 1)
 _LARGEST_FLOAT = 3e38
+_MOST_BYTES = 2_000_000_000
+MOST_JSON_BYTES = 100_000_000
 MOST_VALUES = 500_000_000
 """Of all accessors that are read: those of 60 million observations."""
 
@@ -44,9 +47,9 @@ class _Arrays:
 
     def _buffer(self, number: int) -> bytes:
         uri = self._root.get("buffers").item(number).get("uri")
-        path = part_of(self._folder, unquote(uri.text()), uri.place)
+        path = part_of(uri.place, self._folder, unquote(uri.text()))
         if path not in self._buffers:
-            self._buffers[path] = bytes_of(path)
+            self._buffers[path] = bytes_of(path, _MOST_BYTES)
         return self._buffers[path]
 
     def of(self, number: int, kind: str, width: int) -> NDArray[np.generic]:
@@ -81,7 +84,7 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
     ``photograph_of`` are the numbers of photographs by those of OPF's cameras. Raises ExchangeError where the file or
     its buffers are missing, damaged, or lead out of their folder.
     """
-    root = read_json(path)
+    root = read_json(path, MOST_JSON_BYTES)
     arrays = _Arrays(path, root)
     parts: list[tuple[FloatArray, ByteArray, IntArray, IntArray, FloatArray, IntArray]] = []
     left_out: list[str] = []
@@ -102,9 +105,7 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
     position, colour, photograph, point, pixel, feature = (
         np.concatenate([part[k] + start[i] if k == 3 else part[k] for i, part in enumerate(parts)]) for k in range(6)
     )
-    points = sorted_tie_points(
-        photograph, point.astype(np.int64), pixel, position, feature=feature, colour=colour.astype(np.uint8)
-    )
+    points = tie_points_of(str(path), photograph, point, pixel, position, feature=feature, colour=colour)
     return points, (*left_out, "The scales of key points left out.")
 
 
@@ -121,8 +122,7 @@ def _points(arrays: _Arrays, node: Node, primitive: Node) -> tuple[FloatArray, B
     M = np.eye(4) if matrix is None else matrix.numbers(16).reshape(4, 4).T
     with np.errstate(over="ignore", invalid="ignore"):
         position = (position @ M[:3, :3].T + M[:3, 3]) @ _Z_UP_FROM_Y_UP.T
-    if not np.isfinite(position).all():
-        raise ExchangeError(f"{node.place}: positions of tracks are not finite: export the project again")
+    check_finite(node.place, "position of a track", position)
     number = attributes.find("COLOR_0")
     if number is None:
         return position, np.zeros((len(position), 3), np.uint8)
@@ -157,8 +157,7 @@ def _matches(
     point = np.repeat(np.arange(points), count)
     photograph = np.array(uids, dtype=np.int64)[camera[index]] if len(uids) else np.zeros(0, dtype=np.int64)
     pixel = pixel[index]
-    if not np.isfinite(pixel).all():
-        raise ExchangeError(f"{place}: pixels of matches are not finite: export the project again")
+    check_finite(place, "pixel of a match", pixel)
     feature64 = (words[:, 0] | words[:, 1] << np.uint64(32))[index]
     feature = np.where(feature64 < np.uint64(2**63), feature64, np.uint64(0)).astype(np.int64)
     feature[feature64 >= np.uint64(2**63)] = TRANSFERRED

@@ -16,19 +16,10 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
+from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
-from photogram.files.exchange.parsing import (
-    HALF_PIXEL,
-    camera_of,
-    check_photographs,
-    crs_of,
-    file_of,
-    no_tie_points,
-    number_of,
-    numbers_of,
-    pose_of,
-    text_of,
-)
+from photogram.files.exchange.assembly import HALF_PIXEL, camera_of, check_names, no_tie_points, pose_of
+from photogram.files.exchange.parsing import file_of, number_of, numbers_of, text_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.wording import printable, shortened
 
@@ -65,7 +56,7 @@ def read_pix4d_params(path: Path) -> ForeignSolution:
             known[key] = len(cameras)
             cameras.append(camera)
         photographs.append(ForeignPhotograph(photograph.name, known[key], photograph.pose, photograph.file))
-    check_photographs(str(file), photographs)
+    check_names(str(file), (photograph.file for photograph in photographs))
     return ForeignSolution(
         program="PIX4Dmapper",
         cameras=tuple(cameras),
@@ -90,11 +81,11 @@ def read_pix4d_cam(path: Path, size_px: tuple[int, int]) -> Camera:
     for n, line in enumerate(text.splitlines(), 1):
         words = line.split()
         if len(words) == 2 and words[0] in _CALIBRATION:
-            values[words[0]] = number_of(words[1], words[0], f"{path}:{n}")
+            values[words[0]] = number_of(f"{path}:{n}", words[0], words[1])
     missing = [name for name in _CALIBRATION if name not in values]
     if missing:
         raise ExchangeError(f"{path}: has no {missing[0]}: {_REMEDY}")
-    width_mm = number_of(sensor[0][0], "the width of the sensor", str(path))
+    width_mm = number_of(str(path), "the width of the sensor", sensor[0][0])
     if not width_mm > 0:
         raise ExchangeError(f"{path}: the width of the sensor is {width_mm:g} mm: it must be positive")
     px = size_px[0] / width_mm
@@ -123,12 +114,12 @@ def _offset(stem: str) -> FloatArray:
     path = Path(f"{stem}_offset.xyz")
     if not stem or not path.exists():
         return np.zeros(3)
-    return numbers_of(text_of(path, _MOST_BYTES), 3, "the offset", f"{path}:1")
+    return numbers_of(f"{path}:1", "the offset", text_of(path, _MOST_BYTES), 3)
 
 
 def _crs(stem: str) -> str | None:
     path = Path(f"{stem}_wkt.prj")
-    return crs_of(text_of(path, _MOST_BYTES)) if stem and path.exists() else None
+    return crs_of_wkt(text_of(path, _MOST_BYTES)) if stem and path.exists() else None
 
 
 def _photograph(
@@ -141,11 +132,11 @@ def _photograph(
         raise ExchangeError(
             f"{place}: expected a name, a width and a height, found {printable(shortened(lines[0][1]))}"
         )
-    photograph = file_of(name, place)
-    width, height = (number_of(text, what, place) for text, what in zip(size, ("width", "height"), strict=True))
+    photograph = file_of(place, name)
+    width, height = (number_of(place, what, text) for text, what in zip(size, ("width", "height"), strict=True))
 
     def rows(first: int, last: int, columns: int, what: str) -> FloatArray:
-        return np.array([numbers_of(text, columns, what, f"{file}:{n}") for n, text in lines[first:last]])
+        return np.array([numbers_of(f"{file}:{n}", what, text, columns) for n, text in lines[first:last]])
 
     K = rows(1, 4, 3, "a row of K")
     if K[1, 0] or K[2].tolist() != [0, 0, 1]:
@@ -163,7 +154,7 @@ def _photograph(
         (float(K[0, 0] - K[1, 1]), float(K[0, 1])),
     )
     key = (width, height, *K.ravel().tolist(), *radial.tolist(), *tangential.tolist())
-    return ForeignPhotograph(photograph.name, 0, pose_of(R.T, centre + offset, place), photograph), camera, key
+    return ForeignPhotograph(photograph.name, 0, pose_of(place, R.T, centre + offset), photograph), camera, key
 
 
 def _left_out(stem: str, cameras: Sequence[Camera]) -> list[str]:
