@@ -66,7 +66,9 @@ def export_solution(
         make_folder(target)
         said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent)
         make_folder(target / "sparse")
-        return (*said, *write_colmap(target / "sparse", pinhole_solution(solution)))
+        pinholes = pinhole_solution(solution)
+        said = (*said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))
+        return tuple(dict.fromkeys(said))  # each once, though photographs and model both miss it
     return _written(form, target, solution)
 
 

@@ -40,7 +40,7 @@ def test_rotations_and_positions_come_back(tmp_path: Path, write: Writer, rotati
         np.testing.assert_allclose(values[:3], photograph.pose.position_world_m, rtol=0, atol=1e-12)
         back = np.asarray(rotation(values[3:].tolist()))
         np.testing.assert_allclose(back, photograph.pose.rotation_world_from_camera, rtol=0, atol=1e-12)
-    assert left_out[0] == "1 photograph without orientation left out."
+    assert left_out[0] == "1 photograph without an orientation."
 
 
 def test_angles_are_those_of_the_textbook(tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def test_tie_points_and_ground_points(tmp_path: Path) -> None:
     assert ground.sigma_m[0].tolist() == [0.01, 0.01, 0.02]
     assert ground.mark_pixel.tolist() == [[10.5, 20.25]]
     assert found.photographs[ground.mark_photograph[0]].name == "IMG_001.JPG"
-    assert found.left_out == ("The positions of 1 ground point in another CRS left out.",)
+    assert found.left_out == ("The positions of 1 ground point in another CRS.",)
 
 
 def test_a_topocentric_block(tmp_path: Path) -> None:

@@ -62,6 +62,6 @@ def test_points_without_a_position_are_left_out(tmp_path: Path) -> None:
     tie = small_solution().tie_points
     tie.position_world_m[3] = np.nan
     _, left_out = write_tracks(tmp_path / "t.gltf", tie, [0, 1, 2, 3, 4])
-    assert left_out == ("1 tie point without a position left out.",)
+    assert left_out == ("1 tie point without a position.",)
     found, _ = read_tracks(tmp_path / "t.gltf", {i: i for i in range(5)})
     assert len(found) == 29

@@ -49,7 +49,7 @@ def test_grey_values_are_those_of_the_rays(tmp_path: Path, model: str) -> None:
         bent = replace(solution.cameras[0], model="fisheye", radial=np.array([0.02, -0.01, 0.0, 0.0]))
         solution = replace(solution, cameras=(bent, solution.cameras[1]))
     left_out = write_undistorted(tmp_path / "out", solution, written(tmp_path / "in", solution))
-    assert left_out[0] == "1 photograph without orientation left out."
+    assert left_out[0] == "1 photograph without an orientation."
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"IMG_{i:03d}.jpg" for i in (0, 1, 2, 4)]
     for i in (0, 1):
         found = cv2.imread(str(tmp_path / "out" / f"IMG_{i:03d}.jpg"))
@@ -85,7 +85,7 @@ def test_observations_that_cannot_be_undone_are_left_out_with_a_sentence() -> No
     pinhole = pinhole_solution(replace(solution, cameras=(folding, solution.cameras[1])))
     lost = len(solution.tie_points.point) - len(pinhole.tie_points.point)
     assert lost > 0
-    assert pinhole.left_out[0].endswith("where the distortion cannot be undone left out.")
+    assert pinhole.left_out[0].endswith("where the distortion cannot be undone.")
 
 
 def test_nothing_shows_twice_where_the_distortion_folds_back(tmp_path: Path) -> None:

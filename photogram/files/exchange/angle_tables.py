@@ -14,8 +14,8 @@ from photogram.camera import gimbal_from_rotation, omega_phi_kappa_deg
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
 from photogram.files.exchange.solution import ForeignSolution
-from photogram.files.exchange.writing import check_writable
-from photogram.wording import printable, things
+from photogram.files.exchange.writing import check_writable, unoriented_photographs
+from photogram.wording import printable
 
 _OMEGA_PHI_KAPPA = (
     "name x y z omega phi kappa, degrees: R = Rx(omega) Ry(phi) Rz(kappa) leads from the image frame, x right, y up, "
@@ -67,10 +67,9 @@ def _write(
         lines.append(" ".join([photograph.name, *(f"{float(value):.{_DIGITS}f}" for value in values)]))
     with replacing(path) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    missing = sum(photograph.pose is None for photograph in solution.photographs)
     return (
-        *([f"{things(missing, 'photograph')} without orientation left out."] if missing else []),
-        "Cameras, tie points and ground points left out: the table is of orientations.",
+        *unoriented_photographs(solution),
+        "Cameras, tie points and ground points: the table is of orientations.",
     )
 
 

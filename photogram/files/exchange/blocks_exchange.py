@@ -175,7 +175,7 @@ def _photographs(
             elsewhere += other
             photographs.append(ForeignPhotograph(file.name, len(cameras) - 1, pose, file, measured))
     if elsewhere:
-        left_out.append(f"{things(elsewhere, 'measured position')} in another CRS left out.")
+        left_out.append(f"{things(elsewhere, 'measured position')} in another CRS.")
     return tuple(cameras), tuple(photographs), index
 
 
@@ -282,9 +282,9 @@ def _ground_points(
         positions.append(place if same else np.full(3, np.nan))
         sigmas.append(accuracy)
     if elsewhere:
-        left_out.append(f"The positions of {things(elsewhere, 'ground point')} in another CRS left out.")
+        left_out.append(f"The positions of {things(elsewhere, 'ground point')} in another CRS.")
     if unknown:
-        left_out.append(f"{things(unknown, 'mark')} in photographs that are not read left out.")
+        left_out.append(f"{things(unknown, 'mark')} in photographs that are not read.")
     if not names:
         return None
     M = np.array(marks, dtype=np.float64).reshape(-1, 4)
@@ -312,7 +312,7 @@ def _tie_points(path: Path, section: bytes, index: dict[int, int], left_out: lis
     photograph = index_in(np.argsort(ids), ids, measurement[:, 0].astype(np.int64))
     found = photograph >= 0
     if not found.all():
-        left_out.append(f"{things(int((~found).sum()), 'measurement')} in photographs that are not there left out.")
+        left_out.append(f"{things(int((~found).sum()), 'measurement')} in photographs that are not there.")
     point = np.repeat(np.arange(len(points)), count)
     rgb = np.round(255 * colour).astype(np.uint8)
     return tie_points_of(str(path), photograph[found], point[found], measurement[found, 1:], position, colour=rgb)

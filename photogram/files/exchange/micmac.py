@@ -102,7 +102,7 @@ def read_micmac(folder: Path) -> ForeignSolution:
         cameras=tuple(cameras),
         photographs=tuple(photographs),
         tie_points=no_tie_points(),
-        left_out=(*said, "Tie points left out: MicMac's homologous points have no positions."),
+        left_out=(*said, "Tie points: MicMac's homologous points have no positions."),
     )
 
 
@@ -225,8 +225,8 @@ def _camera(place: str, name: str, calibration: _Calibration) -> tuple[Camera, s
             f"of photogram's cameras to {_WORST_PX:g} px: run Tapas with RadialBasic or Fraser"
         )
     return camera, (
-        f"The calibration {printable(name)} is a fit to MicMac's, whose distortion has another centre or order: they "
-        f"differ by at most {worst:.2g} px."
+        f"What a fit does not hold of the calibration {printable(name)}, whose distortion has another centre or order "
+        f"in MicMac: at most {worst:.2g} px."
     )
 
 

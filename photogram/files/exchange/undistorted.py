@@ -20,7 +20,7 @@ from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.exchange.assembly import check_names
 from photogram.files.exchange.solution import ForeignSolution
-from photogram.files.exchange.writing import check_writable
+from photogram.files.exchange.writing import check_writable, unoriented_photographs
 from photogram.files.photographs.images import read_pixels
 from photogram.wording import some, things
 
@@ -60,7 +60,7 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
             mark_pixel=mark[marked],
             mark_sigma_px=ground.mark_sigma_px[marked],
         )
-    said = (f"{things(lost, 'observation')} where the distortion cannot be undone left out.",) if lost else ()
+    said = (f"{things(lost, 'observation')} where the distortion cannot be undone.",) if lost else ()
     return replace(
         solution,
         cameras=tuple(_pinhole(camera) for camera in solution.cameras),
@@ -100,11 +100,7 @@ def write_undistorted(folder: Path, solution: ForeignSolution, pictures: Path) -
         picture = Image.fromarray(np.concatenate(list(_strips(camera, pixels))))
         with replacing(folder / targets[i].name) as partial:
             picture.save(partial, "JPEG", quality=_QUALITY, subsampling="4:4:4")
-    left = len(solution.photographs) - len(oriented)
-    return (
-        *([f"{things(left, 'photograph')} without orientation left out."] if left else []),
-        "Tags left out: cameras are those of the solution, not of the tags.",
-    )
+    return (*unoriented_photographs(solution), "Tags: the cameras are those of the solution, not of the tags.")
 
 
 def _pinhole(camera: Camera) -> Camera:

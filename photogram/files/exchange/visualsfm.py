@@ -103,7 +103,9 @@ def _solution(
     if others:
         left_out.append(f"{things(others, 'smaller model')} of the file.")
     if not from_corner:
-        left_out.append("The principal points, which the measurements are relative to: the centres of the pictures.")
+        left_out.append(
+            "The principal points, from which measurements count: the centres of the pictures stand in their place."
+        )
     return ForeignSolution("VisualSFM", cameras, photographs, tie_points, left_out=tuple(left_out))
 
 

@@ -150,7 +150,7 @@ def _written_frame(path: Path, solution: ForeignSolution) -> tuple[str, Similari
                 f"{path}: measured positions are in {shortened(solution.crs)} and poses are not: Metashape has one "
                 "frame for both, so transform the solution first, or leave the positions out"
             )
-        left_out.append("The CRS is left out: Metashape would take coordinates of a map for geocentric ones.")
+        left_out.append("The CRS: Metashape would take coordinates of a map for geocentric ones.")
     return _LOCAL, same, left_out
 
 
@@ -174,12 +174,12 @@ def _geocentric_from(origin_lla: tuple[float, float, float]) -> Similarity:
 
 def _not_written(solution: ForeignSolution) -> Iterator[str]:
     if len(solution.tie_points):
-        yield f"{things(len(solution.tie_points), 'tie point')} left out: an export of cameras has none."
+        yield f"{things(len(solution.tie_points), 'tie point')}: an export of cameras has none."
     if solution.ground_points is not None and len(solution.ground_points):
         yield (
-            f"{things(len(solution.ground_points), 'ground point')} left out: Metashape imports markers from a file of "
+            f"{things(len(solution.ground_points), 'ground point')}: Metashape imports markers from a file of "
             "their own."
         )
     moved = sum(str(photograph.file) != photograph.name for photograph in solution.photographs)
     if moved:
-        yield f"The folders of {things(moved, 'photograph')} left out: Metashape knows them by their names."
+        yield f"The folders of {things(moved, 'photograph')}: Metashape knows them by their names."

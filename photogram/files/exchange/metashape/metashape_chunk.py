@@ -54,13 +54,13 @@ class Chunk:
 
 @dataclass
 class _Notes:
-    """Sentences about what is left out."""
+    """Sentences that name what is left out."""
 
     sentences: list[str] = field(default_factory=list)
 
-    def count(self, number: int, one: str, several: str, what: str) -> None:
+    def count(self, number: int, one: str, several: str) -> None:
         if number:
-            self.sentences.append(f"{things(number, one, several)} {what}.")
+            self.sentences.append(f"{things(number, one, several)}.")
 
 
 def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
@@ -74,7 +74,7 @@ def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
     crs, world = crs_of_wkt(wkt), _transform(path, chunk)
     geocentric = crs is not None and world is not None
     if geocentric and "1984" not in wkt and "WGS" not in wkt:
-        notes.sentences.append(f"The geocentric coordinates are of the datum of {crs}, not of WGS 84.")
+        notes.sentences.append(f"The datum of the geocentric coordinates, that of {crs}: they are taken for WGS 84's.")
     settings = {p.attributes.get("name", ""): p for p in chunk.all("settings", "property")}
     to_world = world or Similarity(1.0, np.eye(3), np.zeros(3))
     photographs, number = _photographs(path, chunk, frame, sensors, to_world, settings, notes)
@@ -118,7 +118,7 @@ def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int],
         index[sensor.attributes.get("id", "")] = len(cameras)
         cameras.append(_camera(path, sensor, calibration))
     covariances = len(list(chunk.all("sensors", "sensor", "covariance")))
-    notes.count(covariances, "covariance of a calibration", "covariances of calibrations", "left out")
+    notes.count(covariances, "covariance of a calibration", "covariances of calibrations")
     return index, tuple(cameras)
 
 
@@ -233,11 +233,21 @@ def _photographs(
         number[key] = len(photographs)
         photographs.append(ForeignPhotograph(file.name, sensor, pose, file, measured, measured_sigma))
     check_names(str(path), (photograph.file for photograph in photographs))
-    notes.count(uncalibrated, "photograph of a sensor", "photographs of sensors", "without a calibration left out")
-    notes.count(secondary, "photograph", "photographs", "of secondary sensors of a rig without orientation: it follows "
-                "from that of the primary sensor, which is not applied")  # fmt: skip
-    notes.count(disabled, "photograph", "photographs", "switched off in Metashape read like the others")
-    notes.count(angles, "measured attitude", "measured attitudes", "left out")
+    notes.count(
+        uncalibrated,
+        "photograph of a sensor without a calibration",
+        "photographs of sensors without a calibration",
+    )
+    if secondary:
+        notes.sentences.append(
+            f"The orientation of {things(secondary, 'photograph')} of secondary sensors of a rig: it follows from that "
+            "of the primary sensor, which is not applied."
+        )
+    if disabled:
+        notes.sentences.append(
+            f"That Metashape has switched off {things(disabled, 'photograph')}: read like the others."
+        )
+    notes.count(angles, "measured attitude", "measured attitudes")
     return tuple(photographs), number
 
 
@@ -333,8 +343,8 @@ def _marks(
                 photograph.append(photograph_of[camera])
                 point.append(index[number])
                 pixel.append([number_of(place, axis, location.attributes.get(axis, "")) for axis in "xy"])
-    notes.count(unpinned, "projection", "projections", "of markers that nobody pinned left out")
-    notes.count(elsewhere, "mark", "marks", "in photographs that are not read left out")
+    notes.count(unpinned, "projection of a marker that nobody pinned", "projections of markers that nobody pinned")
+    notes.count(elsewhere, "mark in a photograph that is not read", "marks in photographs that are not read")
     return (
         np.array(photograph, dtype=np.int64),
         np.array(point, dtype=np.int64),
@@ -350,4 +360,4 @@ def _note_rest(chunk: Element, notes: _Notes) -> None:
     for child in chunk.children:
         if child.tag not in kept and (child.children or child.text):
             name = words.get(child.tag, f"the element {printable(shortened(child.tag))}")
-            notes.sentences.append(f"{name[:1].upper()}{name[1:]} left out.")
+            notes.sentences.append(f"{name[:1].upper()}{name[1:]}.")

@@ -222,7 +222,7 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
     """Return tie points with a position and their observations, and what is left out."""
     place = cloud.place
     if cloud.points is None:
-        return no_tie_points(), ("Projections without points left out.",) if cloud.projections else ()
+        return no_tie_points(), ("Projections without points.",) if cloud.projections else ()
     points = _vertices(place, "points", cloud.points, "x", "y", "z", "id")
     ids = points["id"].astype(np.int64)
     position = _columns(points, "x", "y", "z")
@@ -246,9 +246,9 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         feature.append(np.flatnonzero(known))
         pixel.append(xy[known])
     sentences = [
-        *([f"{things(unplaced, 'projection')} of points without a position left out."] if unplaced else []),
-        *([f"{things(elsewhere, 'projection')} in photographs that are not read left out."] if elsewhere else []),
-        *(["The sizes of key points left out."] if photograph else []),
+        *([f"{things(unplaced, 'projection')} of points without a position."] if unplaced else []),
+        *([f"{things(elsewhere, 'projection')} in photographs that are not read."] if elsewhere else []),
+        *(["The sizes of key points."] if photograph else []),
     ]
     none = [np.zeros(0, dtype=np.int64)]
     return tie_points_of(
@@ -278,7 +278,7 @@ def _colours(place: str, cloud: _Cloud, ids: NDArray[np.int64]) -> ByteArray | N
 
 def _solution(path: Path, chunk: Chunk, cloud: _Cloud | None, frames: int) -> ForeignSolution:
     tie_points, sentences = (no_tie_points(), ()) if cloud is None else _tie_points(chunk, cloud)
-    more = (f"Of {frames} frames all but the first left out.",) if frames > 1 else ()
+    more = (f"All but the first of {frames} frames.",) if frames > 1 else ()
     solution = ForeignSolution(
         program=f"Agisoft Metashape ({path.suffix.lower()})",
         cameras=chunk.cameras,

@@ -125,9 +125,11 @@ def _scene(root: Node | None) -> _Scene:
             f"{change.place}: scales the axes of the CRS by {scale.tolist()}: project in a CRS with one unit of 1 m"
         )
     crs = crs_of_wkt(definition.get("definition").text())
-    left_out = ["The constant height of the geoid left out."] if definition.find("geoid_height") is not None else []
+    left_out = ["The constant height of the geoid."] if definition.find("geoid_height") is not None else []
     if change.get("swap_xy").flag():
-        left_out.append("Coordinates have easting before northing, unlike the CRS, which is left-handed.")
+        left_out.append(
+            "The order of the axes of the CRS, northing first, which is left-handed: coordinates have easting first."
+        )
     return _Scene("local" if crs is None else "map", crs, change.get("shift").numbers(3), tuple(left_out))
 
 
@@ -235,8 +237,8 @@ def _ground_points(
         M[:, 0].astype(np.int64), M[:, 1].astype(np.int64), M[:, 2:4], M[:, 4],
     )  # fmt: skip
     said = [
-        *([f"The positions of {things(unplaced, 'ground point')} in another CRS left out."] if unplaced else []),
-        *([f"{things(elsewhere, 'mark')} in photographs that are not read left out."] if elsewhere else []),
+        *([f"The positions of {things(unplaced, 'ground point')} in another CRS."] if unplaced else []),
+        *([f"{things(elsewhere, 'mark')} in photographs that are not read."] if elsewhere else []),
     ]
     return ground, tuple(said)
 
@@ -248,16 +250,16 @@ def _not_held(files: Mapping[str, Node]) -> Iterator[str]:
     attitudes = sum(capture.find("orientation") is not None for capture in captures)
     rolling = sum(camera.find("rolling_shutter") is not None for camera in calibrated.get("cameras").items())
     if _format("projected-input-cameras") not in files and any(c.find("geolocation") for c in captures):
-        yield "Measured positions in the CRS of the photographs left out."
+        yield "Measured positions in the CRS of the photographs."
     if attitudes:
-        yield f"{things(attitudes, 'measured attitude')} left out."
+        yield f"{things(attitudes, 'measured attitude')}."
     if rolling:
-        yield f"The rolling shutter of {things(rolling, 'photograph')} left out."
+        yield f"The rolling shutter of {things(rolling, 'photograph')}."
     words = {"gps-bias": "The bias of GNSS", "constraints": "Constraints",
              "calibrated-control-points": "Adjusted positions of ground points"}  # fmt: skip
     for name, what in words.items():
         if _format(name) in files:
-            yield f"{what} left out."
+            yield f"{what}."
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------
@@ -476,16 +478,16 @@ def _usable_marks(ground: ControlPoints) -> BoolArray:
 
 def _not_written(solution: ForeignSolution) -> Iterator[str]:
     yield (
-        "Times of exposure, sizes of pixels and bands are not known: 1970-01-01, 1 µm and those of an RGB picture "
-        "stand in their place."
+        "Times of exposure, sizes of pixels and bands: 1970-01-01, 1 µm and those of an RGB picture stand in their "
+        "place."
     )
     if solution.frame == "topocentric":
-        yield "The origin of the topocentric frame left out: the project is in a local frame."
+        yield "The origin of the topocentric frame: the project is in a local frame."
         if any(photograph.measured is not None for photograph in solution.photographs):
-            yield "Measured positions left out: they are in another frame than the poses."
+            yield "Measured positions: they are in another frame than the poses."
     ground = solution.ground_points
     rejected = 0 if ground is None else int((~_usable_marks(ground)).sum())
     if rejected:
-        yield f"{things(rejected, 'mark')} with an infinite standard deviation, rejected ones, left out."
+        yield f"{things(rejected, 'mark')} with an infinite standard deviation, rejected ones."
     if len(solution.tie_points):
-        yield "Tie points and their pixels are single precision; their standard deviations left out."
+        yield "The double precision of tie points and their pixels, and their standard deviations."

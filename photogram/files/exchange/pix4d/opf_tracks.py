@@ -96,7 +96,7 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
         extensions = primitive.find("extensions")
         matches = None if extensions is None else extensions.find("OPF_mesh_primitive_matches")
         if matches is None or matches.find("imagePoints") is None:
-            left_out.append(f"{things(len(position), 'track')} without image points left out.")
+            left_out.append(f"{things(len(position), 'track')} without image points.")
             continue
         parts.append((position, colour, *_matches(arrays, matches, len(position), photograph_of, left_out)))
     if not parts:
@@ -106,7 +106,7 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
         np.concatenate([part[k] + start[i] if k == 3 else part[k] for i, part in enumerate(parts)]) for k in range(6)
     )
     points = tie_points_of(str(path), photograph, point, pixel, position, feature=feature, colour=colour)
-    return points, (*left_out, "The scales of key points left out.")
+    return points, (*left_out, "The scales of key points.")
 
 
 def _doubles(array: NDArray[np.generic]) -> FloatArray:
@@ -163,7 +163,7 @@ def _matches(
     feature[feature64 >= np.uint64(2**63)] = TRANSFERRED
     known = photograph >= 0
     if not known.all():
-        left_out.append(f"{things(int((~known).sum()), 'match', 'matches')} in photographs that are not read left out.")
+        left_out.append(f"{things(int((~known).sum()), 'match', 'matches')} in photographs that are not read.")
     return photograph[known], point[known], pixel[known] - HALF_PIXEL, feature[known]
 
 
@@ -175,9 +175,7 @@ def write_tracks(path: Path, tie_points: TiePoints, uids: Sequence[int]) -> tupl
     """
     placed: BoolArray = np.asarray(np.isfinite(tie_points.position_world_m).all(axis=1))
     tie = tie_points.select(placed)
-    left_out = (
-        (f"{things(int((~placed).sum()), 'tie point')} without a position left out.",) if not placed.all() else ()
-    )
+    left_out = (f"{things(int((~placed).sum()), 'tie point')} without a position.",) if not placed.all() else ()
     if len(tie) and max(np.abs(tie.position_world_m).max(), np.abs(tie.pixel).max(initial=0.0)) > _LARGEST_FLOAT:
         raise ExchangeError(f"{path}: tie points lie beyond single precision: remove those far away")
     n = len(tie.point)

@@ -159,14 +159,14 @@ def _photograph(
 
 def _left_out(stem: str, cameras: Sequence[Camera]) -> list[str]:
     """Return sentences about what the folder holds beside the parameters of photographs."""
-    said = ["Tie points left out: the folder of parameters gives no positions for them."]
+    said = ["Tie points: the folder of parameters gives no positions for them."]
     cam = Path(f"{stem}_pix4d_calibrated_internal_camera_parameters.cam")
     if stem and cam.exists() and len(cameras) == 1:
         other = read_pix4d_cam(cam, (cameras[0].width_px, cameras[0].height_px))
         difference = float(np.abs(other.parameters[:3] - cameras[0].parameters[:3]).max())
         if difference > 0.5:
             said.append(
-                f"The .cam beside it has another calibration, by {difference:.1f} px, which is left out: photographs "
-                "have that of their own text."
+                f"The calibration of the .cam beside it, which differs by {difference:.1f} px: photographs have that "
+                "of their own text."
             )
     return said
