@@ -67,6 +67,13 @@ def projected_crs(name: str) -> CRS:
     return horizontal
 
 
+def is_geographic(name: str) -> bool:
+    """Return whether the CRS called ``name``, or the part of it in plan, has longitude and latitude. Raises FrameError
+    where PROJ does not know it."""
+    crs = _any_crs(name)
+    return bool((crs.sub_crs_list[0] if crs.is_compound else crs).is_geographic)
+
+
 def crs_of_wkt(wkt: str) -> str | None:
     """Return a CRS by the EPSG code with which its WKT ends, else as WKT; None for local coordinates and for none."""
     text = " ".join(wkt.split())

@@ -12,7 +12,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, Similarity
-from photogram.crs import NO_CRS
+from photogram.crs import NO_CRS, is_geographic
 from photogram.errors import AdjustmentError, ExchangeError, FrameError, OrientationError
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.frames import (
@@ -28,7 +28,7 @@ from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
 from photogram.survey import Block, ControlPoints, Photograph, Role
-from photogram.wording import some
+from photogram.wording import shortened, some
 
 NOBODY = ControlPoints(
     (), (), np.zeros((0, 3)), np.zeros((0, 3)), *(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 2)), np.zeros(0)
@@ -58,14 +58,16 @@ def foreign_block(solution: ForeignSolution, crs: str | None = None) -> ForeignB
     """Return the block of a foreign solution.
 
     ``crs`` is that of its ground points and measured positions, in place of what the files say. Raises ExchangeError
-    where nothing was oriented or the coordinates do not fit the CRS.
+    where nothing was oriented, the coordinates do not fit the CRS, or do not determine where the solution lies.
     """
     if all(photograph.pose is None for photograph in solution.photographs):
         raise ExchangeError(f"{solution.program}: no photograph is oriented, so there is no solution to audit")
     try:
         return _placed(_measured(solution, crs or solution.crs), solution)
-    except (FrameError, OrientationError) as fault:
+    except FrameError as fault:
         raise ExchangeError(f"{solution.program}: {fault}: give the CRS of the coordinates with --crs") from fault
+    except OrientationError as fault:
+        raise ExchangeError(f"{solution.program}: {fault}") from fault
 
 
 def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolution:
@@ -101,20 +103,16 @@ def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None,
     ground = (solution.ground_points or NOBODY).position_world_m
     known = np.concatenate([measured, ground])
     known = known[np.isfinite(known).all(axis=1)]
-    if crs is None or not len(known):
+    if crs is None or not len(known) or not is_geographic(crs):
         return crs, measured, ground
-    if not _is_geographic(crs, known):
-        return crs, measured, ground
+    largest = np.abs(known[:, :2]).max(axis=0)
+    if largest[0] > 360.0 or largest[1] > 90.0:
+        raise FrameError(
+            f"crs: {shortened(crs)} has longitude and latitude, the coordinates reach {largest[0]:.6g} and "
+            f"{largest[1]:.6g}"
+        )
     zone = utm_crs(float(np.median(known[:, 0])), float(np.median(known[:, 1])))
     return zone, _through(crs, zone, measured), _through(crs, zone, ground)
-
-
-def _is_geographic(crs: str, points: FloatArray) -> bool:
-    try:
-        LocalFrame.near(crs, points)
-    except FrameError:
-        return bool(np.all(np.abs(points[:, 0]) <= 360.0) and np.all(np.abs(points[:, 1]) <= 90.0))
-    return False
 
 
 def _through(source: str, target: str, points: FloatArray) -> FloatArray:

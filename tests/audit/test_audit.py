@@ -15,6 +15,7 @@ from photogram.audit.foreign_block import foreign_block, freed, with_checks
 from photogram.audit.tables import tables
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
+from photogram.frames import geodetic_from_map, map_from_crs
 
 
 @cache
@@ -104,9 +105,41 @@ def test_a_solution_without_a_pose_is_refused() -> None:
         foreign_block(bare)
 
 
-def test_a_crs_that_does_not_fit_is_said() -> None:
-    with pytest.raises(ExchangeError, match="--crs"):
-        foreign_block(replace(audit_of("none").solution, crs="EPSG:99999"))
+@pytest.mark.parametrize(
+    ("crs", "words"),
+    [
+        ("EPSG:99999", "'EPSG:99999': not a CRS known to PROJ"),
+        ("EPSG:4326", "EPSG:4326 has longitude and latitude, the coordinates reach"),
+        ("EPSG:4978", "is not a projected CRS"),
+    ],
+)
+def test_a_crs_that_does_not_fit_is_said(crs: str, words: str) -> None:
+    with pytest.raises(ExchangeError, match=f"{words}.*: give the CRS of the coordinates with --crs$"):
+        foreign_block(replace(solution_with("none"), crs=crs))
+
+
+def test_ground_points_that_determine_no_place_are_no_fault_of_the_crs() -> None:
+    solution = solution_with("none")
+    points = solution.ground_points
+    assert points is not None
+    one = points.select(np.arange(len(points)) == 0)
+    bare = tuple(replace(p, measured=None, measured_sigma_m=None) for p in solution.photographs)
+    with pytest.raises(ExchangeError) as raised:
+        foreign_block(replace(solution, ground_points=one, photographs=bare))
+    assert "--crs" not in str(raised.value)
+
+
+def test_longitudes_and_latitudes_come_to_a_zone() -> None:
+    solution = solution_with("none")
+    points = solution.ground_points
+    assert points is not None
+    assert solution.crs is not None
+    geodetic = replace(points, position_world_m=geodetic_from_map(solution.crs, points.position_world_m))
+    block = foreign_block(replace(solution, crs="EPSG:4979", ground_points=geodetic)).block
+    assert block.frame.crs.startswith("EPSG:326")
+    mapped = block.frame.map_from_world(block.control_points.position_world_m)
+    expected = map_from_crs(solution.crs, block.frame.crs, points.position_world_m)
+    np.testing.assert_allclose(mapped, expected, rtol=0, atol=1e-3)
 
 
 def test_terms_that_the_program_used_are_freed() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.crs import WGS84, changes_datum, crs_of_wkt, datum_change, middle_deg
+from photogram.crs import WGS84, changes_datum, crs_of_wkt, datum_change, is_geographic, middle_deg
 from photogram.errors import FrameError
 from photogram.frames import geodetic_from_map, map_from_crs, map_from_geodetic
 
@@ -136,3 +136,12 @@ def test_the_middle_of_positions() -> None:
 )
 def test_a_crs_is_known_by_its_code(wkt: str, expected: str | None) -> None:
     assert crs_of_wkt(wkt) == expected
+
+
+@pytest.mark.parametrize(
+    ("crs", "expected"),
+    [("EPSG:4326", True), ("EPSG:4979", True), ("EPSG:4326+5773", True), ("EPSG:25832", False),
+     ("EPSG:25832+7837", False), ("EPSG:4978", False)],
+)  # fmt: skip
+def test_whether_a_crs_is_geographic(crs: str, expected: bool) -> None:
+    assert is_geographic(crs) is expected
