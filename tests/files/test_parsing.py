@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from photogram.errors import ExchangeError
@@ -49,3 +50,22 @@ def test_text_that_is_no_utf_8_has_its_line(tmp_path: Path) -> None:
         parsing.bytes_of(path, 2)
     with pytest.raises(ExchangeError, match="cannot be read"):
         parsing.bytes_of(Path("/dev/zero"))
+
+
+def test_rows_of_many_lengths_are_taken_apart() -> None:
+    values, counts = np.array([7.0, 2, 1, 2, 3, 4, 8, 0, 9, 1, 5, 6]), np.array([6, 2, 4])
+    head, rest, row = parsing.counted_rows("here", "a point", values, counts, 2, 2)
+    assert head.tolist() == [[7, 2], [8, 0], [9, 1]]
+    assert rest.tolist() == [[1, 2], [3, 4], [5, 6]]
+    assert row.tolist() == [0, 0, 2]
+    none = np.zeros(0, dtype=np.int64)
+    assert [part.shape for part in parsing.counted_rows("here", "a point", np.zeros(0), none, 2, 2)] == [
+        (0, 2), (0, 2), (0,),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", [[7.0, 3, 1, 2], [7.0, np.nan, 1, 2], [7.0, 1e300, 1, 2], [7.0, 1.5, 1, 2], [7.0]])
+def test_rows_that_count_otherwise_are_refused(wrong: list[float]) -> None:
+    values, counts = np.array([8.0, 0, *wrong]), np.array([2, len(wrong)])
+    with pytest.raises(ExchangeError, match=r"^here: a point must have 2 numbers and 2 for each that it counts"):
+        parsing.counted_rows("here", "a point", values, counts, 2, 2)

@@ -22,7 +22,7 @@ from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.files.atomic import replacing
 from photogram.files.exchange.assembly import camera_of, check_names, pose_of, sizes_of, tie_points_of
-from photogram.files.exchange.parsing import check_finite, file_of, number_rows, text_of, whole_numbers
+from photogram.files.exchange.parsing import check_finite, counted_rows, file_of, number_rows, text_of, whole_numbers
 from photogram.files.exchange.picture_sizes import Sizes, centre_px, size_of
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.exchange.writing import check_writable, oriented_tie_points, path_to_write, without_place
@@ -137,25 +137,17 @@ def _photographs(
 def _tie_points(path: Path, lines: list[tuple[int, str]], sizes: IntArray) -> TiePoints:
     position, lengths = number_rows(path, lines[0::3])
     colour, colours = number_rows(path, lines[1::3])
-    views, counts = number_rows(path, lines[2::3])
-    starts = np.cumsum(counts) - counts
-    said = views[starts] if len(starts) else np.zeros(0)
-    if (lengths != 3).any() or (colours != 3).any() or (counts != 1 + 4 * said).any():
-        raise ExchangeError(
-            f"{path}: a point must have lines of its position, its colour and its views, four numbers each: it is "
-            "damaged"
-        )
-    in_view = np.ones(len(views), dtype=bool)
-    in_view[starts] = False
-    table = views[in_view].reshape(-1, 4)
+    if (lengths != 3).any() or (colours != 3).any():
+        raise ExchangeError(f"{path}: a point must have a position and a colour of three numbers each: it is damaged")
     where = str(path)
+    _, table, point = counted_rows(where, "the views of a point", *number_rows(path, lines[2::3]), 1, 4)
     photograph = whole_numbers(where, "the camera of a view", table[:, 0], 0, len(sizes) - 1)
     feature = whole_numbers(where, "the key of a view", table[:, 1])
     centre = (sizes[photograph] - 1) / 2
     return tie_points_of(
         where,
         photograph,
-        np.repeat(np.arange(len(counts)), (counts - 1) // 4),
+        point,
         centre + table[:, 2:] * [1.0, -1.0],
         position.reshape(-1, 3),
         feature=feature,

@@ -18,6 +18,7 @@ from photogram.errors import ExchangeError
 from photogram.files.exchange.assembly import camera_of, check_names, index_in, pose_of, tie_points_of
 from photogram.files.exchange.parsing import (
     check_distinct,
+    counted_rows,
     file_of,
     number_rows,
     text_of,
@@ -92,15 +93,9 @@ def read_meshroom_baf(path: Path, sizes_px: Sizes | None = None) -> ForeignSolut
 def _points(path: Path, lines: list[tuple[int, str]]) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Return positions (P, 3), pixels (N, 2), camera and pose (N, 2) of the observations, and their points (N,)."""
     values, counts = number_rows(path, lines)
-    starts = np.cumsum(counts) - counts
-    if (counts < _HEAD).any() or (counts != _HEAD + 4 * values[starts + _HEAD - 1]).any():
-        raise ExchangeError(f"{path}: a point must have {_HEAD} numbers and four for each observation: it is damaged")
-    position = values[starts[:, None] + np.arange(3)] if len(starts) else np.zeros((0, 3))
-    observing = np.ones(len(values), dtype=bool)
-    observing[(starts[:, None] + np.arange(_HEAD)).ravel()] = False
-    rows = values[observing].reshape(-1, 4)
+    head, rows, point = counted_rows(str(path), "a point", values, counts, _HEAD, 4)
     ids = whole_numbers(str(path), "a number of a camera or pose", rows[:, :2].ravel()).reshape(-1, 2)
-    return position, rows[:, 2:], ids, np.repeat(np.arange(len(counts)), (counts - _HEAD) // 4)
+    return head[:, :3], rows[:, 2:], ids, point
 
 
 def _list_of(path: Path) -> Path:

@@ -117,6 +117,29 @@ def number_rows(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[FloatArra
     return np.frombuffer(flat, dtype=np.float64), np.frombuffer(counts, dtype=np.int64)
 
 
+def split_rows(values: FloatArray, counts: IntArray, head: int) -> tuple[FloatArray, FloatArray]:
+    """Return the first ``head`` numbers of rows (P, head), and what follows them in all rows (N,); ``counts`` (P,) are
+    the numbers of each row, none fewer than ``head``."""
+    heads = (np.cumsum(counts) - counts)[:, None] + np.arange(head)
+    follows = np.ones(len(values), dtype=bool)
+    follows[heads.ravel()] = False
+    return values[heads], values[follows]
+
+
+def counted_rows(
+    where: str, what: str, values: FloatArray, counts: IntArray, head: int, width: int
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return the heads (P, head) of rows, what follows them as (N, width), and the row of each of these (N,).
+
+    The last number of a head says how many times ``width`` numbers follow. Raises ExchangeError where others do.
+    """
+    if (counts >= head).all():
+        heads, rest = split_rows(values, counts, head)
+        if (counts == head + width * heads[:, -1]).all():
+            return heads, rest.reshape(-1, width), np.repeat(np.arange(len(counts)), (counts - head) // width)
+    raise ExchangeError(f"{where}: {what} must have {head} numbers and {width} for each that it counts: it is damaged")
+
+
 def numbers_of(where: str, what: str, text: str, count: int) -> FloatArray:
     """Return the ``count`` finite numbers (count,) of a text, between blanks. Raises ExchangeError where it has
     others."""

@@ -24,6 +24,7 @@ from photogram.errors import ExchangeError
 from photogram.files.exchange.assembly import camera_of, check_names, pose_of, rotation_of_quaternion, tie_points_of
 from photogram.files.exchange.parsing import (
     check_finite,
+    counted_rows,
     file_of,
     number_rows,
     numbers,
@@ -182,15 +183,9 @@ def _from_corner(path: Path, measured: FloatArray, sizes: IntArray) -> bool:
 
 def _tie_points(path: Path, lines: list[tuple[int, str]], sizes: IntArray) -> tuple[TiePoints, bool]:
     """Return the tie points, and whether measurements count from the corner of the picture."""
-    values, counts = number_rows(path, lines)
     where = str(path)
-    starts = np.cumsum(counts) - counts
-    if (counts < _HEAD).any() or (counts != _HEAD + 4 * values[starts + _HEAD - 1]).any():
-        raise ExchangeError(f"{path}: a point must have {_HEAD} numbers and four for each measurement: it is damaged")
-    head = values[starts[:, None] + np.arange(_HEAD)] if len(starts) else np.zeros((0, _HEAD))
-    measured = np.ones(len(values), dtype=bool)
-    measured[(starts[:, None] + np.arange(_HEAD)).ravel()] = False
-    table = values[measured].reshape(-1, 4)
+    values, counts = number_rows(path, lines)
+    head, table, point = counted_rows(where, "a point", values, counts, _HEAD, 4)
     photograph = whole_numbers(where, "the camera of a measurement", table[:, 0], 0, len(sizes) - 1)
     check_finite(where, "a measurement", table[:, 2:])
     from_corner = _from_corner(path, table[:, 2:], sizes[photograph])
@@ -198,7 +193,7 @@ def _tie_points(path: Path, lines: list[tuple[int, str]], sizes: IntArray) -> tu
     tie_points = tie_points_of(
         where,
         photograph,
-        np.repeat(np.arange(len(counts)), (counts - _HEAD) // 4),
+        point,
         table[:, 2:] + shift,
         head[:, :3],
         feature=whole_numbers(where, "the key point of a measurement", table[:, 1]),

@@ -20,7 +20,7 @@ from photogram.files.exchange.colmap.records import (
     ColmapPoints,
     SparseModel,
 )
-from photogram.files.exchange.parsing import number_rows, numbers, text_of, whole_number, whole_numbers
+from photogram.files.exchange.parsing import number_rows, numbers, split_rows, text_of, whole_number, whole_numbers
 from photogram.wording import printable, shortened
 
 _LARGEST_ID = 2**32 - 1
@@ -105,11 +105,8 @@ def _points(path: Path) -> ColmapPoints:
     if len(wrong):
         where = f"{path}:{lines[wrong[0]][0]}"
         raise _cut_off(where, f"a tie point has {_HEAD} numbers and a pair for each image, found {counts[wrong[0]]}")
-    starts = np.cumsum(counts) - counts
-    head = values[starts[:, None] + np.arange(_HEAD)] if len(starts) else np.zeros((0, _HEAD))
-    in_track = np.ones(len(values), dtype=bool)
-    in_track[(starts[:, None] + np.arange(_HEAD)).ravel()] = False
-    track = values[in_track].reshape(-1, 2)
+    head, tracks = split_rows(values, counts, _HEAD)
+    track = tracks.reshape(-1, 2)
     where = str(path)
     colour = [whole_numbers(where, "a colour", head[:, i], 0, 255) for i in (4, 5, 6)]
     return ColmapPoints(
