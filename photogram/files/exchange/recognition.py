@@ -17,7 +17,7 @@ from photogram.files.exchange.metashape.metashape_project import read_metashape_
 from photogram.files.exchange.micmac import read_micmac
 from photogram.files.exchange.opensfm.reconstructions import read_opensfm
 from photogram.files.exchange.pix4d.opf import read_opf
-from photogram.files.exchange.pix4d.pix4d_params import read_pix4d_params
+from photogram.files.exchange.pix4d.pix4d_params import PARAMETERS, read_pix4d_params
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.exchange.visualsfm import read_visualsfm
 
@@ -66,7 +66,7 @@ def _is_micmac(folder: Path) -> bool:
 
 
 def _is_pix4d(folder: Path) -> bool:
-    return any(folder.glob("*_calibrated_camera_parameters.txt"))
+    return any(folder.glob(f"*{PARAMETERS}"))
 
 
 def _is_metashape_project(path: Path, head: bytes) -> bool:

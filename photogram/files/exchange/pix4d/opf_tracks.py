@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -78,6 +79,17 @@ class _Arrays:
         return values if width == 1 else values.reshape(-1, width)
 
 
+class _Part(NamedTuple):
+    """The tracks (P) of a node with their observations (N)."""
+
+    position: FloatArray
+    colour: ByteArray
+    photograph: IntArray
+    point: IntArray
+    pixel: FloatArray
+    feature: IntArray
+
+
 def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints, tuple[str, ...]]:
     """Return the tie points of a glTF file in the processing CRS, and sentences about what is left out.
 
@@ -86,7 +98,8 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
     """
     root = read_json(path, MOST_JSON_BYTES)
     arrays = _Arrays(path, root)
-    parts: list[tuple[FloatArray, ByteArray, IntArray, IntArray, FloatArray, IntArray]] = []
+    parts: list[_Part] = []
+    first = 0
     left_out: list[str] = []
     for node in root.get("nodes").items():
         if node.find("mesh") is None:
@@ -98,14 +111,16 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
         if matches is None or matches.find("imagePoints") is None:
             left_out.append(f"{things(len(position), 'track')} without image points.")
             continue
-        parts.append((position, colour, *_matches(arrays, matches, len(position), photograph_of, left_out)))
+        photograph, point, pixel, feature = _matches(arrays, matches, len(position), photograph_of, left_out)
+        parts.append(_Part(position, colour, photograph, first + point, pixel, feature))
+        first += len(position)
     if not parts:
         return no_tie_points(), tuple(left_out)
-    start = np.cumsum([0, *(len(part[0]) for part in parts)])
-    position, colour, photograph, point, pixel, feature = (
-        np.concatenate([part[k] + start[i] if k == 3 else part[k] for i, part in enumerate(parts)]) for k in range(6)
-    )
-    points = tie_points_of(str(path), photograph, point, pixel, position, feature=feature, colour=colour)
+    whole = _Part(*map(np.concatenate, zip(*parts, strict=True)))
+    points = tie_points_of(
+        str(path), whole.photograph, whole.point, whole.pixel, whole.position, feature=whole.feature,
+        colour=whole.colour,
+    )  # fmt: skip
     return points, (*left_out, "The scales of key points.")
 
 
