@@ -36,6 +36,7 @@ class Commands(TyperGroup):
         "demo",
         "plan",
         "init",
+        "import",
         "mark",
         "check",
         "adjust",

@@ -12,6 +12,7 @@ from photogram.cli.commands import (
     compare,  # noqa: F401 - they register
     demo,  # noqa: F401 - they register
     export,  # noqa: F401 - they register
+    import_solution,  # noqa: F401 - they register
     init,  # noqa: F401 - they register
     mark,  # noqa: F401 - they register
     plan,  # noqa: F401 - they register

@@ -36,6 +36,7 @@ __all__ = [
     "FlightPlan",
     "FrameError",
     "ImageError",
+    "ImportedProject",
     "LocalFrame",
     "MatchingSettings",
     "NewProject",
@@ -65,6 +66,7 @@ __all__ = [
     "export_marks",
     "export_solution",
     "find_features",
+    "import_solution",
     "init",
     "intersect",
     "join_matches",
@@ -98,6 +100,8 @@ _PLACES = {
     "view": "photogram.pipeline.view:write_view",
     "export_marks": "photogram.pipeline.mark_export:export_marks",
     "export_solution": "photogram.pipeline.solution_export:export_solution",
+    "ImportedProject": "photogram.pipeline.solution_import:ImportedProject",
+    "import_solution": "photogram.pipeline.solution_import:import_solution",
     # the data of a survey
     "Block": "photogram.survey:Block",
     "Camera": "photogram.camera:Camera",
@@ -193,6 +197,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.pipeline.opened_survey import OpenedSurvey
     from photogram.pipeline.opened_survey import open_survey as open
     from photogram.pipeline.solution_export import export_solution
+    from photogram.pipeline.solution_import import ImportedProject, import_solution
     from photogram.pipeline.view import write_view as view
     from photogram.project.findings import Findings
     from photogram.quality.accuracy import check_accuracy

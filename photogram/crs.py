@@ -83,6 +83,12 @@ def crs_of_wkt(wkt: str) -> str | None:
     return f"EPSG:{code[1]}" if code else printable(text)
 
 
+def short_name(name: str) -> str:
+    """Return a CRS by its EPSG code, or codes, where it has such; else as it is named. Raises FrameError where PROJ
+    does not know it."""
+    return name if name == NO_CRS else crs_name(_any_crs(name))
+
+
 def vertical_of(name: str) -> str | None:
     """Return the vertical CRS within the map ``name`` (EPSG:25832+5799), None where it has none.
 

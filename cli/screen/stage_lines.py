@@ -13,6 +13,7 @@ _METHODS = {
     "control": "from control points",
     "attitude": "from measured positions and attitudes",
     "growth": "from a first pair, photograph by photograph",
+    "start": "from the solution that the project starts from",
 }
 
 

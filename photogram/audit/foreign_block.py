@@ -11,7 +11,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera, Pose, Similarity
+from photogram.camera import Pose, Similarity
 from photogram.crs import NO_CRS, is_geographic
 from photogram.errors import AdjustmentError, ExchangeError, FrameError, OrientationError
 from photogram.files.exchange.solution import ForeignSolution
@@ -22,8 +22,8 @@ from photogram.frames import (
     map_from_crs,
     map_from_geodetic,
 )
+from photogram.project.draft.imported import freed
 from photogram.project.draft.sites import utm_crs
-from photogram.projection import CAMERA_PARAMETERS, P1, P2
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
@@ -84,16 +84,6 @@ def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolut
         "check" if name in names else role for name, role in zip(points.name, points.role, strict=True)
     ]
     return replace(solution, ground_points=points.with_roles(roles))
-
-
-def freed(camera: Camera) -> Camera:
-    """Return a camera with wide priors around what another program estimated of it: of the usual terms, and of those
-    that it used."""
-    usual = np.array([p.usual for p in CAMERA_PARAMETERS])
-    free = usual | (camera.parameters != 0.0)
-    if camera.model == "fisheye":
-        free[[P1, P2]] = False
-    return with_priors(replace(camera, sigmas=np.where(free, np.inf, 0.0)))
 
 
 def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray, FloatArray]:
@@ -175,7 +165,7 @@ def _measured(solution: ForeignSolution, crs: str | None) -> Block:
         ties = replace(ties, sigma_px=np.full(len(ties.sigma_px), stated_px))
     return Block(
         frame,
-        tuple(freed(camera) for camera in solution.cameras),
+        tuple(with_priors(freed(camera)) for camera in solution.cameras),
         tuple(photographs),
         tuple(photograph.pose for photograph in solution.photographs),
         ties.select(ties.rays >= 2),

@@ -44,6 +44,7 @@ from photogram.pipeline.stages.surface import model_surface, trace_relief
 from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
 from photogram.pipeline.store.dependence import (
     control_fingerprint,
+    known_tie_points,
     orientation_as_made,
     orientation_settings,
     photographs_as_made,
@@ -87,14 +88,19 @@ STAGES = (
         "features",
         STAGE_TITLES["features"],
         (),
-        lambda run: [run.photograph_fingerprints, run.project.features, run.project.quality],
+        lambda run: [
+            run.photograph_fingerprints,
+            run.project.features,
+            run.project.quality,
+            *known_tie_points(run.project),
+        ],
         detect_features,
     ),
     Stage(
         "pairs",
         STAGE_TITLES["pairs"],
         ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.matching, run.project.cameras],
+        lambda run: [run.project.pairs, run.project.matching, run.project.cameras, *known_tie_points(run.project)],
         choose_pairs,
     ),
     Stage(

@@ -43,6 +43,7 @@ from photogram.project.schema import (
     ProjectFile,
     Quality,
 )
+from photogram.project.start import ProjectStart, check_start, project_start, read_start
 from photogram.projection import RADIAL_TERMS
 from photogram.quality.asprs import ReportSettings
 from photogram.sfm.orientation import OrientationSettings
@@ -218,6 +219,8 @@ class Project:
     """Measured distances between ground points or photographs."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
+    start: ProjectStart | None = None
+    """What another program has found that the project starts from, None without."""
     warnings: tuple[Finding, ...] = ()
     """What is doubtful in the file or the files it names."""
     photographs_folder: Path | None = None
@@ -333,18 +336,22 @@ def read_project(
     check_folders(document, path, file, photographs, folder, base)
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
+    solution = read_start(document, file, base)
     cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_faults()
     entries = _given(photographs)
     copies = _copies(file, entries)
     named = dict(zip(file.cameras, cameras, strict=True))
     listed = _photographs(file, entries, list(copies), _given(folder), gnss_map_m, positions)
+    calibrated = tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items())
+    if solution is not None:
+        check_start(document, file, solution, [p.name for p in listed], [p.camera for p in listed], calibrated)
     return Project(
         path=path,
         crs=_given(file.crs),
         world_kind="grid" if file.crs == NO_CRS else file.world,
         quality=file.quality,
-        cameras=tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items()),
+        cameras=calibrated,
         calibration=tuple(file.cameras[name].calibration for name, _ in copies),
         camera_source=tuple(file.cameras[name].source or "" for name, _ in copies),
         focal_readings_px=tuple(file.cameras[name].focal_readings_px for name, _ in copies),
@@ -357,6 +364,7 @@ def read_project(
         heights=heights,
         datum=datum,
         distances=_distances(file, [p.name for p in listed]),
+        start=project_start(file, base),
         warnings=document.warnings,
         photographs_folder=photographs_folder,
         **{name: _given(section) for name, section in settings.items()},

@@ -44,6 +44,7 @@ REDUCTIONS: Mapping[Quality, int] = MappingProxyType({"high": 1, "medium": 2, "l
 Calibration = Literal["given", "auto"]
 PositionOf = Literal["camera", "antenna"]
 LeverArmAxes = Literal["body", "camera"]
+Whose = Literal["theirs", "own"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -318,6 +319,14 @@ class DistanceEntry(Entry):
     sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
 
 
+class StartEntry(Entry):
+    """What another program has found, and what of it the project starts from."""
+
+    solution: Annotated[Text | None, Needed("the file that photogram import has written")] = None
+    tie_points: Whose = "theirs"
+    poses: Whose = "theirs"
+
+
 class ComparisonEntry(Entry):
     """What the results are compared with."""
 
@@ -342,6 +351,7 @@ class ProjectFile(Entry):
     gnss: GnssEntry = GnssEntry()
     control_points: ControlPointsEntry = ControlPointsEntry()
     distances: Sequence[DistanceEntry] = ()
+    start: StartEntry | None = None
     features: Any = None
     pairs: Any = None
     matching: Any = None

@@ -20,6 +20,7 @@ from photogram.errors import OrientationError, PhotogramError
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
 from photogram.sfm.incremental import extend, grow, settle
+from photogram.sfm.known_poses import KnownPoses, known_structure
 from photogram.sfm.local_frame import Vertical, local_similarity
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
@@ -34,7 +35,7 @@ from photogram.sfm.similarity import (
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
 
-Method = Literal["control", "attitude", "growth"]
+Method = Literal["control", "attitude", "growth", "start"]
 Progress = Callable[[int, int, str], None]
 _LOG = logging.getLogger(__name__)
 
@@ -235,8 +236,15 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
     )
 
 
-def _components(block: Block, settings: OrientationSettings, progress: Progress) -> tuple[list[Structure], Method]:
+def _components(
+    block: Block, settings: OrientationSettings, progress: Progress, known: KnownPoses | None
+) -> tuple[list[Structure], Method]:
     camera_of = block.camera_of
+    if known is not None:
+        started = known_structure(block, settings, known)
+        rest = ~started.registered
+        others = grow(block.tie_points, known.cameras, camera_of, settings, progress, candidates=rest)
+        return [started, *others], "start"
     everything = np.ones(len(camera_of), dtype=bool)
     if settings.method != "growth" and measured(block).sum() >= 3:
         progress(0, len(camera_of), "from measured poses")
@@ -273,8 +281,14 @@ def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -
     return tuple(reasons)
 
 
-def orient(block: Block, settings: OrientationSettings, progress: Progress = lambda *_: None) -> Orientation:
-    """Find a starting pose for every photograph that can be joined to the block.
+def orient(
+    block: Block,
+    settings: OrientationSettings,
+    progress: Progress = lambda *_: None,
+    known: KnownPoses | None = None,
+) -> Orientation:
+    """Find a starting pose for every photograph that can be joined to the block; from poses that are ``known``, where
+    they are given.
 
     Control points that contradict each other in every photograph are passed over where tie points orient the block: the
     adjustment names the wrong ones. Raises OrientationError when they do and nothing else orients it, when nothing can
@@ -287,16 +301,16 @@ def orient(block: Block, settings: OrientationSettings, progress: Progress = lam
         raise OrientationError("\n".join(faults))
     if settings.method != "control":
         resections = _confirmed(block, resections, settings)
-    if settings.method in ("auto", "control") and all(r is not None for r in resections):
+    if known is None and settings.method in ("auto", "control") and all(r is not None for r in resections):
         poses = tuple(r.refined for r in resections if r is not None)
         return Orientation(poses, resections, np.zeros(count, dtype=np.int64), "control", ("",) * count)
-    if settings.method == "control":
+    if known is None and settings.method == "control":
         lacking = [p.name for p, r in zip(block.photographs, resections, strict=True) if r is None]
         raise OrientationError(
             f"orientation by control needs 4 marked control points in every photograph; {len(lacking)} have fewer, "
             f"the first {lacking[0]}: mark them, or remove orientation.method"
         )
-    components, method = _components(block, settings, progress)
+    components, method = _components(block, settings, progress, known)
     if not components:
         if contradicted and settings.method == "auto":
             raise OrientationError("\n".join(faults))

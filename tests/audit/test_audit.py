@@ -11,9 +11,8 @@ from audited_solutions import Fault, solution_with
 
 from photogram.audit.audit import Audit, audited
 from photogram.audit.findings import contradictions, left_out
-from photogram.audit.foreign_block import foreign_block, freed, with_checks
+from photogram.audit.foreign_block import foreign_block, with_checks
 from photogram.audit.tables import tables
-from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.frames import geodetic_from_map, map_from_crs
 
@@ -140,14 +139,6 @@ def test_longitudes_and_latitudes_come_to_a_zone() -> None:
     mapped = block.frame.map_from_world(block.control_points.position_world_m)
     expected = map_from_crs(solution.crs, block.frame.crs, points.position_world_m)
     np.testing.assert_allclose(mapped, expected, rtol=0, atol=1e-3)
-
-
-def test_terms_that_the_program_used_are_freed() -> None:
-    camera = Camera("c", 1000, 800, 900.0, np.array([500.0, 400.0]), radial=np.array([0.1, 0.0, 0.0, 0.01]))
-    free = freed(camera).sigmas > 0.0
-    assert free.tolist() == [True] * 9 + [False] * 2
-    fisheye = freed(replace(camera, model="fisheye", radial=np.zeros(4)))
-    assert (fisheye.sigmas > 0.0).tolist() == [True] * 6 + [False] * 5
 
 
 def test_control_points_may_be_taken_as_checks() -> None:

@@ -19,6 +19,7 @@ from photogram.files.exchange.opensfm.reconstructions import read_opensfm
 from photogram.files.exchange.pix4d.opf import read_opf
 from photogram.files.exchange.pix4d.pix4d_params import PARAMETERS, read_pix4d_params
 from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.stored_solutions import is_stored, read_stored
 from photogram.files.exchange.visualsfm import read_visualsfm
 
 Read = Callable[[Path], ForeignSolution]
@@ -88,7 +89,12 @@ def _is_baf(path: Path, head: bytes) -> bool:
     return path.suffix.lower() == ".baf" and len(first) == 3 and all(line.strip().isdigit() for line in first)
 
 
+def _is_stored(_path: Path, head: bytes) -> bool:
+    return is_stored(head)
+
+
 FORMATS = (
+    Format("photogram's own", _is_stored, _never, read_stored),
     Format("COLMAP", _never, _is_colmap, read_colmap),
     Format("OpenSfM and OpenDroneMap", _is_reconstruction, _has("reconstruction.json"), read_opensfm),
     Format("Metashape (project)", _is_metashape_project, _never, read_metashape_project),

@@ -15,12 +15,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_point_table(path: Path, points: Iterable[FilePoint]) -> None:
-    """Write points of a map grid, in their order; what a point does not say is empty. The CRS has no place in it.
+_PLAN, _DEGREES = COLUMNS[1:3], ("longitude", "latitude")
+
+
+def write_point_table(path: Path, points: Iterable[FilePoint], *, geographic: bool = False) -> None:
+    """Write points of a map grid, or of longitude and latitude where they are ``geographic``, in their order; what a
+    point does not say is empty. The CRS has no place in it.
 
     Raises WorkspaceError where the file cannot be written.
     """
-    rows = [",".join(COLUMNS)]
+    plan = _DEGREES if geographic else _PLAN
+    rows = [",".join((COLUMNS[0], *plan, *COLUMNS[3:]))]
     for point in points:
         numbers = ("" if value is None else repr(float(value)) for value in (*point.position, *point.sigma_m))
         rows.append(",".join((quoted(point.name), *numbers, *(point.role or ("", "")))))

@@ -12,7 +12,9 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
+from photogram.arrays import FloatArray
 from photogram.errors import ProjectError
+from photogram.files.atomic import replacing
 from photogram.files.tables.position_files import (
     HOLDING,
     Format,
@@ -25,7 +27,7 @@ from photogram.files.tables.position_files import (
     gps_time,
     read_mrk,
 )
-from photogram.files.text_lines import Faults, lines_of
+from photogram.files.text_lines import Faults, lines_of, quoted
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 from photogram.wording import shortened
 
@@ -311,3 +313,20 @@ def _pos_time(fields: Sequence[str]) -> datetime | None:
 def read_positions(path: Path, kind: Format | None = None) -> PositionFile:
     """Read a file of positions, its format told by ``kind`` or by its name. Raises ProjectError with every fault."""
     return {"mrk": read_mrk, "pos": read_pos, "csv": read_table}[kind or format_of(path)](path)
+
+
+# ---- writing ---------------------------------------------------------------------------------------------------------
+
+
+def write_positions(
+    path: Path, positions: Mapping[str, tuple[FloatArray, FloatArray | None]], *, geographic: bool
+) -> None:
+    """Write positions (3,) and their sigmas (3,), None where there are none, by the names of photographs: easting or
+    longitude first, with every digit. Raises WorkspaceError where the file cannot be written."""
+    plan = ("longitude", "latitude") if geographic else ("easting", "northing")
+    rows = [",".join(("photograph", *plan, "height", "sigma_east", "sigma_north", "sigma_height"))]
+    for name, (position, sigma) in positions.items():
+        stated = ("", "", "") if sigma is None else (repr(s) for s in sigma.tolist())
+        rows.append(",".join((quoted(name), *(repr(x) for x in position.tolist()), *stated)))
+    with replacing(path) as partial:
+        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")

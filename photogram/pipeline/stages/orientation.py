@@ -20,10 +20,11 @@ from photogram.pipeline.store.run import PLACED_BY, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
+from photogram.sfm.known_poses import KnownPoses
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
-from photogram.survey import PointCloud, TiePoints
+from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
 
 
@@ -43,12 +44,23 @@ def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str |
     )
 
 
+def _known_poses(run: Run, block: Block) -> KnownPoses | None:
+    """Return the poses that the project starts from, None where it starts from none."""
+    if run.project.start is None or run.project.start.poses == "own" or run.start is None:
+        return None
+    return KnownPoses(run.start.poses, run.start.calibrated(block.cameras))
+
+
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Find a starting pose for every photograph that can be joined to the block."""
     block = replace(run.block(), tie_points=run.tie_points())
     copies = [note.get("copy_of") for note in run.notes()]
     part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
-    orientation = _with_copies(orient(part, orientation_thresholds(run.project), progress), kept.tolist(), copies)
+    known = _known_poses(run, block)
+    found = orient(
+        part, orientation_thresholds(run.project), progress, None if known is None else known.only(kept.tolist())
+    )
+    orientation = _with_copies(found, kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
     write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())

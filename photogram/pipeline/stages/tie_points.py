@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
@@ -20,11 +21,12 @@ from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
 from photogram.sfm.tie_points.guided_matching import TransferSettings
+from photogram.sfm.tie_points.known_tie_points import known_features, known_matches, known_pairs
 from photogram.sfm.tie_points.matching import match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
 from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px
-from photogram.survey import Features, Matches
+from photogram.survey import Features, Matches, TiePoints
 
 
 def _coarseness(project: Project, photograph: int) -> float:
@@ -68,13 +70,24 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
     return {"key_points": counts}
 
 
+def _known_tie_points(run: Run) -> TiePoints | None:
+    """Return the tie points that the project starts from, None where it measures its own."""
+    start = run.project.start
+    return None if start is None or start.tie_points == "own" or run.start is None else run.start.tie_points
+
+
 def _detect(work: StageWork, index: int) -> int:
-    """Find the key points of a photograph, unless that is done; returns their number."""
+    """Find the key points of a photograph, unless that is done or they are known; returns their number."""
     run, folder = work
     path = folder / f"{index:05d}.npz"
     if not path.is_file():
-        reduction = REDUCTIONS[run.project.quality]
-        write_record(path, find_features(run.names[index], run.pixels(index), run.project.features, reduction))
+        known, reduction = _known_tie_points(run), REDUCTIONS[run.project.quality]
+        write_record(
+            path,
+            find_features(run.names[index], run.pixels(index), run.project.features, reduction)
+            if known is None
+            else known_features(known, index, run.pixels(index)),
+        )
     return len(read_record(path, Features))
 
 
@@ -101,8 +114,9 @@ def select_photograph_pairs(run: Run, folder: Path) -> SelectedPairs:
 
 
 def choose_pairs(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Select the pairs of photographs to match."""
-    selected = select_photograph_pairs(run, folder)
+    """Select the pairs of photographs to match; those that show the same tie points, where these are known."""
+    known = _known_tie_points(run)
+    selected = select_photograph_pairs(run, folder) if known is None else known_pairs(known)
     write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
     progress(1, 1, f"{len(selected)} pairs")
     return {
@@ -142,7 +156,13 @@ _MATCHED = Kind(stage_work, _match)
 
 def match_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    pairs, verified = run.selected_pairs(), 0
+    pairs, verified, known = run.selected_pairs(), 0, _known_tie_points(run)
+    if known is not None:
+        for matches in known_matches(known):
+            path = folder / f"{matches.first:05d}-{matches.second:05d}.npz"
+            write_arrays(path, {"index": matches.index, "verified": np.ones(len(matches), dtype=bool)})
+        write_json(folder / "pairs.json", pairs)
+        return {"pairs": len(pairs), "verified_pairs": len(pairs)}
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
         for done, ((i, j), found) in enumerate(zip(pairs, each(run, folder, _MATCHED, pairs), strict=True)):
             verified += found

@@ -64,9 +64,20 @@ def photographs_as_made(run: Run) -> object | None:
     return _photographs(run, frame["placed_by"]) if is_amid(frame["origin_map_m"], run.project, run.notes()) else None
 
 
+def known_tie_points(project: Project) -> list[object]:
+    """Return what stages depend on that take another program's tie points; nothing in a project without such."""
+    start = project.start
+    return [] if start is None or start.tie_points == "own" else [file_fingerprint(start.solution)]
+
+
+def _known_poses(project: Project) -> list[object]:
+    start = project.start
+    return [] if start is None or start.poses == "own" else [file_fingerprint(start.solution)]
+
+
 def orientation_settings(run: Run) -> object:
     """Return what the stage `orientation` depends on."""
-    return [run.project.orientation, control_fingerprint(run.project)]
+    return [run.project.orientation, control_fingerprint(run.project), *_known_poses(run.project)]
 
 
 def orientation_as_made(run: Run) -> object | None:
@@ -75,4 +86,4 @@ def orientation_as_made(run: Run) -> object | None:
     if run.workspace.mark("orientation") is None or not run.workspace.has("orientation", PLACED_BY):
         return None
     placed = run.placed_by()
-    return None if placed.poses else [run.project.orientation, placed.control]
+    return None if placed.poses else [run.project.orientation, placed.control, *_known_poses(run.project)]

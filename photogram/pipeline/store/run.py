@@ -17,6 +17,7 @@ from pydantic import TypeAdapter
 
 from photogram.arrays import FloatArray
 from photogram.crs import NO_CRS
+from photogram.files.exchange.stored_solutions import read_stored
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
@@ -41,6 +42,7 @@ from photogram.pipeline.store.stored_results import (
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
+from photogram.project.start import Start, start_of
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.deformation import GROUND
 from photogram.results import Adjustment, Deformation, EstimatedSigmas
@@ -141,6 +143,16 @@ class Run:
         notes = self.notes()
         systems = self.project.gnss_systems([note["height_is_ellipsoidal"] for note in notes])
         return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
+
+    @cached_property
+    def start(self) -> Start | None:
+        """Return what the project starts from, None where it starts from photographs alone. Raises ProjectError,
+        ExchangeError where the solution is not what it was when the project was read."""
+        start, photographs = self.project.start, self.project.photographs
+        if start is None:
+            return None
+        camera_of = [p.camera for p in photographs]
+        return start_of(self.names, camera_of, self.project.cameras, read_stored(start.solution))
 
     def features(self, index: int) -> Features:
         """Return the key points of one photograph. Needs the stage `features`."""

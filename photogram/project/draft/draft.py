@@ -166,7 +166,7 @@ class ProjectDraft:
 # ---- map grid ------------------------------------------------------------------------------------------------------
 
 
-def _named(crs: str) -> tuple[str, str]:
+def named(crs: str) -> tuple[str, str]:
     """Return a CRS as the project names it, by its EPSG code where it has one, and in words."""
     found = projected_crs(crs)
     code = None if crs.upper().startswith("EPSG:") else found.to_epsg()
@@ -210,14 +210,14 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
     if wishes.crs == NO_CRS:
         return NO_CRS, "local frame", "as asked for"
     if wishes.crs is not None:
-        crs, name = _named(wishes.crs)
+        crs, name = named(wishes.crs)
         _check_place(crs, middle)
         return crs, name, "as asked for"
     for file in wishes.control:
         if file.crs is None:
             continue
         try:
-            crs, name = _named(file.crs)
+            crs, name = named(file.crs)
         except FrameError:
             continue  # geographic, or in feet: its points are transformed to the map grid chosen below
         _check_place(crs, middle)
@@ -229,7 +229,7 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
             "the photographs have no positions in their tags, so no map grid can be proposed: give one with "
             "--crs EPSG:…, or --crs none where the ground points are in a Cartesian system of their own"
         )
-    crs, name = _named(utm_crs(*middle))
+    crs, name = named(utm_crs(*middle))
     for file in wishes.control:
         _check_control(file, crs, middle)
     return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
@@ -370,17 +370,20 @@ def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) ->
     if frozen:
         words.append(
             f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, "
-            "which is not used: the receiver had stopped updating updating updating"
+            "which is not used: the receiver had stopped updating"
         )
     return tuple(words)
 
 
-def _flights(photographs: Sequence[TaggedPhotograph], gap_m: float) -> list[str]:
+def flights_of(photographs: Sequence[TaggedPhotograph], gap_m: float | None = None) -> list[str]:
+    """Return the flight of every photograph, by pauses and by gaps of ``gap_m``, those between sites if not given."""
     place = _degrees(photographs)
     known = _located(place)
     position_m = np.full(place.shape, np.nan)
     if known.any():
         position_m[known] = local_metres(*place[known].T)
+    if gap_m is None:
+        gap_m = gap_between_sites_m(position_m[known])
     exposures = [
         Exposure(
             p.name,
@@ -456,7 +459,7 @@ def draft_project(
             None not in attitude,
             p.name in rows and rows[p.name].sigma_m is not None,
         )
-        for p, flight, g, attitude in zip(kept, _flights(kept, gap_m), gnss, angles, strict=True)
+        for p, flight, g, attitude in zip(kept, flights_of(kept, gap_m), gnss, angles, strict=True)
     ]
     return ProjectDraft(
         crs,

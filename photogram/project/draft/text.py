@@ -2,96 +2,54 @@
 
 from __future__ import annotations
 
-import json
-import re
-import textwrap
 from collections import Counter
 from collections.abc import Sequence
-from math import isfinite
 
 from photogram.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
 from photogram.wording import things
-
-_WIDTH = 116
-_PLAIN = re.compile(r"[\w./][\w./()+-]*(?:[: ][\w./()+-]+)*", re.ASCII)
-_WORDS = re.compile(r"true|false|null|yes|no|on|off|[yn]|\.?nan|\.?inf|0[xob].*|[^A-Za-z]*", re.IGNORECASE)
 
 DEFAULT_CONTROL_SIGMA_M = (0.03, 0.03, 0.05)
 DEFAULT_MARK_SIGMA_PX = 1.0
 
 
-def _scalar(text: str) -> str:
-    """Return a text as YAML reads it back, in quotes where some reader might take it for anything else."""
-    try:
-        is_number = isfinite(float(text))
-    except ValueError:
-        is_number = False
-    if _PLAIN.fullmatch(text) and not _WORDS.fullmatch(text) and not is_number:
-        return text
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _numbers(values: Sequence[float], form: str) -> str:
-    return "[" + ", ".join(format(value, form) for value in values) + "]"
-
-
-def _sigma3(sigma_m: Sigma3) -> str:
-    return "[" + ", ".join(f"{round(s, 3):g}" for s in sigma_m) + "]"
-
-
-def _comment(text: str, indent: int = 0) -> list[str]:
-    margin = " " * indent + "# "
-    return textwrap.wrap(text, _WIDTH, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
-
-
-def _flow(key: str, entries: Sequence[str]) -> list[str]:
-    """Return a mapping in YAML's flow style after its indented ``key``, on as many lines as it needs."""
-    together = (entry.replace(" ", "\0") for entry in entries)  # an entry is not broken over lines
-    lines = textwrap.wrap(
-        ", ".join(together), _WIDTH, initial_indent=f"{key}: {{", subsequent_indent=" " * (len(key) + 3)
-    )
-    return [line.replace("\0", " ") for line in (*lines[:-1], f"{lines[-1]}}}")]
-
-
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
     stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
     figures = [f"{name}: {sigma:.3g}" for name, sigma in stated]
-    readings = [f"    focal_readings_px: {_numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
+    readings = [f"    focal_readings_px: {numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
     return [
-        *_comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
+        *comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",
         f"    height_px: {camera.height_px}",
         f"    focal_px: {camera.focal_px:.3f}",
         *readings,
-        f"    principal_point_px: {_numbers(camera.principal_point_px, '.3f')}",
-        f"    radial: {_numbers(camera.radial, '.9g')} # k1, k2, k3",
-        f"    tangential: {_numbers(camera.tangential, '.9g')} # p1, p2",
-        f"    source: {_scalar(camera.source)}",
+        f"    principal_point_px: {numbers(camera.principal_point_px, '.3f')}",
+        f"    radial: {numbers(camera.radial, '.9g')} # k1, k2, k3",
+        f"    tangential: {numbers(camera.tangential, '.9g')} # p1, p2",
+        f"    source: {scalar(camera.source)}",
         "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed",
-        *_flow("    sigmas", figures),
+        *flow("    sigmas", figures),
     ]
 
 
 def _item(photograph: DraftPhotograph, common: Sigma3 | None, several_cameras: bool, several_flights: bool) -> str:
-    parts = [f"name: {_scalar(photograph.name)}"]
+    parts = [f"name: {scalar(photograph.name)}"]
     if several_cameras:
         parts.append(f"camera: {photograph.camera}")
     if several_flights:
         parts.append(f'flight: "{photograph.flight}"')
     if photograph.gnss is not None and not photograph.listed and photograph.gnss.sigma_m != common:
-        parts.append(f"gnss_sigma_m: {_sigma3(photograph.gnss.sigma_m)}")
+        parts.append(f"gnss_sigma_m: {sigma3(photograph.gnss.sigma_m)}")
     return f"    - {{{', '.join(parts)}}}"
 
 
 def _left_out(left_out: Sequence[LeftOut]) -> list[str]:
     return [
-        line
-        for p in left_out
-        for line in (*_comment(f"Left out: {p.reason}", 4), f"    # - {{name: {_scalar(p.name)}}}")
+        line for p in left_out for line in (*comment(f"Left out: {p.reason}", 4), f"    # - {{name: {scalar(p.name)}}}")
     ]
 
 
@@ -99,13 +57,13 @@ def _other_site(site: OtherSite) -> list[str]:
     where = f"longitude {site.longitude_deg:.5f}, latitude {site.latitude_deg:.5f}"
     photographs = things(len(site.names), "photograph")
     text = f"Left out: another site, {site.distance_m / 1000:.1f} km away at {where}, {photographs}"
-    return [*_comment(text, 4), *(f"    # - {{name: {_scalar(name)}}}" for name in site.names)]
+    return [*comment(text, 4), *(f"    # - {{name: {scalar(name)}}}" for name in site.names)]
 
 
 def _gnss_comment(draft: ProjectDraft) -> list[str]:
     without = sum(p.gnss is None for p in draft.photographs)
     if without == len(draft.photographs):
-        return _comment(
+        return comment(
             "The tags give no position that can be used: the photographs are related by image matching alone.", 2
         )
     kinds = ", ".join(f"{number} {kind}" for kind, number in draft.gnss_kinds.items())
@@ -116,7 +74,7 @@ def _gnss_comment(draft: ProjectDraft) -> list[str]:
     text += f", {without} without a position" if without else ""
     assumed = ", 2 m in plan and 3 m in height being assumed" if draft.gnss_kinds.get("without stated accuracy") else ""
     heights = f"{draft.heights}. " if draft.heights else ""
-    return _comment(
+    return comment(
         f"{text}{assumed}. {heights}gnss_sigma_m are the standard deviations of easting, northing and height"
         + (", beside each photograph where it has its own." if len(draft.photographs) > 1 else "."),
         2,
@@ -128,14 +86,14 @@ def _positions(draft: ProjectDraft) -> list[str]:
     if not used:
         return []
     return [
-        *_comment(
+        *comment(
             "Position files take precedence over the tags. DJI's MRK gives the camera's position, lever arm "
             "applied; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
             "lever_arms.",
             2,
         ),
         "  positions:",
-        *(f"    - {{path: {_scalar(file.path)}}} # {things(len(file.rows), 'photograph')}" for file in used),
+        *(f"    - {{path: {scalar(file.path)}}} # {things(len(file.rows), 'photograph')}" for file in used),
     ]
 
 
@@ -145,27 +103,27 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     common = most[0][0] if most and (most[0][1] > 1 or len(draft.photographs) == 1) else None
     one_camera = len(draft.cameras) == 1
     with_attitude = sum(p.has_attitude for p in draft.photographs)
-    lines = ["photographs:", f"  folder: {_scalar(folder)} # relative to this file"]
+    lines = ["photographs:", f"  folder: {scalar(folder)} # relative to this file"]
     if one_camera:
         lines.append(f"  camera: {draft.cameras[0].name}")
     lines += _gnss_comment(draft)
     lines += _positions(draft)
     if common is not None:
-        lines.append(f"  gnss_sigma_m: {_sigma3(common)}")
+        lines.append(f"  gnss_sigma_m: {sigma3(common)}")
     alike = [p.gnss for p in draft.photographs if p.gnss is not None and not p.listed and p.gnss.sigma_m == common]
     if alike and all(gnss.assumed for gnss in alike):
         lines.append("  gnss_sigma_assumed: true # nobody states it: estimated from the residuals of each flight")
     if with_attitude:
         all_of_them = things(len(draft.photographs), "photograph")
         text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."
-        lines += [*_comment(text, 2), "  attitude_sigma_deg: 2.0"]
+        lines += [*comment(text, 2), "  attitude_sigma_deg: 2.0"]
     else:
-        lines += _comment("The tags give no attitude.", 2)
+        lines += comment("The tags give no attitude.", 2)
     if draft.flights > 1:
         text = f"{draft.flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
-        lines += _comment(text, 2)
+        lines += comment(text, 2)
     for warning in draft.warnings:
-        lines += _comment(f"Warning: {warning}.", 2)
+        lines += comment(f"Warning: {warning}.", 2)
     lines.append("  list:")
     lines += [_item(p, common, not one_camera, draft.flights > 1) for p in draft.photographs]
     for site in draft.other_sites:
@@ -174,23 +132,23 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
 
 
 def _control_file(file: ControlFile, crs: str) -> list[str]:
-    lines = [f"    - path: {_scalar(file.path)}", f"      role: {file.role}"]
+    lines = [f"    - path: {scalar(file.path)}", f"      role: {file.role}"]
     if file.crs is None and file.geographic:
         lines.append("      crs: EPSG:4326 # longitude and latitude; WGS 84 is assumed")
     elif file.crs is None:
-        lines.append(f"      crs: {_scalar(crs)} # not stated in the file")
+        lines.append(f"      crs: {scalar(crs)} # not stated in the file")
     if file.marks is not None:
-        lines.append(f"      marks: {_scalar(file.marks)}")
+        lines.append(f"      marks: {scalar(file.marks)}")
     if not file.has_marks and file.marks is None:
-        lines += _comment("The file has no marks in photographs: give a table of them with marks: FILE.csv", 6)
+        lines += comment("The file has no marks in photographs: give a table of them with marks: FILE.csv", 6)
     if file.picture_size_px is not None:
         width, height = file.picture_size_px
         lines.append(f"      picture_size_px: [{width}, {height}] # of the pictures in which the marks were measured")
     if file.sigma_m is not None:
-        lines.append(f"      sigma_m: {_sigma3(file.sigma_m)} # easting, northing, height, where the file gives none")
+        lines.append(f"      sigma_m: {sigma3(file.sigma_m)} # easting, northing, height, where the file gives none")
     elif not file.has_sigmas:
-        lines += _comment("The file gives no accuracy; these are assumed; enter those of your survey:", 6)
-        lines.append(f"      sigma_m: {_sigma3(DEFAULT_CONTROL_SIGMA_M)}")
+        lines += comment("The file gives no accuracy; these are assumed; enter those of your survey:", 6)
+        lines.append(f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}")
     lines.append(f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the file gives none")
     return lines
 
@@ -198,7 +156,7 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
 def _control(draft: ProjectDraft) -> list[str]:
     if draft.crs == NO_CRS and not draft.control:
         return [
-            *_comment(
+            *comment(
                 "Nothing says where the photographs were taken: they are adjusted as a free network, with relative "
                 "precision. A distance gives it a scale, between two points that are marked in the photographs (u "
                 "right, v down, in pixels), or between two photographs:"
@@ -230,7 +188,7 @@ def _heights(draft: ProjectDraft) -> list[str]:
         lines = ["heights:", f"  output: {said.output} # vertical reference of all results"]
         lines += [f"  gnss: {said.gnss} # from the tags"] if said.gnss is not None else []
         lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
-        lines += [f"  geoid: {_scalar(said.geoid)}"] if said.geoid is not None else []
+        lines += [f"  geoid: {scalar(said.geoid)}"] if said.geoid is not None else []
         return [*lines, ""] if len(lines) > 2 else []
     if draft.crs == NO_CRS or (not draft.control and all(p.gnss is None for p in draft.photographs)):
         return []
@@ -240,7 +198,7 @@ def _heights(draft: ProjectDraft) -> list[str]:
         "geoid. Declare it here and remove the # signs; photogram check asks for it."
     )
     return [
-        *_comment(text),
+        *comment(text),
         "# heights:",
         "#   output: ellipsoidal # or orthometric: of all results",
         f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if said.gnss else ''}",
@@ -258,11 +216,11 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
         f", {left} left out" if left else ""
     )
     lines = [
-        *_comment(f"{head}. Edit as needed."),
+        *comment(f"{head}. Edit as needed."),
         "photogram: 1",
         "",
-        *_comment(f"{draft.crs_name}: {draft.crs_reason}."),
-        f"crs: {_scalar(draft.crs)}",
+        *comment(f"{draft.crs_name}: {draft.crs_reason}."),
+        f"crs: {scalar(draft.crs)}",
         "",
         *_heights(draft),
         "cameras:",
@@ -273,8 +231,8 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
     if any(p.gnss is not None for p in draft.photographs):
         lines += [
             "gnss:",
-            *_comment(draft.offset_reason, 2),
-            f"  offset_sigma_m: {_sigma3(draft.offset_sigma_m)} # easting, northing, height",
+            *comment(draft.offset_reason, 2),
+            f"  offset_sigma_m: {sigma3(draft.offset_sigma_m)} # easting, northing, height",
             "",
         ]
     return "\n".join([*lines, *_control(draft), ""])

@@ -108,6 +108,15 @@ class _Tables:
                 )
 
 
+def is_database(path: Path) -> bool:
+    """Return whether a file is an SQLite database, whosever."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(_HEADER)) == _HEADER
+    except OSError:
+        return False
+
+
 def read_colmap_database(path: Path) -> ColmapDatabase:
     """Return the photographs, cameras, key points and verified matches of a database.
 

@@ -1,0 +1,185 @@
+"""What a project starts from that another program has found: tie points, poses and interior orientations."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.camera import Camera, Pose
+from photogram.errors import ExchangeError, ProjectError
+from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.stored_solutions import read_stored
+from photogram.project.document import Document
+from photogram.project.schema import ProjectFile, Whose
+from photogram.sfm.tie_points.known_tie_points import numbered_in_photographs
+from photogram.survey import TiePoints
+from photogram.wording import some
+
+
+@dataclass(frozen=True)
+class ProjectStart:
+    """Where a project starts: a stored solution, and whose tie points and poses are used."""
+
+    solution: Path
+    """File of the solution."""
+    tie_points: Whose
+    """The other program's tie points, or key points and matches of photogram's own."""
+    poses: Whose
+    """The other program's poses, or an orientation of photogram's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What a solution says of a project's photographs (F) and cameras (C)."""
+
+    tie_points: TiePoints
+    """Tie points, numbered as the project numbers its photographs, without positions; ``feature`` numbers the
+    observations of each photograph."""
+    poses: tuple[Pose | None, ...]
+    """Poses in the frame of the solution, None where it has none."""
+    parameters: tuple[FloatArray | None, ...]
+    """Interior orientation (11,) of each camera, None where the solution has it not."""
+
+    def calibrated(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+        """Return the cameras as the solution has them, but for parameters that the project holds fixed."""
+        return tuple(
+            camera
+            if parameters is None
+            else camera.with_parameters(np.where(camera.sigmas > 0, parameters, camera.parameters))
+            for camera, parameters in zip(cameras, self.parameters, strict=True)
+        )
+
+
+def project_start(file: ProjectFile, base: Path) -> ProjectStart | None:
+    """Return where a project starts, its solution from the folder ``base``; None where it starts from photographs
+    alone."""
+    entry = file.start
+    if entry is None or entry.solution is None:
+        return None
+    return ProjectStart(base / entry.solution, entry.tie_points, entry.poses)
+
+
+def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolution | None:
+    """Return the solution that a project starts from, None without; what is wrong with it is noted in the document."""
+    start = project_start(file, base)
+    if start is None:
+        return None
+    key = ("start", "solution")
+    if not isfile(start.solution):
+        document.fault(key, f"file {start.solution} not found: make it with photogram import")
+        return None
+    try:
+        solution = read_stored(start.solution)
+    except ExchangeError as fault:
+        document.fault(key, str(fault))
+        return None
+    if start.tie_points == "theirs" and not len(solution.tie_points):
+        document.fault(("start", "tie_points"), f"{start.solution.name} has no tie points: write tie_points: own")
+    if start.poses == "theirs" and all(p.pose is None for p in solution.photographs):
+        document.fault(("start", "poses"), f"{start.solution.name} has no poses: write poses: own")
+    return solution
+
+
+def check_start(
+    document: Document,
+    file: ProjectFile,
+    solution: ForeignSolution,
+    names: Sequence[str],
+    camera_of: Sequence[int],
+    cameras: Sequence[Camera],
+) -> None:
+    """Raise ProjectError where a solution is none of a project's photographs."""
+    try:
+        start_of(names, camera_of, cameras, solution)
+    except ProjectError as fault:
+        written = "" if file.start is None else file.start.solution
+        document.fault(("start", "solution"), f"{written} {fault}")
+        document.raise_faults()
+
+
+def start_of(
+    names: Sequence[str], camera_of: Sequence[int], cameras: Sequence[Camera], solution: ForeignSolution
+) -> Start:
+    """Return what a solution says of photographs (F) of these names, whose cameras are of these numbers.
+
+    Photographs are found by their file names without folders. Raises ProjectError where two have the same, where none
+    is in the solution, and where the sizes of pictures contradict each other.
+    """
+    own = _by_file_name(names)
+    there = {p.name: i for i, p in enumerate(solution.photographs)}
+    theirs = {own[name]: i for name, i in there.items() if name in own}
+    if not theirs:
+        raise ProjectError(
+            f"has none of the photographs of the project: its are {some([p.name for p in solution.photographs])}"
+        )
+    _check_sizes(names, camera_of, cameras, solution, theirs)
+    number = np.full(len(solution.photographs), -1, dtype=np.int64)
+    number[list(theirs.values())] = list(theirs)
+    poses = tuple(solution.photographs[theirs[i]].pose if i in theirs else None for i in range(len(names)))
+    return Start(
+        _renumbered(solution.tie_points, number), poses, _parameters(camera_of, len(cameras), solution, theirs)
+    )
+
+
+def _by_file_name(names: Sequence[str]) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for i, name in enumerate(names):
+        file = PurePosixPath(name).name
+        if file in found:
+            raise ProjectError(
+                f"names photographs without folders, and {names[found[file]]} and {name} have the same file name: give "
+                "each its own"
+            )
+        found[file] = i
+    return found
+
+
+def _check_sizes(
+    names: Sequence[str],
+    camera_of: Sequence[int],
+    cameras: Sequence[Camera],
+    solution: ForeignSolution,
+    theirs: Mapping[int, int],
+) -> None:
+    for i, j in theirs.items():
+        own, other = cameras[camera_of[i]], solution.cameras[solution.photographs[j].camera]
+        if (own.width_px, own.height_px) != (other.width_px, other.height_px):
+            raise ProjectError(
+                f"was made from pictures of {other.width_px} × {other.height_px} px, but {names[i]} has "
+                f"{own.width_px} × {own.height_px} px: use the pictures that the other program had"
+            )
+
+
+def _renumbered(ties: TiePoints, number: np.ndarray[tuple[int], np.dtype[np.int64]]) -> TiePoints:
+    """Return tie points with the photographs of new numbers, −1 for those to be left out, and two rays at least."""
+    photograph = number[ties.photograph]
+    known = photograph >= 0
+    rays = np.bincount(ties.point[known], minlength=len(ties))
+    kept = replace(ties, photograph=photograph).select(rays >= 2, known)
+    order = np.lexsort((kept.photograph, kept.point))
+    sorted_ties = replace(
+        kept,
+        photograph=kept.photograph[order],
+        pixel=kept.pixel[order],
+        sigma_px=kept.sigma_px[order],
+        position_world_m=np.full((len(kept), 3), np.nan),
+    )
+    return replace(sorted_ties, feature=numbered_in_photographs(sorted_ties))
+
+
+def _parameters(
+    camera_of: Sequence[int], count: int, solution: ForeignSolution, theirs: Mapping[int, int]
+) -> tuple[FloatArray | None, ...]:
+    """Return the interior orientation of each camera: that of most of its photographs where the solution has several,
+    None where it has none of its model."""
+    members: list[Counter[int]] = [Counter() for _ in range(count)]
+    for i, j in theirs.items():
+        members[camera_of[i]][solution.photographs[j].camera] += 1
+    most = [None if not group else group.most_common(1)[0][0] for group in members]
+    return tuple(None if number is None else solution.cameras[number].parameters for number in most)
