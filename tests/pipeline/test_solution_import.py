@@ -27,8 +27,8 @@ def adjusted(project: Path) -> Adjustment:
 
 
 def largest_difference_in_sigmas(one: Adjustment, other: Adjustment) -> float:
-    """Differences of projection centres in the map over their standard deviations."""
-    sigma = np.sqrt(np.diagonal(one.position_covariance_m2, axis1=1, axis2=2))
+    """Differences of projection centres in the map over the standard deviations of the other."""
+    sigma = np.sqrt(np.diagonal(other.position_covariance_m2, axis1=1, axis2=2))
     centres = [
         r.block.frame.map_from_world(np.array([p.position_world_m for p in r.block.poses if p is not None]))
         for r in (one, other)
@@ -40,8 +40,8 @@ def largest_difference_in_sigmas(one: Adjustment, other: Adjustment) -> float:
 def test_adjusted_again_it_is_the_same(
     adjusted_survey: Path, tmp_path: Path, form: Literal["opf", "colmap", "opensfm", "metashape"]
 ) -> None:
-    """Within the parts of a standard deviation that other weights and rays make of it: the same photographs, and where
-    the format has tie points the same of these; ground points with OPF alone."""
+    """All photographs, where the format has tie points the same, and with OPF, which has ground points too, the same
+    result within half a standard deviation: transferred rays are measured anew."""
     before = adjusted(adjusted_survey / "project.yaml")
     export_solution(adjusted_survey / "project.yaml", form, tmp_path / "out")
     project = tmp_path / "in" / "project.yaml"
@@ -60,13 +60,17 @@ def test_adjusted_again_it_is_the_same(
     if form == "opf":
         assert len(made.draft.points) == len(before.block.control_points)
         assert len(made.draft.marks) == len(before.block.control_points.mark_point)
+    if form == "opf":  # the solution's calibration is an estimate; what was known before stands in the survey's own file
+        own = yaml.safe_load((adjusted_survey / "project.yaml").read_text(encoding="utf-8"))
+        values |= {"cameras": own["cameras"], "gnss": own["gnss"], "heights": own["heights"]}
+        project.write_text(yaml.safe_dump(values))
     run_pipeline(load_project(project), until="adjustment")
     with open_run(load_project(project)) as run:
         orientation, after = run.orientation(), run.adjustment()
     assert orientation.method == "start"
     assert orientation.registered.all()
     if form == "opf":
-        assert largest_difference_in_sigmas(before, after) < 1.5
+        assert largest_difference_in_sigmas(before, after) < 0.5
 
 
 def test_what_is_there_stays(adjusted_survey: Path, tmp_path: Path) -> None:
