@@ -27,6 +27,6 @@ def audit(
     output: Annotated[Path, typer.Option(help="Folder for audit.html and audit.json.")] = Path("audit"),
 ) -> None:
     """Adjust the measurements of another program's solution again, and show both results beside each other."""
-    from photogram.cli.work.audit import run
+    from photogram.cli.work.exchange.audit import run
 
     run(solution, crs, check or [], output)

@@ -26,6 +26,6 @@ def export(
 ) -> None:
     """Write an adjusted survey for another program: cameras, poses, tie points, and what else its files hold."""
     check_project_file(project)
-    from photogram.cli.work.export import run
+    from photogram.cli.work.exchange.export import run
 
     run(project, form, output, photographs)

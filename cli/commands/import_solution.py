@@ -35,6 +35,6 @@ def import_solution(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the project file and those beside it.")] = False,
 ) -> None:
     """Write a project that starts from another program's solution: cameras, poses, tie points and marked points."""
-    from photogram.cli.work.import_solution import run
+    from photogram.cli.work.exchange.import_solution import run
 
     run(solution, photographs, crs, check or [], project, force=force)

@@ -46,6 +46,7 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("demo",), ["FOLDER", "--seed"]),
         (("audit",), ["SOLUTION", "--crs", "--check", "--output"]),
         (("export",), ["PROJECT", "--to", "--output", "--photographs"]),
+        (("import",), ["SOLUTION", "--photographs", "--crs", "--check", "--project", "--force"]),
         (("study",), ["ransac"]),
         (("schema",), ["report", "events"]),
         (("study", "ransac"), ["PROJECT", "--pair", "--iterations", "--sample-sizes", "--thresholds", "--seed"]),

@@ -11,7 +11,7 @@ import pytest
 from foreign import assert_refused_or_read, assert_refuses, assert_same, brown, made
 
 from photogram.camera import Camera
-from photogram.files.exchange.meshroom import read_meshroom
+from photogram.files.exchange.meshroom.meshroom import read_meshroom
 from photogram.files.exchange.solution import ForeignSolution
 
 BROWN = brown(radial=[-0.11, 0.03, -0.01, 0], tangential=[1e-3, -2e-3])

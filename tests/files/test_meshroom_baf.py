@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from photogram.files.exchange.colmap.binary_models import read_binary
 from photogram.files.exchange.colmap.sparse_models import read_colmap
-from photogram.files.exchange.meshroom_baf import read_meshroom_baf
+from photogram.files.exchange.meshroom.meshroom_baf import read_meshroom_baf
 from photogram.files.exchange.solution import ForeignSolution
 
 RADIAL3 = brown(radial=[-0.11, 0.03, -0.01, 0])

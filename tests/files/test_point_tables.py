@@ -26,6 +26,14 @@ def test_points_are_read_back_with_every_digit(tmp_path: Path) -> None:
     assert not found.holds_marks
 
 
+def test_degrees_are_read_back_as_such(tmp_path: Path) -> None:
+    point = FilePoint("A", (8.123456789012345, 50.1, 118.75), (0.01, 0.01, 0.02), ("control", "check"), 2)
+    write_point_table(tmp_path / "points.csv", [point], geographic=True)
+    found = read_points(tmp_path / "points.csv")
+    assert found.points == (point,)
+    assert found.geographic is True
+
+
 def test_a_name_that_begins_a_comment_is_read_back(tmp_path: Path) -> None:
     write_point_table(tmp_path / "points.csv", [POINTS[2]])
     assert read_points(tmp_path / "points.csv").points == (replace(POINTS[2], line=2),)

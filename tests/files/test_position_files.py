@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from photogram.errors import ProjectError
 from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
-from photogram.files.tables.position_tables import COLUMNS, read_positions
+from photogram.files.tables.position_tables import COLUMNS, read_positions, write_positions
 from photogram.gnss import Sigma3, Solution
 from photogram.project.positions.matching import match_rows, sequence_number
 
@@ -314,3 +314,17 @@ def test_what_cannot_be_matched_says_which() -> None:
 
 def test_formats_by_name() -> None:
     assert [format_of(Path(n)) for n in ("a.MRK", "b.pos", "c.csv", "d.txt")] == ["mrk", "pos", "csv", "csv"]
+
+
+@pytest.mark.parametrize("geographic", [False, True])
+def test_written_positions_are_read_back_with_every_digit(tmp_path: Path, geographic: bool) -> None:
+    given = {
+        "a/IMG 1.JPG": (np.array([8.1 + 1 / 3, 50.2, 118.123456789]), np.array([0.01, 0.02, 0.03])),
+        'pole, "north".JPG': (np.array([-7.5, 1e-7, -3.0]), None),
+    }
+    write_positions(tmp_path / "positions.csv", given, geographic=geographic)
+    found = read_positions(tmp_path / "positions.csv")
+    assert found.geographic is geographic
+    for row, (name, (position, sigma)) in zip(found.rows, given.items(), strict=True):
+        assert (row.photograph, row.position) == (name, tuple(position))
+        assert row.sigma_m == (None if sigma is None else tuple(sigma))

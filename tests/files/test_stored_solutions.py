@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign import assert_refused_or_read, assert_same_cameras, small_solution, without_ground_points
+from foreign import assert_refused_or_read, assert_same_cameras, small_solution
 
 from photogram.errors import ExchangeError
 from photogram.files.exchange.recognition import read_solution
@@ -20,6 +20,10 @@ from photogram.files.npz_json import read_arrays, write_arrays
 def assert_same_arrays(found: object, expected: object) -> None:
     for each in fields(expected):  # type: ignore[arg-type]
         np.testing.assert_array_equal(getattr(found, each.name), getattr(expected, each.name), err_msg=each.name)
+
+
+def without_ground_points(solution: ForeignSolution) -> ForeignSolution:
+    return replace(solution, ground_points=None)
 
 
 def measured(solution: ForeignSolution) -> ForeignSolution:
@@ -57,9 +61,9 @@ def test_everything_comes_back_to_the_bit(tmp_path: Path, change: Callable[[Fore
 
 
 def test_damage_is_refused(tmp_path: Path) -> None:
-    write_stored(tmp_path / "a.npz", small_solution())
-    data = (tmp_path / "a.npz").read_bytes()
-    assert assert_refused_or_read(read_stored, tmp_path / "b.npz", data, 3) > 50
+    path = tmp_path / "a.npz"
+    write_stored(path, small_solution())
+    assert_refused_or_read(path, lambda: read_stored(path))
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,9 @@ def test_adjusted_again_it_is_the_same(
     if form == "opf":
         assert len(made.draft.points) == len(before.block.control_points)
         assert len(made.draft.marks) == len(before.block.control_points.mark_point)
-    if form == "opf":  # the solution's calibration is an estimate; what was known before stands in the survey's own file
+    if (
+        form == "opf"
+    ):  # the solution's calibration is an estimate; what was known before stands in the survey's own file
         own = yaml.safe_load((adjusted_survey / "project.yaml").read_text(encoding="utf-8"))
         values |= {"cameras": own["cameras"], "gnss": own["gnss"], "heights": own["heights"]}
         project.write_text(yaml.safe_dump(values))

@@ -12,8 +12,8 @@ from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import geodetic_from_map, map_from_geodetic
 from photogram.project.findings import Finding
-from photogram.project.measured_block import measured_block, photograph_note
-from photogram.project.measured_positions import measured_position, positions_map_m
+from photogram.project.measured.measured_block import measured_block, photograph_note
+from photogram.project.measured.measured_positions import measured_position, positions_map_m
 from photogram.project.project import Project, read_project
 from photogram.project.validation.datum import datum_findings
 

@@ -15,7 +15,7 @@ from photogram.files.npz_json import read_arrays, read_json, read_json_as, write
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.store.stored_results import measured_arrays, measured_from
-from photogram.project.measured_block import (
+from photogram.project.measured.measured_block import (
     MeasuredPhotographs,
     PhotographNote,
     is_amid,
@@ -24,8 +24,8 @@ from photogram.project.measured_block import (
     photograph_note,
     survey_frame,
 )
-from photogram.project.measured_positions import measured_position
-from photogram.project.measured_survey import usable_survey
+from photogram.project.measured.measured_positions import measured_position
+from photogram.project.measured.measured_survey import usable_survey
 from photogram.project.project import Project
 from photogram.survey import Photograph
 

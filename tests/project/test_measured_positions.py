@@ -17,8 +17,8 @@ from photogram.files.photographs.images import PhotographTags, read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
 from photogram.project.findings import Finding
-from photogram.project.measured_block import PhotographNote, measured_block
-from photogram.project.measured_positions import measured_position, position_note
+from photogram.project.measured.measured_block import PhotographNote, measured_block
+from photogram.project.measured.measured_positions import measured_position, position_note
 from photogram.project.project import Project, read_project
 from photogram.project.validation.positions import gnss_findings, time_findings
 

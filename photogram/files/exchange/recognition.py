@@ -10,8 +10,8 @@ from photogram.errors import ExchangeError
 from photogram.files.exchange.blocks_exchange import read_blocks_exchange
 from photogram.files.exchange.bundler import read_bundler
 from photogram.files.exchange.colmap.sparse_models import read_colmap
-from photogram.files.exchange.meshroom import read_meshroom
-from photogram.files.exchange.meshroom_baf import read_meshroom_baf
+from photogram.files.exchange.meshroom.meshroom import read_meshroom
+from photogram.files.exchange.meshroom.meshroom_baf import read_meshroom_baf
 from photogram.files.exchange.metashape.metashape_cameras import read_metashape_cameras
 from photogram.files.exchange.metashape.metashape_project import read_metashape_project
 from photogram.files.exchange.micmac import read_micmac

@@ -9,9 +9,9 @@ import numpy as np
 
 from photogram.errors import PhotogramError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.project.measured_block import measured_block, photograph_note, survey_frame
-from photogram.project.measured_positions import known_position
-from photogram.project.measured_survey import gnss_positions
+from photogram.project.measured.measured_block import measured_block, photograph_note, survey_frame
+from photogram.project.measured.measured_positions import known_position
+from photogram.project.measured.measured_survey import gnss_positions
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.project.validation.resources import surface_size

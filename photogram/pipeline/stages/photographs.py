@@ -20,8 +20,8 @@ from photogram.pipeline.store.run import FRAME, MEASURED, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
-from photogram.project.measured_block import PhotographNote, measured_photographs, photograph_note
-from photogram.project.measured_positions import measured_position
+from photogram.project.measured.measured_block import PhotographNote, measured_photographs, photograph_note
+from photogram.project.measured.measured_positions import measured_position
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.datum import datum_findings

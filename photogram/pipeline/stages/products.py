@@ -35,7 +35,7 @@ from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, matched, surf
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.project.measured_block import PhotographNote
+from photogram.project.measured.measured_block import PhotographNote
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.surface_figures import (
     DrawnFigure,

@@ -40,7 +40,7 @@ from photogram.pipeline.store.stored_results import (
     resection_from,
 )
 from photogram.pipeline.store.workspace import Workspace
-from photogram.project.measured_block import PhotographNote, block_of
+from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.project.start import Start, start_of
 from photogram.quality.cloud_comparison import Comparison

@@ -19,7 +19,7 @@ from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sig
 from photogram.camera import Pose
 from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame
-from photogram.project.measured_block import MeasuredPhotographs
+from photogram.project.measured.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.gross_errors.blunder_naming import Blunder

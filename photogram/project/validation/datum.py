@@ -13,7 +13,7 @@ from photogram.crs import WGS84, changes_datum, datum_change, middle_deg
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.findings import Finding
-from photogram.project.measured_positions import FROM_TAGS, sigmas_of, source_of
+from photogram.project.measured.measured_positions import FROM_TAGS, sigmas_of, source_of
 from photogram.project.project import Project
 
 USUAL_M = 1.0

@@ -15,7 +15,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.draft.sites import gap_between_sites_m, group_sites
 from photogram.project.findings import Finding
-from photogram.project.measured_survey import (
+from photogram.project.measured.measured_survey import (
     MeasuredSurvey,
     control_positions,
     foreign_positions,

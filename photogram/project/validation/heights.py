@@ -18,8 +18,8 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
 from photogram.height_systems import Geoid, HeightSystem
 from photogram.project.findings import Finding, Severity
-from photogram.project.measured_block import PhotographNote
-from photogram.project.measured_survey import MeasuredSurvey, usable_survey
+from photogram.project.measured.measured_block import PhotographNote
+from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
 from photogram.project.validation.image_scale import ScaleFit, fit_scales

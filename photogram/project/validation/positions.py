@@ -16,7 +16,7 @@ from photogram.crs import NO_CRS
 from photogram.files.photographs.tags import PhotographTags
 from photogram.gnss import Solution
 from photogram.project.findings import Finding, Severity
-from photogram.project.measured_positions import (
+from photogram.project.measured.measured_positions import (
     FROM_TAGS,
     claims_too_much,
     needs_attitude,

@@ -18,7 +18,7 @@ from photogram.camera import Camera, rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.findings import Finding
-from photogram.project.measured_survey import MeasuredSurvey, usable_survey
+from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import picture_scale

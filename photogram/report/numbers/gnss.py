@@ -12,8 +12,8 @@ import numpy as np
 from photogram.adjustment.common_errors import LeftArm
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
 from photogram.arrays import FloatArray
-from photogram.project.measured_block import PhotographNote
-from photogram.project.measured_positions import position_note
+from photogram.project.measured.measured_block import PhotographNote
+from photogram.project.measured.measured_positions import position_note
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.record.positions import (
     CommonErrorRecord,

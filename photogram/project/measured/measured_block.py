@@ -17,7 +17,7 @@ from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
-from photogram.project.measured_positions import MeasuredPosition, PositionNote, position_note
+from photogram.project.measured.measured_positions import MeasuredPosition, PositionNote, position_note
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
