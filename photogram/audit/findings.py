@@ -93,7 +93,9 @@ def left_out(audit: Audit) -> tuple[str, ...]:
         groups.kind.tolist(), groups.of.tolist(), groups.stated_sigma.tolist(), groups.used_sigma.tolist(), strict=True
     ):
         if kind in _OF_TIES and not stated / UNLIKE < used < stated * UNLIKE:
-            said.append(f"Weights: tie points of {of} scatter by {used:.3f} px where {stated:.3f} px was assumed")
+            said.append(
+                f"Weights: tie points of camera {of} scatter by {used:.3f} px where {stated:.3f} px was assumed"
+            )
     stated = audit.start.block.control_points.mark_sigma_px
     if not 1.0 / UNLIKE < audit.mark_factor < UNLIKE:
         middle = float(np.median(stated))
