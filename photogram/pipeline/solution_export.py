@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Literal, get_args
@@ -17,12 +17,14 @@ from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_y
 from photogram.files.exchange.bundler import write_bundler
 from photogram.files.exchange.colmap.sparse_models import write_colmap
 from photogram.files.exchange.metashape.metashape_cameras import write_metashape_cameras
+from photogram.files.exchange.nearest_cameras import with_nearest_cameras
 from photogram.files.exchange.opensfm.reconstructions import write_opensfm
 from photogram.files.exchange.pix4d.opf import write_opf
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.exchange.undistorted import pinhole_solution, write_undistorted
 from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.projection import PARAMETER_NAMES, Model
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
 
@@ -36,6 +38,17 @@ _FRAMES: dict[SolutionFormat, Frame] = {
     "yaw-pitch-roll": "map",
 }  # fmt: skip
 """What coordinates a format has; east, north and up of the survey for all others."""
+
+_BROWN = frozenset(PARAMETER_NAMES) - {"k4", "b1", "b2"}
+_FISHEYE = frozenset(PARAMETER_NAMES) - {"p1", "p2", "b2"}
+_TERMS: dict[SolutionFormat, Mapping[Model, frozenset[str]]] = {
+    "colmap": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "colmap-text": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "opensfm": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "opf": {"brown": _BROWN},
+    "bundler": {"brown": frozenset({"focal_px", "k1", "k2"})},
+}
+"""What the camera models of a format hold of photogram's; all of it in others."""
 
 FOLDERS: frozenset[SolutionFormat] = frozenset({"colmap", "colmap-text", "opensfm", "opf", "undistorted"})
 """Formats that are a folder of files."""
@@ -73,10 +86,11 @@ def export_solution(
 
 
 def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    solution, said = with_nearest_cameras(solution, _TERMS.get(form, {}))
     if form in FOLDERS:
         make_folder(target)
     try:
-        return _WRITERS[form](target, solution)
+        return (*said, *_WRITERS[form](target, solution))
     except ExchangeError as fault:
         if form in FOLDERS and not any(target.iterdir()):
             target.rmdir()

@@ -75,7 +75,9 @@ def test_weights_are_said_where_the_scatter_is_another() -> None:
     again = audited(coarse, foreign_block(coarse))
     assert again.same is not None
     assert again.same.sigma0 < 0.5
-    assert any(sentence.startswith("Weights: tie points of camera simulated scatter by 0.49") for sentence in left_out(again))
+    assert any(
+        sentence.startswith("Weights: tie points of camera simulated scatter by 0.49") for sentence in left_out(again)
+    )
 
 
 def test_the_tables_hold_every_figure() -> None:

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
+from foreign import rms_px
 from makers import simulated
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.audit.foreign_block import foreign_block
 from photogram.errors import ExchangeError
+from photogram.files.exchange.nearest_cameras import with_nearest_cameras
 from photogram.files.exchange.recognition import read_solution
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.solution_export import FOLDERS, FORMATS, adjusted_solution, export_solution
+from photogram.pipeline.solution_export import (
+    FOLDERS,
+    FORMATS,
+    adjusted_solution,
+    export_solution,
+)
+from photogram.projection import PARAMETER_NAMES, Model
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan
 
@@ -68,18 +79,16 @@ def test_local_coordinates_are_those_of_the_survey() -> None:
 def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: str) -> None:
     """And read again where it holds a solution; a camera that a format cannot hold is said, and nothing is left."""
     target = tmp_path / form
-    if form == "bundler":  # its two radial terms are too few for any real lens
-        with pytest.raises(ExchangeError, match=r"more distortion than k1 and k2.*--to undistorted"):
-            export_solution(adjusted_survey / "project.yaml", "bundler", target)
-        assert not target.exists()
-        return
-    export_solution(adjusted_survey / "project.yaml", form, target)  # type: ignore[arg-type]
+    said = export_solution(adjusted_survey / "project.yaml", form, target)  # type: ignore[arg-type]
+    assert ("the nearest camera without is written" in " ".join(said)) is (form == "bundler")
     assert target.is_dir() is (form in FOLDERS)
     with pytest.raises(ExchangeError, match="is there already"):
         export_solution(adjusted_survey / "project.yaml", form, target)  # type: ignore[arg-type]
     if form in ("omega-phi-kappa", "yaw-pitch-roll"):
         assert len(target.read_text(encoding="utf-8").splitlines()) == 5
         return
+    if form == "bundler":  # whose reader asks the photographs for their size
+        shutil.copytree(adjusted_survey / "photographs", tmp_path, dirs_exist_ok=True)
     found = read_solution(target / "sparse" if form == "undistorted" else target)
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
         block = run.adjusted_block()
@@ -90,6 +99,27 @@ def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: st
     own = np.array([p.position_world_m for p in block.poses if p is not None])
     apart = [np.linalg.norm(c[:, None] - c[None], axis=2) for c in (centres, own)]
     np.testing.assert_allclose(apart[0], apart[1], rtol=1e-3)  # the map's scale
+
+
+def test_a_camera_that_a_format_cannot_hold_becomes_the_nearest_one() -> None:
+    """A skew of half a pixel in COLMAP: residuals grow by what is said, in quadrature, and no more."""
+    solution = adjusted_solution(adjusted(), "local")
+    (camera,) = solution.cameras
+    skewed = replace(solution, cameras=(replace(camera, affinity=np.array([0.0, 0.5])),))
+    terms: dict[Model, frozenset[str]] = {"brown": frozenset(PARAMETER_NAMES) - {"k4", "b2"}}
+    found, (said,) = with_nearest_cameras(skewed, terms)
+    assert re.fullmatch(
+        r"b2 of camera simulated; the nearest camera without is written, [\d.]+ px from it \(RMS over the picture\), "
+        r"[\d.]+ px at most\.", said,
+    )  # fmt: skip
+    away = float(said.split("written, ")[1].split()[0])
+    before, after = rms_px(skewed), rms_px(found)
+    assert found.cameras[0].affinity[1] == 0.0
+    assert abs(after - before) < 1.2 * away
+    assert with_nearest_cameras(solution, terms)[1] == ()
+    far = replace(solution, cameras=(replace(camera, affinity=np.array([0.0, 5.0])),))
+    with pytest.raises(ExchangeError, match=r"camera simulated: has b2, for which the format has no place"):
+        with_nearest_cameras(far, terms)
 
 
 def test_what_is_not_adjusted_is_said(survey: Path, tmp_path: Path) -> None:
