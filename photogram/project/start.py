@@ -86,6 +86,12 @@ def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolu
     return solution
 
 
+def known_observations(start: ProjectStart | None) -> int | None:
+    """Return the number of observations of the tie points that a project starts from, None where it measures its own.
+    Raises ExchangeError where the solution cannot be read."""
+    return None if start is None or start.tie_points == "own" else len(read_stored(start.solution).tie_points.point)
+
+
 def check_start(
     document: Document,
     file: ProjectFile,

@@ -11,7 +11,9 @@ import pytest
 from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.workload import expected_pairs, workload
-from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.solution_export import export_solution
+from photogram.pipeline.solution_import import import_solution
 from photogram.project.project import Project
 
 Survey = tuple[Project, tuple[PhotographTags | None, ...]]
@@ -72,3 +74,20 @@ def test_without_positions_all_or_the_most_similar_are_matched(small: Survey) ->
     few, many = (replace(project, photographs=(nowhere,) * n) for n in (20, 200))
     assert expected_pairs(few, [None] * 20) == 190
     assert expected_pairs(many, [None] * 200) == pytest.approx(200 * 10 * 0.75, abs=1)
+
+
+def test_known_tie_points_are_neither_searched_nor_matched(adjusted_survey: Path, tmp_path: Path) -> None:
+    export_solution(adjusted_survey / "project.yaml", "opensfm", tmp_path / "out")
+    project = import_solution(
+        tmp_path / "out", photographs=adjusted_survey / "photographs", project=tmp_path / "project.yaml"
+    ).path
+    survey = load_project(project)
+    tags = [read_tags(p.path) for p in survey.photographs]
+    work = workload(survey, tags)
+    assert (work.searched_megapixels, work.pairs) == (0.0, 0.0)
+    run_pipeline(survey, until="transfer")
+    with open_run(survey) as run:
+        assert work.key_points == len(run.tie_points().point)
+        assert work.observations == pytest.approx(len(run.transferred_tie_points().point), rel=0.5)
+    own = replace(survey, start=None if survey.start is None else replace(survey.start, tie_points="own"))
+    assert workload(own, tags).pairs == 6

@@ -14,6 +14,7 @@ from photogram.project.measured.measured_positions import known_position
 from photogram.project.measured.measured_survey import gnss_positions
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
+from photogram.project.start import known_observations
 from photogram.project.validation.resources import surface_size
 from photogram.sfm.tie_points.features import picture_scale
 from photogram.sfm.tie_points.pairs import select_pairs
@@ -32,6 +33,9 @@ SPARSE_CELLS_PER_POINT = 1.5
 """Cells of a surface that is interpolated between tie points, for each of them."""
 
 TIE_POINTS_PER_OBSERVATION = 0.3
+
+TRANSFERRED_PER_KNOWN = 1.5
+"""Observations after the transfer for each of tie points that the project starts from."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,11 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
     scale = np.array([picture_scale(int(n), project.features, reduction) for n in pixels])
     searched = pixels / scale**2 / 1e6
     key_points = float(np.minimum(project.features.maximum, KEY_POINTS_PER_MPX * searched).sum())
-    observations = OBSERVATIONS_PER_KEY_POINT * key_points
+    observations, pairs = OBSERVATIONS_PER_KEY_POINT * key_points, float(expected_pairs(project, tags))
+    known = known_observations(project.start)
+    if known is not None:
+        searched, key_points, pairs = np.zeros(len(searched)), float(known), 0.0
+        observations = TRANSFERRED_PER_KNOWN * known
     size = surface_size(project, tags)
     dense = project.dense.enabled
     cells = size.surface_cells if dense else SPARSE_CELLS_PER_POINT * TIE_POINTS_PER_OBSERVATION * observations
@@ -70,7 +78,7 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
         megapixels=float(pixels.sum()) / 1e6,
         searched_megapixels=float(searched.sum()),
         key_points=key_points,
-        pairs=float(expected_pairs(project, tags)),
+        pairs=pairs,
         observations=observations,
         dense_mcells=size.covered_share * size.surface_cells / 1e6 if dense else 0.0,
         raster_mcells=cells / 1e6,
