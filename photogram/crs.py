@@ -24,8 +24,17 @@ from pyproj.transformer import TransformerGroup
 
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError
-from photogram.height_systems import DeclaredHeights, HeightSystem, crs_name, full_crs, is_gnss_ellipsoid, vertical_crs
-from photogram.wording import printable
+from photogram.height_systems import (
+    DeclaredHeights,
+    Geoid,
+    HeightSystem,
+    crs_name,
+    full_crs,
+    in_metres,
+    is_gnss_ellipsoid,
+    vertical_crs,
+)
+from photogram.wording import printable, shortened
 
 NO_CRS = "none"
 """What stands for the CRS of a survey in a Cartesian system of its own, which no map knows."""
@@ -39,6 +48,12 @@ _MOST_M = 1000.0
 """Datums lie less than this apart."""
 
 _EPSG_AT_END = re.compile(r'(?:AUTHORITY|ID)\["EPSG",\s*"?(\d+)"?\]\]\s*$')
+_SYMBOLS = {"metre": "m", "foot": "ft", "US survey foot": "ftUS"}
+_SHORTEST_UNIT_M, _LONGEST_UNIT_M = 0.1, 2.0
+"""Of maps on which lengths are counted: feet and metres, not degrees, chains or kilometres."""
+
+_LONGEST_LABEL = 60  # characters
+
 _ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
 
@@ -48,22 +63,28 @@ def _any_crs(name: str) -> CRS:
     try:
         return CRS.from_user_input(name)
     except CRSError as fault:
-        raise FrameError(f"crs: {name!r}: not a CRS known to PROJ (expected e.g. EPSG:25832)") from fault
+        raise FrameError(
+            f"crs: {shortened(name)!r}: not a CRS known to PROJ (expected e.g. EPSG:25832), nor a file of its WKT"
+        ) from fault
 
 
 def projected_crs(name: str) -> CRS:
-    """Return the CRS called ``name`` (EPSG:25832, a PROJ string, WKT). Raises FrameError unless it is a map grid in
-    metres."""
+    """Return the plan of the CRS called ``name`` (EPSG:25832, a PROJ string, WKT), in its own unit. Raises FrameError
+    unless it is a map grid, or a local grid derived from one, whose axes have one unit of length."""
     crs = _any_crs(name)
-    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
-    if not horizontal.is_projected:
+    horizontal = _upper(crs)
+    if not (horizontal.is_projected or _is_derived(horizontal)):
         raise FrameError(
-            f"crs: {name!r} ({crs.name}) is not a projected CRS: choose a map grid in metres, for example the "
-            "UTM zone of the site"
+            f"crs: {shortened(name)!r} ({crs.name}) is not a projected CRS: choose a map grid, for example the UTM "
+            "zone of the site"
         )
-    units = {axis.unit_name for axis in horizontal.axis_info}
-    if units != {"metre"}:
-        raise FrameError(f"crs: {name!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres")
+    units = {axis.unit_name for axis in horizontal.axis_info[:2]}
+    factors = {axis.unit_conversion_factor for axis in horizontal.axis_info[:2]}
+    if len(factors) != 1 or not _SHORTEST_UNIT_M <= min(factors) <= _LONGEST_UNIT_M:
+        raise FrameError(
+            f"crs: {shortened(name)!r} ({crs.name}) is in {', '.join(sorted(units))}: choose a map grid in metres or "
+            "in feet"
+        )
     return horizontal
 
 
@@ -89,10 +110,103 @@ def short_name(name: str) -> str:
     return name if name == NO_CRS else crs_name(_any_crs(name))
 
 
+def metric_crs(name: str) -> CRS:
+    """Return the plan of the CRS called ``name`` with metres for its unit: the `map` in which photogram computes.
+    Raises FrameError as projected_crs."""
+    return in_metres(projected_crs(name))
+
+
+def is_on_gnss_ellipsoid(name: str) -> bool:
+    """Return whether the CRS called ``name`` is on the ellipsoid of GNSS. Raises FrameError where PROJ does not know
+    it."""
+    return is_gnss_ellipsoid(_any_crs(name))
+
+
+def metric_only(name: str) -> CRS:
+    """Return the plan of the CRS called ``name`` where it counts metres, for coordinates that are not converted.
+    Raises FrameError as projected_crs, and where it counts anything else."""
+    crs = projected_crs(name)
+    if crs.axis_info[0].unit_conversion_factor != 1.0:
+        raise FrameError(
+            f"crs: {shortened(name)!r} ({crs.name}) is in {crs.axis_info[0].unit_name}: choose a map grid in metres"
+        )
+    return crs
+
+
+@dataclass(frozen=True)
+class MapUnits:
+    """The units in which a CRS counts easting and northing, and heights; those of files, never of what is computed."""
+
+    plan_m: float = 1.0
+    """A unit of easting and northing in metres."""
+    height_m: float = 1.0
+    """A unit of height in metres."""
+    plan: str = "metre"
+    """What PROJ calls the unit of easting and northing."""
+    height: str = "metre"
+    """What PROJ calls the unit of height."""
+
+    @property
+    def factors(self) -> FloatArray:
+        """Metres to the unit of easting, northing and height (3,)."""
+        return np.array([self.plan_m, self.plan_m, self.height_m])
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether all three are in metres."""
+        return self.plan_m == self.height_m == 1.0
+
+    @property
+    def plan_symbol(self) -> str:
+        """Symbol of the unit of easting and northing: m, ftUS, ft."""
+        return _SYMBOLS.get(self.plan, self.plan.replace(" ", "_"))
+
+    @property
+    def height_symbol(self) -> str:
+        """Symbol of the unit of height."""
+        return _SYMBOLS.get(self.height, self.height.replace(" ", "_"))
+
+    @property
+    def words(self) -> str:
+        """The units in a sentence."""
+        if self.plan == self.height:
+            return self.plan
+        return f"{self.plan}, heights in {self.height}"
+
+
+METRES = MapUnits()
+"""Of most maps, and of a local frame."""
+
+
+def map_units(name: str) -> MapUnits:
+    """Return the units of the CRS called ``name``: those of its axes, and for heights that of its plan where it has no
+    vertical axis. Raises FrameError as projected_crs."""
+    if name == NO_CRS:
+        return METRES
+    crs = _any_crs(name)
+    plan = projected_crs(name).axis_info[0]
+    upright = next((axis for axis in crs.axis_info if axis.direction == "up"), plan)
+    return MapUnits(
+        float(plan.unit_conversion_factor),
+        float(upright.unit_conversion_factor),
+        str(plan.unit_name),
+        str(upright.unit_name),
+    )
+
+
+def _upper(crs: CRS) -> CRS:
+    return crs.sub_crs_list[0] if crs.is_compound else crs
+
+
+def _is_derived(crs: CRS) -> bool:
+    """Return whether a CRS is a map grid that was moved, turned or scaled, which pyproj does not call projected."""
+    return str(crs.type_name) == "Derived Projected CRS"
+
+
 def vertical_of(name: str) -> str | None:
     """Return the vertical CRS within the map ``name`` (EPSG:25832+5799), None where it has none.
 
-    Raises FrameError as projected_crs, and where its heights are not in metres upwards.
+    Raises FrameError as projected_crs, and where its heights are not lengths upwards.
     """
     if name == NO_CRS:
         return None
@@ -151,24 +265,45 @@ def neighbouring_zones(name: str) -> tuple[str, ...]:
     return tuple(zones)
 
 
+def crs_in_metres(name: str) -> str:
+    """Return the name of a map that counts metres, else the WKT of the same map in metres. Raises FrameError as
+    projected_crs."""
+    return name if name == NO_CRS or map_units(name).plan_m == 1.0 else crs_name(metric_crs(name))
+
+
 def product_crs(crs: str, heights: DeclaredHeights) -> str:
     """Return the CRS of every product: ``crs``, with what the heights are counted from where that is declared."""
-    if heights.output is None:
+    if heights.output is None or crs == NO_CRS:
         return crs
     return crs_name(full_crs(projected_crs(crs), heights.output, heights.geoid))
 
 
 def crs_in_words(crs: str, heights: DeclaredHeights) -> str:
-    """Return the CRS of results for people: ``crs``, and what its heights are counted from where that is declared."""
-    if heights.output is None:
-        return crs
-    above = "the ellipsoid" if heights.map_geoid is None else f"the geoid {heights.map_geoid.name}"
-    return f"{crs}, heights above {above}"
+    """Return the CRS of results for people: its code or name, what its heights are counted from where that is declared,
+    and its units where they are not metres."""
+    words = crs_label(crs)
+    if heights.output is not None:
+        words += f", heights above {surface_in_words(heights.map_geoid)}"
+    if crs == NO_CRS or map_units(product_crs(crs, heights)).is_metric:
+        return words
+    return f"{words}, in {map_units(product_crs(crs, heights)).words}"
+
+
+def surface_in_words(geoid: Geoid | None) -> str:
+    """Return what heights are above, the ellipsoid without a ``geoid``."""
+    if geoid is None:
+        return "the ellipsoid"
+    return f"the plane {geoid.name}" if geoid.is_plane else f"the geoid {geoid.name}"
+
+
+def crs_label(name: str) -> str:
+    """Return a CRS in a few words: as it is written, or its own name where that is WKT."""
+    return name if len(name) <= _LONGEST_LABEL else str(_any_crs(name).name)
 
 
 def written_crs(name: str) -> CRS | None:
     """Return the CRS ``name`` as products carry it, with its vertical axis where it has one, None for a local frame.
-    Raises FrameError unless it is a map grid in metres."""
+    Raises FrameError unless it is a map grid."""
     if name == NO_CRS:
         return None
     plan = projected_crs(name)
@@ -360,7 +495,8 @@ def _check_shift(source: str, target: str, place_deg: tuple[float, float], grid:
     """Raise FrameError where a grid moves positions as no datum does: it is another one than its name says."""
     x, y = Transformer.from_crs(WGS84, _plan_of(_any_crs(source)), always_xy=True).transform(*place_deg)
     without = Transformer.from_crs(_plan_of(_any_crs(source)), _plan_of(_any_crs(target)), always_xy=True)
-    shift_m = float(np.hypot(*(found.transform(np.array([x]), np.array([y]))[0] - without.transform(x, y))))
+    shift = found.transform(np.array([x]), np.array([y]))[0] - without.transform(x, y)
+    shift_m = float(np.hypot(*shift)) * map_units(target).plan_m
     if np.isfinite(shift_m) and shift_m > _MOST_M:
         raise FrameError(
             f"datum_grid {grid}: it moves positions by {shift_m:.0f} m here, which no datum does: give the grid that "
@@ -437,7 +573,7 @@ def datum_change(source: str, target: str, place_deg: tuple[float, float], grid:
         missing = MissingGrid(
             first.short_name, tuple(g.short_name for g in others), package, first.url, float(best.accuracy)
         )
-    code = f"{crs_name(projected_crs(target))} ({crs_title(target)})"
+    code = f"{crs_label(crs_name(projected_crs(target)))} ({crs_title(target)})"
     name = name.removeprefix("axis order change (2D) + ").removesuffix(" + axis order change (2D)")
     is_null = not any(word in text for word in ("helmert", "shift", "molodensky", "molobadekas"))
     return DatumChange(str(plan.name), code, name, accuracy_m, is_null, missing)

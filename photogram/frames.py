@@ -1,12 +1,12 @@
 """Coordinate reference systems and the local frame in which a survey is adjusted.
 
-The `map` frame is the project's CRS (easting, northing, height). The `world` frame is Cartesian, near the survey:
+The `map` frame is the project's CRS (easting, northing, height), in metres: where the CRS counts feet, what files give
+and take is converted at the edge, with its unit (`crs.map_units`). The `world` frame is Cartesian, near the survey:
 
 - ``tangent``: east, north, up of the tangent plane of the ellipsoid at the origin, every point projected exactly
   (map -> geodetic -> geocentric -> topocentric);
 - ``grid``: the map's own easting, northing and height minus a round origin, the map taken as Cartesian. Its scale
-error is
-  the map's scale factor (UTM: up to 0.4 ‰ at the central meridian); for exercises and small sites only.
+  error is the map's scale factor (UTM: up to 0.4 ‰ at the central meridian); for exercises and small sites only.
 
 Heights of the world are always above the ellipsoid. Those of the map are too, unless the frame has a geoid: then they
 are above it, and each point's geoid height is added on the way to the world and taken off on the way back. Heights
@@ -16,25 +16,27 @@ module, `crs` and `height_systems` are the only ones that use PROJ.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from pyproj import CRS, Proj, Transformer
+from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import ProjError
 
 from photogram.arrays import FloatArray
 from photogram.crs import (
     NO_CRS,
     WGS84,
+    MapUnits,
     _any_crs,
     _plan_of,
+    map_units,
+    metric_crs,
     middle_deg,
     plan_before_grid,
     plan_of,
     plan_with_grid,
-    projected_crs,
 )
 from photogram.errors import FrameError
 from photogram.height_systems import (
@@ -44,6 +46,7 @@ from photogram.height_systems import (
     geographic_crs,
     geoid_height_m,
 )
+from photogram.wording import shortened
 
 WorldKind = Literal["tangent", "grid"]
 
@@ -75,9 +78,9 @@ def _by_grid(source: str, target: str, points: FloatArray, grid: str) -> FloatAr
     if len(lost):
         x, y, _ = points[lost[0]]
         raise FrameError(
-            f"datum_grid {grid}: position {x:.10g}, {y:.10g} of {source} lies outside: give that of the site"
+            f"datum_grid {grid}: position {x:.10g}, {y:.10g} of {shortened(source)} lies outside: give that of the site"
         )
-    return plan
+    return plan * map_units(target).plan_m
 
 
 def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray, datum_grid: str | None = None) -> FloatArray:
@@ -89,10 +92,11 @@ def map_from_geodetic(crs: str, longitude_latitude_height: FloatArray, datum_gri
     lon, lat, height = np.asarray(longitude_latitude_height, dtype=np.float64).T
     if datum_grid is not None and len(lon):
         return np.column_stack([_by_grid(WGS84, crs, np.column_stack([lon, lat, height]), datum_grid), height])
-    easting, northing = Transformer.from_crs(WGS84, projected_crs(crs), always_xy=True).transform(lon, lat)
+    easting, northing = Transformer.from_crs(WGS84, metric_crs(crs), always_xy=True).transform(lon, lat)
     if not np.all(np.isfinite(easting) & np.isfinite(northing)):
         raise FrameError(
-            f"crs: {crs} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of the site"
+            f"crs: {shortened(crs)} is not defined at longitude {lon[0]:.4f}, latitude {lat[0]:.4f}: choose the CRS of "
+            "the site"
         )
     return np.column_stack([easting, northing, height])
 
@@ -124,23 +128,24 @@ def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str |
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
     given = _any_crs(source)
-    plan = projected_crs(target)
+    plan = metric_crs(target)
     if given.is_geocentric or len(given.axis_info) < 2:
-        raise FrameError(f"crs: {source!r} ({given.name}) has no easting and northing, nor longitude and latitude")
+        raise FrameError(
+            f"crs: {shortened(source)!r} ({given.name}) has no easting and northing, nor longitude and latitude"
+        )
     full = CRS.from_user_input(target)
     upright = [axis for axis in given.axis_info if axis.direction == "up"]
     upright_map = [axis for axis in full.axis_info if axis.direction == "up"]
-    names = f"from {source} to {target}"
+    names = f"from {shortened(source)} to {shortened(target)}"
     if upright and upright_map:
-        easting, northing, height = _transformer(given, full, names).transform(x, y, z)
-        result = np.column_stack([easting, northing, height * upright_map[0].unit_conversion_factor])
+        result = np.column_stack(_transformer(given, full, names).transform(x, y, z)) * map_units(target).factors
     else:
         horizontal = _plan_of(given)
         unit = horizontal.axis_info[0].unit_name
         if not upright and horizontal.is_projected and unit != "metre":
             raise FrameError(
-                f"crs: {source!r} ({given.name}) is in {unit} and has no vertical part: name its height system too, "
-                "EPSG:2229+6360 for example, or give the points in metres"
+                f"crs: {shortened(source)!r} ({given.name}) is in {unit} and has no vertical part: name its height "
+                "system too, EPSG:2229+6360 for example, or give the points in metres"
             )
         easting, northing = _transformer(horizontal, plan, names).transform(x, y)
         result = np.column_stack([easting, northing, z * (upright[0].unit_conversion_factor if upright else 1.0)])
@@ -150,9 +155,9 @@ def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str |
     if len(lost):
         first = lost[0]
         raise FrameError(
-            f"position {x[first]:.10g}, {y[first]:.10g} of {source} cannot be transformed to {target}: check "
-            "the CRS, and "
-            "that the columns are easting (or longitude) before northing (or latitude)"
+            f"position {x[first]:.10g}, {y[first]:.10g} of {shortened(source)} cannot be transformed to "
+            f"{shortened(target)}: check the CRS, and that the columns are easting (or longitude) before "
+            "northing (or latitude)"
         )
     return result
 
@@ -161,12 +166,53 @@ def geodetic_from_map(crs: str, points_map_m: FloatArray, datum_grid: str | None
     """Return WGS 84 longitude and latitude in degrees and height in m (N, 3) of points (N, 3) of the map, height
     unchanged; ``datum_grid`` as of map_from_geodetic."""
     easting, northing, height = np.asarray(points_map_m, dtype=np.float64).T
-    place = None if datum_grid is None else middle_deg(plan_of(crs), np.column_stack([easting, northing]))
+    unit_m = map_units(crs).plan_m
+    place = None if datum_grid is None else middle_deg(plan_of(crs), np.column_stack([easting, northing]) / unit_m)
     if datum_grid is not None and place is not None:
-        plan = plan_before_grid(WGS84, plan_of(crs), easting, northing, place, datum_grid)
+        plan = plan_before_grid(WGS84, plan_of(crs), easting / unit_m, northing / unit_m, place, datum_grid)
         return np.column_stack([plan, height])
-    lon, lat = Transformer.from_crs(projected_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
+    lon, lat = Transformer.from_crs(metric_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
     return np.column_stack([lon, lat, height])
+
+
+def degrees_of(crs: str) -> str:
+    """Return the geographic CRS, longitude and latitude in degrees, that a CRS of any kind rests on. Raises FrameError
+    where it has no datum."""
+    return str(geographic_crs(_any_crs(crs)).to_wkt())
+
+
+def geodetic_of(crs: str, points: FloatArray, *, geographic: bool) -> FloatArray:
+    """Return longitude and latitude in degrees, on the CRS's own datum, and height (N, 3) of points (N, 3) of a CRS, as
+    files give them; heights unchanged.
+
+    ``geographic`` says what the points are: longitude and latitude, or easting and northing. Raises FrameError where
+    the CRS is of the other kind, or a point lies outside it.
+    """
+    given, rows = _any_crs(crs), np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    if given.is_geographic != geographic:
+        found = "longitude and latitude" if geographic else "easting and northing"
+        remedy = "EPSG:4326, for example" if geographic else "the map grid"
+        raise FrameError(f"crs: the points are {found}, but {shortened(crs)} is not of them: name {remedy}")
+    if geographic and all(axis.unit_name == "degree" for axis in given.axis_info[:2]):
+        return rows.copy()
+    plan = _plan_of(given)
+    lon, lat = Transformer.from_crs(plan, geographic_crs(plan), always_xy=True).transform(rows[:, 0], rows[:, 1])
+    lost = np.flatnonzero(~np.isfinite(np.column_stack([lon, lat])).all(axis=1))
+    if len(lost):
+        x, y, _ = rows[lost[0]]
+        raise FrameError(f"position {x:.10g}, {y:.10g} lies outside {shortened(crs)}: check the CRS and the columns")
+    return np.column_stack([lon, lat, rows[:, 2]])
+
+
+def map_from_unit(crs: str, points: FloatArray) -> FloatArray:
+    """Return points (N, 3) of the map in m, from what files give of them: easting, northing and height in the units of
+    the CRS ``crs``, with its vertical axis where it has one."""
+    return np.asarray(np.asarray(points, dtype=np.float64).reshape(-1, 3) * map_units(crs).factors)
+
+
+def unit_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
+    """Return points (N, 3) of the map as files in the CRS ``crs`` give them, the reverse of map_from_unit."""
+    return np.asarray(np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3) / map_units(crs).factors)
 
 
 def geocentric_from_geodetic(longitude_latitude_height: FloatArray) -> FloatArray:
@@ -218,6 +264,21 @@ def geocentric_from_topocentric(origin_lla: tuple[float, float, float], points_m
 
 
 @dataclass(frozen=True)
+class CombinedScale:
+    """A short length on the map over the same on the ground (Ghilani & Wolf 2015, sec. 20.8)."""
+
+    grid: float
+    """Length on the map over that on the ellipsoid."""
+    height: float
+    """Length on the ellipsoid over that on the ground, R / (R + h) with the mean radius R = √(ρν)."""
+
+    @property
+    def combined(self) -> float:
+        """Length on the map over that on the ground."""
+        return self.grid * self.height
+
+
+@dataclass(frozen=True)
 class LocalFrame:
     """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``.
 
@@ -250,13 +311,32 @@ class LocalFrame:
         """Return whether the map is a Cartesian system without a CRS."""
         return self.crs == NO_CRS
 
+    @cached_property
+    def units(self) -> MapUnits:
+        """The units in which files count easting, northing and height of this map."""
+        own = map_units(self.crs)
+        if self.geoid is None:
+            return own
+        axis = self.geoid.crs.axis_info[0]
+        return replace(own, height_m=float(axis.unit_conversion_factor), height=str(axis.unit_name))
+
+    def map_from_unit(self, points: FloatArray) -> FloatArray:
+        """Return points (N, 3) of the map in m from what files give of them, in the units of the CRS."""
+        return np.asarray(np.asarray(points, dtype=np.float64).reshape(-1, 3) * self.units.factors)
+
+    def unit_from_map(self, points_map_m: FloatArray) -> FloatArray:
+        """Return points (N, 3) of the map in the units of the CRS, as files give them."""
+        return np.asarray(np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3) / self.units.factors)
+
     def __repr__(self) -> str:
         easting, northing, height = self.origin_map_m
-        return f"<LocalFrame {self.kind} in {self.crs}, origin {easting:.2f}, {northing:.2f}, {height:.2f} m>"
+        return (
+            f"<LocalFrame {self.kind} in {shortened(self.crs)}, origin {easting:.2f}, {northing:.2f}, {height:.2f} m>"
+        )
 
     @cached_property
     def _crs(self) -> CRS:
-        return projected_crs(self.crs)
+        return metric_crs(self.crs)
 
     @cached_property
     def _geodetic(self) -> Transformer:
@@ -267,7 +347,7 @@ class LocalFrame:
         longitude, latitude, height = self._geodetic_from_map(np.array([self.origin_map_m]))[0]
         ellipsoid = self._crs.ellipsoid
         if ellipsoid is None:
-            raise FrameError(f"crs: {self.crs} has no ellipsoid")
+            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
         shape = f"+a={ellipsoid.semi_major_metre} +b={ellipsoid.semi_minor_metre}"
         return Transformer.from_pipeline(
             f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart {shape} "
@@ -286,8 +366,8 @@ class LocalFrame:
         if lost.any():
             easting, northing = points_map_m[lost][0, :2]
             raise FrameError(
-                f"position easting {easting:.2f}, northing {northing:.2f} lies outside {self.crs}: check the CRS, "
-                "and that easting and northing are not swapped"
+                f"position easting {easting:.2f}, northing {northing:.2f} lies outside {shortened(self.crs)}: "
+                "check the CRS, and that easting and northing are not swapped"
             )
         return geodetic
 
@@ -347,7 +427,7 @@ class LocalFrame:
                 lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
                 easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
             except ProjError as fault:
-                raise FrameError(f"positions cannot be transformed to {self.crs}: {fault}") from fault
+                raise FrameError(f"positions cannot be transformed to {shortened(self.crs)}: {fault}") from fault
             result[known] = np.column_stack([easting, northing, height])
             plan = np.column_stack([lon, lat])
         if self.geoid is not None and plan is not None:
@@ -389,6 +469,26 @@ class LocalFrame:
         return tangent.rotation_world_from_map(position_world_m).T
 
     def grid_scale(self, position_map_m: FloatArray) -> float:
-        """Return the map's point scale factor at a position (3,), 1 for a true length."""
-        lon, lat = self._plan_from_map(np.asarray(position_map_m).reshape(1, 3))[0]
-        return float(Proj(self._crs).get_factors(lon, lat).meridional_scale)
+        """Return the map's point scale factor at a position (3,): a short length on the map over that on the ellipsoid,
+        the mean of all directions where they differ."""
+        step = 100.0
+        centre = np.asarray(position_map_m, dtype=np.float64)[:2]
+        offset = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        lon, lat = self._plan_from_map(np.column_stack([centre + offset, np.zeros(4)])).T
+        ellipsoid = self._crs.ellipsoid
+        if ellipsoid is None:
+            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
+        shape = Geod(a=ellipsoid.semi_major_metre, b=ellipsoid.semi_minor_metre)
+        _, _, length_m = shape.inv(lon[[0, 2]], lat[[0, 2]], lon[[1, 3]], lat[[1, 3]])
+        return float(np.mean(2.0 * step / np.asarray(length_m)))
+
+    def combined_scale(self, position_map_m: FloatArray) -> CombinedScale:
+        """Return the scale factors of the map at a position (3,) of the ground."""
+        at = np.asarray(position_map_m, dtype=np.float64).reshape(1, 3)
+        _, latitude, height_m = self._geodetic_from_map(at)[0].tolist()
+        ellipsoid = self._crs.ellipsoid
+        if ellipsoid is None:
+            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
+        a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+        radius_m = b / (1.0 - (1.0 - (b / a) ** 2) * np.sin(np.deg2rad(latitude)) ** 2)  # Torge 2001, eq. 4.18
+        return CombinedScale(self.grid_scale(at[0]), float(radius_m / (radius_m + height_m)))

@@ -2,11 +2,13 @@
 
 An ellipsoidal height h is above the ellipsoid of GNSS (GRS 80, which WGS 84 shares to 0.1 mm); an orthometric height H
 is above a geoid, or above the zero of a national levelling network. Their difference N = h − H, the geoid height, comes
-from a grid through PROJ (Heiskanen & Moritz 1967, eq. 4-25).
+from a grid through PROJ (Heiskanen & Moritz 1967, eq. 4-25). Heights of a local grid are above an inclined plane
+instead, which its vertical CRS defines ("Vertical Offset and Slope", EPSG:1046; IOGP 373-7-2, sec. 4.6.3).
 """
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,20 +20,28 @@ import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.aoi import AreaOfInterest
 from pyproj.crs import CompoundCRS, GeographicCRS
+from pyproj.database import get_units_map
 from pyproj.datadir import get_user_data_dir
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import TransformerGroup
 
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError
+from photogram.wording import shortened
 
 HeightSystem = Literal["ellipsoidal", "orthometric"]
 
 GEOID_MODELS = {"EGM84": "EPSG:5798", "EGM96": "EPSG:5773", "EGM2008": "EPSG:3855"}
 """Global geoids by the names that people write, and their vertical CRS."""
 
+_SHORTEST_UNIT_M, _LONGEST_UNIT_M = 0.1, 2.0
 _STAND_IN = 5773
 """A vertical CRS, any one, that stands in a GeoTIFF until its key is changed."""
+
+_PLANE_METHOD = 1046
+_EVALUATION_LATITUDE, _EVALUATION_LONGITUDE, _OFFSET = 8617, 8618, 8603
+_SLOPE_LATITUDE, _SLOPE_LONGITUDE = 8730, 8731
+_ARC_SECOND = 4.84813681109536e-06
 
 _SEMI_MAJOR_M, _SEMI_MINOR_M, _SAME_ELLIPSOID_M = 6378137.0, 6356752.3141, 0.01
 
@@ -60,10 +70,22 @@ class Geoid:
         )
 
     @property
+    def unit_m(self) -> float:
+        """The unit of the heights that its vertical CRS counts, in metres."""
+        return float(self.crs.axis_info[0].unit_conversion_factor)
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it is the inclined plane under the heights of a local grid, no geoid."""
+        return _is_plane(self.crs)
+
+    @property
     def name(self) -> str:
         """What to call it in a sentence."""
         if self.vertical is None:
             return PurePath(str(self.grid)).name
+        if self.is_plane:
+            return f"of {self.crs.name}"
         code = f" ({self.vertical})" if self.vertical.upper().startswith("EPSG:") else ""
         return f"{self.crs.name.removesuffix(' height')}{code}"
 
@@ -111,19 +133,75 @@ UNDECLARED = DeclaredHeights()
 
 
 def vertical_crs(name: str) -> CRS:
-    """Return the vertical CRS called ``name``. Raises FrameError unless PROJ knows it as one of heights in metres."""
+    """Return the vertical CRS called ``name``. Raises FrameError unless PROJ knows it as one of heights in metres or
+    feet."""
     try:
         crs = CRS.from_user_input(name)
     except CRSError as fault:
         raise FrameError(
-            f"{name!r}: not a geoid known to PROJ: write {', '.join(GEOID_MODELS)}, a vertical CRS such as EPSG:5773, "
-            "or the path of a grid (.gtx or .tif)"
+            f"{shortened(name)!r}: not a geoid known to PROJ: write {', '.join(GEOID_MODELS)}, a vertical CRS such "
+            "as EPSG:5773, or the path of a grid (.gtx or .tif)"
         ) from fault
     if not crs.is_vertical or crs.is_compound:
-        raise FrameError(f"{name!r} ({crs.name}) is not a vertical CRS: write EPSG:5773 or EPSG:5799, for example")
-    if crs.axis_info[0].direction != "up" or crs.axis_info[0].unit_name != "metre":
-        raise FrameError(f"{name!r} ({crs.name}) is not in metres: choose one that is")
+        raise FrameError(
+            f"{shortened(name)!r} ({crs.name}) is not a vertical CRS: write EPSG:5773 or EPSG:5799, for example"
+        )
+    axis = crs.axis_info[0]
+    if axis.direction != "up" or not _SHORTEST_UNIT_M <= axis.unit_conversion_factor <= _LONGEST_UNIT_M:
+        raise FrameError(
+            f"{shortened(name)!r} ({crs.name}) is not of heights in metres or feet, upwards: choose one that is"
+        )
+    if str(crs.type_name) == "Derived Vertical CRS" and not _is_plane(crs):
+        raise FrameError(f"{crs.name} is derived by another method than Vertical Offset and Slope (EPSG:1046)")
     return crs
+
+
+def in_metres(crs: CRS) -> CRS:
+    """Return a plan with metres for the unit of its axes, all else as it was; PROJ converts the false origin with it.
+
+    The name stays; a code that meant another unit is left out.
+    """
+    if crs.axis_info[0].unit_conversion_factor == 1.0:
+        return crs
+    return _in_unit(crs.to_2d(), "metre")
+
+
+def _in_unit(crs: CRS, unit: object) -> CRS:
+    """Return a map grid whose axes are all in a unit of PROJJSON."""
+    whole = json.loads(crs.to_json())
+    inner = whole.get("source_crs", whole)
+    for axis in inner["coordinate_system"]["axis"]:
+        axis["unit"] = unit
+    for part in (whole, inner):
+        part.pop("id", None)
+        part["name"] = f"{part['name']}, in metres" if unit == "metre" and "name" in part else part.get("name")
+    return CRS.from_json_dict(whole)
+
+
+def _is_plane(vertical: CRS) -> bool:
+    operation = vertical.coordinate_operation
+    return operation is not None and str(operation.method_code) == str(_PLANE_METHOD)
+
+
+@lru_cache(maxsize=16)
+def _plane_transformer(vertical: str) -> Transformer:
+    """Return longitude, latitude (degrees) and ellipsoidal height to the same with the height above the plane that the
+    vertical CRS, as WKT, defines."""
+    operation = CRS.from_wkt(vertical).coordinate_operation
+    if operation is None:
+        raise ValueError("a vertical CRS that derives from nothing")
+    value = {int(p.code): p.value * p.unit_conversion_factor for p in operation.params if str(p.code).isdigit()}
+    try:
+        lat, lon = np.rad2deg([value[_EVALUATION_LATITUDE], value[_EVALUATION_LONGITUDE]])
+        north, east = (value.get(slope, 0.0) / _ARC_SECOND for slope in (_SLOPE_LATITUDE, _SLOPE_LONGITUDE))
+        return Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+            f"+step +proj=vertoffset +a={_SEMI_MAJOR_M} +b={_SEMI_MINOR_M} +lat_0={lat:.15g} +lon_0={lon:.15g} "
+            f"+dh={value[_OFFSET]:.15g} +slope_lat={north:.15g} +slope_lon={east:.15g} "
+            "+step +proj=unitconvert +xy_in=rad +xy_out=deg"
+        )
+    except (KeyError, ProjError) as fault:
+        raise FrameError("the height plane of the local grid lacks its offset or its evaluation point") from fault
 
 
 def is_gnss_ellipsoid(crs: CRS) -> bool:
@@ -224,22 +302,29 @@ def geoid_height_m(crs: CRS, geoid: Geoid, longitude_latitude_deg: FloatArray) -
     if not is_gnss_ellipsoid(crs):
         places = np.column_stack(_to_gnss(source.to_wkt()).transform(places[:, 0], places[:, 1]))
         source = CRS("EPSG:4326")
+    if geoid.vertical is not None and geoid.grid is None and geoid.is_plane:
+        level = _plane_transformer(geoid.crs.to_wkt()).transform(places[:, 0], places[:, 1], np.zeros(len(places)))[2]
+        return np.where(np.isfinite(level), -np.asarray(level), np.nan)
     finite = places[np.isfinite(places).all(axis=1)]
     if not len(finite):
         return np.full(len(places), np.nan)
     east, north = np.median(finite, axis=0).tolist()
     transformer = _vertical_transformer(source.to_wkt(), geoid, (round(east, 1), round(north, 1)))
-    height = np.asarray(transformer.transform(places[:, 0], places[:, 1], np.zeros(len(places)))[2])
+    unit_m = geoid.unit_m if geoid.grid is None else 1.0
+    height = unit_m * np.asarray(transformer.transform(places[:, 0], places[:, 1], np.zeros(len(places)))[2])
     return np.where(np.isfinite(height), -height, np.nan)
 
 
 def full_crs(plan: CRS, output: HeightSystem | None, geoid: Geoid | None) -> CRS:
     """Return the CRS of products: that of the plan alone where the heights are not declared, with a third axis where
-    they are ellipsoidal, compound with the vertical CRS of the geoid where they are orthometric."""
+    they are ellipsoidal, in the unit of the plan, compound with the vertical CRS of the geoid where they are
+    orthometric."""
     if output is None:
         return plan.to_2d()
     if output == "ellipsoidal":
-        return plan.to_3d()
+        full = plan.to_3d()
+        metric = plan.axis_info[0].unit_conversion_factor == 1.0
+        return full if metric else _in_unit(full, json.loads(plan.to_json())["coordinate_system"]["axis"][0]["unit"])
     if geoid is None:
         raise ValueError("orthometric heights need a geoid")
     vertical = geoid.crs
@@ -265,15 +350,37 @@ def first_wkt(crs: CRS) -> str:
     """Return a CRS in the first edition of WKT (OGC 01-009), as LAS 1.4 asks for.
 
     That edition knows no map grid with a third axis: ellipsoidal heights stand there as a vertical CRS on the datum
-    "Ellipsoid" of type 2002, which PROJ and GDAL read back as what it was.
+    "Ellipsoid" of type 2002, which PROJ and GDAL read back as what it was. It knows no height plane either: the heights
+    of a local grid are a vertical CRS of their own there; and a plan that derives from a map grid is written in the
+    second edition, which LAS 1.5 allows.
     """
     if len(crs.axis_info) == 3 and not crs.is_compound:
-        plan = crs.to_2d()
+        plan, unit = crs.to_2d(), crs.axis_info[2]
         return (
             f'COMPD_CS["{plan.name} + ellipsoidal height",{plan.to_wkt("WKT1_GDAL")},'
-            'VERT_CS["Ellipsoid (metre)",VERT_DATUM["Ellipsoid",2002],UNIT["metre",1],AXIS["Ellipsoidal height",UP]]]'
+            f'VERT_CS["Ellipsoid ({unit.unit_name})",VERT_DATUM["Ellipsoid",2002],{_first_unit(unit)},'
+            'AXIS["Ellipsoidal height",UP]]]'
         )
-    return str(crs.to_wkt("WKT1_GDAL"))
+    try:
+        return str(crs.to_wkt("WKT1_GDAL"))
+    except CRSError:
+        if not crs.is_compound:
+            return str(crs.to_wkt())
+    plan, vertical = crs.sub_crs_list
+    try:
+        first = plan.to_wkt("WKT1_GDAL")
+    except CRSError:
+        return str(crs.to_wkt())
+    name = vertical.name.replace('"', "")
+    return (
+        f'COMPD_CS["{plan.name} + {name}",{first},VERT_CS["{name}",VERT_DATUM["{name}",2005],'
+        f'{_first_unit(vertical.axis_info[0])},AXIS["Gravity-related height",UP]]]'
+    )
+
+
+def _first_unit(axis: Any) -> str:  # noqa: ANN401 - pyproj's Axis
+    factor = axis.unit_conversion_factor
+    return f'UNIT["{axis.unit_name}",{"1" if factor == 1.0 else format(factor, ".15g")}]'
 
 
 def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
@@ -281,18 +388,43 @@ def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
 
     GDAL writes no map grid with a third axis. A compound CRS with some vertical CRS makes the keys, and the code of the
     geographic CRS with three axes, in the place of that vertical CRS, says that heights are ellipsoidal. Of a map
-    without a code, of which GDAL does not read it, they become a vertical CRS called "ellipsoidal height", without
-    code.
+    without a code, of which GDAL does not read it, or in feet, which that code is not, they become a vertical CRS
+    called "ellipsoidal height", without code. Of a local grid it is the plan; see ``beside_geotiff``.
     """
+    if beside_geotiff(crs) is not None:
+        return crs.sub_crs_list[0] if crs.is_compound else crs, None
     if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None or crs.geodetic_crs is None:
         return crs, None
-    name = crs_name(crs.to_2d())
+    name, unit = crs_name(crs.to_2d()), crs.axis_info[2]
     plan, code = CRS.from_user_input(name), crs.geodetic_crs.to_3d().to_epsg()
-    if name.startswith("EPSG:") and code is not None:
+    if name.startswith("EPSG:") and code is not None and unit.unit_conversion_factor == 1.0:
         return CompoundCRS(f"{plan.name}, ellipsoidal height", [plan, CRS.from_epsg(_STAND_IN)]), code
     ellipsoid = crs.ellipsoid.name.replace('"', "")
+    length = f'LENGTHUNIT["{unit.unit_name}",{unit.unit_conversion_factor:.15g}]'
     vertical = CRS.from_wkt(
         f'VERTCRS["ellipsoidal height ({ellipsoid})",VDATUM["{ellipsoid} ellipsoid"],CS[vertical,1],'
-        'AXIS["ellipsoidal height (h)",up,LENGTHUNIT["metre",1]]]'
+        f'AXIS["ellipsoidal height (h)",up,{length}]]'
     )
     return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical]), None
+
+
+def gdal_wkt(crs: CRS) -> str:
+    """Return a CRS of ``geotiff_crs`` as the WKT that GDAL makes keys of.
+
+    GDAL tells units by their codes, and takes that of a height for metres without one; PROJ leaves the codes of units
+    out.
+    """
+    text = str(crs.to_wkt("WKT2_2019"))
+    unit = crs.axis_info[-1]
+    if not crs.is_compound or unit.unit_conversion_factor == 1.0:
+        return text
+    code = get_units_map(category="linear")[unit.unit_name].code
+    place = text.rindex(f'LENGTHUNIT["{unit.unit_name}",')
+    end = text.index("]", place)
+    return text if text[end - 1] == "]" else f'{text[:end]},ID["EPSG",{code}]{text[end:]}'
+
+
+def beside_geotiff(crs: CRS) -> str | None:
+    """Return the WKT of a CRS that the keys of a GeoTIFF cannot hold whole, a local grid's, None of all others."""
+    parts: Sequence[Any] = crs.sub_crs_list if crs.is_compound else [crs]
+    return str(crs.to_wkt()) if any(str(part.type_name).startswith("Derived") for part in parts) else None

@@ -12,7 +12,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Pose, Similarity
-from photogram.crs import NO_CRS, is_geographic
+from photogram.crs import NO_CRS, is_geographic, metric_only
 from photogram.errors import AdjustmentError, ExchangeError, FrameError, OrientationError
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.frames import (
@@ -93,7 +93,11 @@ def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None,
     ground = (solution.ground_points or NOBODY).position_world_m
     known = np.concatenate([measured, ground])
     known = known[np.isfinite(known).all(axis=1)]
-    if crs is None or not len(known) or not is_geographic(crs):
+    if crs is None or not len(known):
+        return crs, measured, ground
+    if not is_geographic(crs):
+        if crs != NO_CRS:
+            metric_only(crs)
         return crs, measured, ground
     largest = np.abs(known[:, :2]).max(axis=0)
     if largest[0] > 360.0 or largest[1] > 90.0:
@@ -114,6 +118,7 @@ def _through(source: str, target: str, points: FloatArray) -> FloatArray:
 
 def _frame(crs: str | None, known: FloatArray, solution: ForeignSolution) -> LocalFrame:
     if len(known) and crs is not None:
+        metric_only(crs)
         return LocalFrame.near(crs, known)
     if len(known):
         middle = np.round(known.mean(axis=0), -1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from photogram.audit.audit import Audit, Fit
 from photogram.audit.findings import contradictions, left_out
+from photogram.crs import crs_label
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.accuracy import CheckAccuracy
 from photogram.report.audit_page import AuditTables, CalibrationRow, FigureRow, PoseRow
@@ -36,7 +37,7 @@ def _about(audit: Audit) -> str:
         if block.is_free
         else "Coordinates are those of the ground points; no CRS is stated."
         if block.frame.is_local
-        else f"Coordinates are in {block.frame.crs}."
+        else f"Coordinates are in {crs_label(block.frame.crs)}."
     )
     placed = "" if audit.start.is_placed or block.is_free else (
         " The files do not say where the solution lies: a similarity brought it to its control points or positions."

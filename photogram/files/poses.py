@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, gimbal_from_rotation, image_plane, omega_phi_kappa_deg
-from photogram.crs import esri_wkt
+from photogram.crs import MapUnits, esri_wkt
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
 from photogram.frames import geodetic_from_map
@@ -27,7 +28,8 @@ COLUMNS = (
     "sigma_easting_m", "sigma_northing_m", "sigma_height_m", "sigma_x_deg", "sigma_y_deg", "sigma_z_deg",
     "crs",
 )  # fmt: skip
-"""Of the table; all but the last are properties of the points."""
+"""Of the table; all but the last are properties of the points. Of a map in feet the names of lengths end in ft or ftUS;
+see ``columns_in``."""
 
 _FIGURES = COLUMNS[4:-1]
 STEEPEST = 0.1
@@ -50,6 +52,16 @@ class _Exterior:
     yaw_pitch_roll_deg: FloatArray
     sigma_position_m: FloatArray
     sigma_attitude_deg: FloatArray
+
+
+def columns_in(units: MapUnits, names: Sequence[str] = COLUMNS) -> dict[str, str]:
+    """Return what columns are called in a map of such units, each by its name in metres."""
+    return {name: _in_units(name, units) for name in names}
+
+
+def _in_units(name: str, units: MapUnits) -> str:
+    stem, ending = name.removesuffix("_m"), units.height_symbol if "height" in name else units.plan_symbol
+    return f"{stem}_{ending}" if name.endswith("_m") else name
 
 
 def heading_and_nadir_angle_deg(rotation_true_from_camera: FloatArray) -> FloatArray:
@@ -85,16 +97,16 @@ def _description(result: Adjustment, photograph: Photograph, registered: bool) -
     return {"name": photograph.name, "camera": camera, "flight": photograph.flight, "registered": registered}
 
 
-def _figures(exterior: _Exterior, finer: int = 0) -> dict[str, float | None]:
-    """Return the figures of _FIGURES, rounded to 0.1 mm or so many digits ``finer``, and 1e-8 degrees; None where one
-    is not known."""
+def _figures(exterior: _Exterior, units: MapUnits, finer: int = 0) -> dict[str, float | None]:
+    """Return the figures of _FIGURES, lengths in ``units`` and rounded to four decimals or so many ``finer``, angles to
+    1e-8 degrees; None where one is not known."""
     values = np.concatenate(
         [
-            exterior.position_map_m,
+            exterior.position_map_m / units.factors,
             exterior.looks_deg,
             exterior.omega_phi_kappa_deg,
             exterior.yaw_pitch_roll_deg,
-            exterior.sigma_position_m,
+            exterior.sigma_position_m / units.factors,
             exterior.sigma_attitude_deg,
         ]
     )
@@ -111,21 +123,23 @@ def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> 
     empty. Beside it stand a ``.csvt`` with the types of the columns and a ``.prj`` with the CRS of easting and
     northing: with them GDAL and QGIS open the table as points. A local frame has no ``.prj``, and two more decimals.
 
-    The first line names the COLUMNS. ``crs`` in words, else that of the frame, is the last of them. Omega, phi, kappa
-    are against the map grid at the photograph, heading, yaw, pitch, roll against true north; sigmas of the attitude are
-    about the camera's axes x right, y down, z forward. Raises WorkspaceError where a file cannot be written.
+    The first line names the COLUMNS, with the units of the map. ``crs`` in words, else that of the frame, is the last
+    of them. Omega, phi, kappa are against the map grid at the photograph, heading, yaw, pitch, roll against true north;
+    sigmas of the attitude are about the camera's axes x right, y down, z forward. Raises WorkspaceError where a file
+    cannot be written.
     """
-    block = result.block
+    block, units = result.block, result.block.frame.units
     finer = 2 if block.frame.is_local else 0
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         table = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-        table.writerow({name: name if block.has_scale else f"{name.removesuffix('_m')}" for name in COLUMNS})
+        called = columns_in(units) if block.has_scale else {name: name.removesuffix("_m") for name in COLUMNS}
+        table.writerow(called)
         for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
             row = {k: table_cell(v) for k, v in _description(result, photograph, True).items() if isinstance(v, str)}
             row["crs"] = crs or block.frame.crs
             row["registered"] = "yes" if pose is not None else "no"
             if pose is not None:
-                figures = _figures(_exterior(result, i, pose), finer)
+                figures = _figures(_exterior(result, i, pose), units, finer)
                 row |= {name: f"{x:.{_digits(name, finer)}f}" for name, x in figures.items() if x is not None}
             table.writerow(row)
     places = {"easting_m": "CoordX", "northing_m": "CoordY"}
@@ -188,12 +202,13 @@ def write_pose_geojson(path: Path, footprints: Path, result: Adjustment, datum_g
     geodetic = np.full((*known.shape, 2), np.nan)
     # all at once: setting up the transformation takes longer than a thousand points
     geodetic[known] = geodetic_from_map(frame.crs, frame.map_from_world(places[known]), datum_grid)[:, :2]
-    points, polygons = [], []
+    points, polygons, called = [], [], columns_in(frame.units)
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         point, *ring = np.round(geodetic[i], 9).tolist()
         properties = _description(result, photograph, pose is not None)
         if pose is not None:
-            properties |= _figures(_exterior(result, i, pose))
+            figures = _figures(_exterior(result, i, pose), frame.units)
+            properties |= {called[name]: figure for name, figure in figures.items()}
         points.append(_feature("Point", point if known[i, 0] else None, properties))
         if known[i, 1]:
             polygons.append(_feature("Polygon", [ring], {"name": photograph.name}))

@@ -78,7 +78,7 @@ def marked_block(block: Block, state: MarkState, roles: Mapping[str, PointRole],
         if roles[name] == "tie":
             continue
         if added is not None and added.position is not None and added.sigma_m is not None:
-            position[g] = block.frame.world_from_map(np.array([added.position]))[0]
+            position[g] = block.frame.world_from_map(block.frame.map_from_unit(np.array([added.position])))[0]
             sigma[g] = added.sigma_m
         elif name in at:
             position[g], sigma[g] = given.position_world_m[at[name]], given.sigma_m[at[name]]

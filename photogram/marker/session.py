@@ -320,7 +320,7 @@ class MarkingSession:
         if point.position is not None:
             if point.sigma_m is None:
                 raise ControlPointError(f"{point.name}: give standard deviations with the coordinates")
-            self.block.frame.world_from_map(np.array([point.position]))
+            self.block.frame.world_from_map(self.block.frame.map_from_unit(np.array([point.position])))
         self._do(AddPoint(point))
 
     def undo(self) -> None:

@@ -471,7 +471,9 @@ class Views:
         points = [_place(n, given.position_world_m[g]) for g, n in enumerate(given.name)]
         for name, point in moment.state.points.items():
             if point.position is not None:
-                points.append(_place(name, block.frame.world_from_map(np.array([point.position]))[0]))
+                points.append(
+                    _place(name, block.frame.world_from_map(block.frame.map_from_unit(np.array([point.position])))[0])
+                )
         seen = [_place(p.name, pose.position_world_m) for p, pose in zip(block.photographs, block.poses, strict=True)
                 if pose is not None]  # fmt: skip
         return {"points": [p for p in points if np.isfinite(p["east_m"])], "photographs": seen}

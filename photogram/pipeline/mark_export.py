@@ -16,7 +16,7 @@ from photogram.files.marks.formats import MapCrs, MarkFormat, format_of, write_p
 from photogram.files.marks.journal import read_journal
 from photogram.files.marks.mark_table import MARKS, text_of_marks
 from photogram.files.tables.control_files import FilePoint
-from photogram.frames import map_from_crs
+from photogram.frames import map_from_crs, unit_from_map
 from photogram.height_systems import first_wkt
 from photogram.pipeline.marking import FOLDER, JOURNAL
 from photogram.pipeline.pipeline import load_project
@@ -160,7 +160,7 @@ def _of_survey(survey: Project, marks: Iterable[Mark], names: set[str], notes: l
 
 def _points(survey: Project, state: MarkState) -> tuple[tuple[FilePoint, ...], set[str]]:
     """Return the points with coordinates that are control or check points, and the names of all others."""
-    found = {point.name: _given_point(point) for point in survey.control_points}
+    found = {point.name: _given_point(survey, point) for point in survey.control_points}
     for name, new in state.points.items():
         former = found.get(name)
         found[name] = _new_point(new, survey, None if former is None else former.role)
@@ -169,21 +169,22 @@ def _points(survey: Project, state: MarkState) -> tuple[tuple[FilePoint, ...], s
     return known, {name for name, point in points.items() if point is None}
 
 
-def _given_point(point: ProjectControlPoint) -> FilePoint | None:
+def _given_point(survey: Project, point: ProjectControlPoint) -> FilePoint | None:
     if not np.isfinite(point.position_map_m).all():
         return None
-    x, y, z = point.position_map_m.tolist()
+    x, y, z = unit_from_map(survey.product_crs, point.position_map_m)[0].tolist()
     east, north, up = point.sigma_m.tolist()
     return FilePoint(point.name, (x, y, z), (east, north, up), point.roles, 0)
 
 
 def _new_point(new: NewPoint, survey: Project, roles: Roles | None) -> FilePoint | None:
-    """Return a point that was added or changed while marking, in the map."""
+    """Return a point that was added or changed while marking, in the units of the map."""
     if new.position is None:
         return None
     position = np.array([new.position])
     if new.crs is not None and new.crs != survey.crs:
-        position = map_from_crs(new.crs, plan_of(survey.crs), position, survey.datum.grid)
+        moved = map_from_crs(new.crs, plan_of(survey.crs), position, survey.datum.grid)
+        position = unit_from_map(survey.product_crs, moved)
     x, y, z = position[0].tolist()
     return FilePoint(new.name, (x, y, z), new.sigma_m or (None, None, None), roles or ("control", "control"), 0)
 

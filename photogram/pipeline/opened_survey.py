@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.crs import crs_label
 from photogram.errors import ProjectError, WorkspaceError
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
@@ -171,7 +172,7 @@ class OpenedSurvey:
         return [
             ("photographs", str(len(project.photographs))),
             ("cameras", ", ".join(camera.name for camera in project.cameras)),
-            ("map grid", project.crs),
+            ("map grid", crs_label(project.crs)),
             ("ground points", f"{things(control, 'control point')}, {things(checks, 'check point')}"),
             ("results", str(project.results)),
         ]

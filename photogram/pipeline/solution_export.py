@@ -11,6 +11,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Pose, Similarity
+from photogram.crs import crs_in_metres
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
 from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
@@ -144,7 +145,7 @@ def adjusted_solution(result: Adjustment, frame: Frame) -> ForeignSolution:
         replace(points, position_world_m=to_map(points.position_world_m)) if len(points) else None,
         frame,
         origin_lla,
-        None if world.is_local else world.crs,
+        None if world.is_local else crs_in_metres(world.crs),
     )
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, DeclaredDatum, plan_of, projected_crs
+from photogram.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile
-from photogram.frames import map_from_crs
+from photogram.frames import map_from_crs, map_from_unit
 from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
@@ -206,7 +206,8 @@ def _positions(
         document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
         return None, None, None
     try:
-        turned = swapped if crs == target else map_from_crs(crs, plan_of(target), swapped)
+        own = product_crs(target, heights)
+        turned = map_from_unit(own, swapped) if crs == target else map_from_crs(crs, plan_of(target), swapped)
     except FrameError:
         turned = np.full_like(position, np.nan)
     return position, turned, system

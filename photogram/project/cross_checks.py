@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, projected_crs
+from photogram.crs import NO_CRS, crs_label, projected_crs
 from photogram.errors import FrameError
 from photogram.frames import map_from_geodetic
 from photogram.project.document import Document, Key, suggestion
@@ -85,7 +85,7 @@ class AreaOfUse:
             corners = map_from_geodetic(name, np.column_stack([lon.ravel(), lat.ravel(), np.zeros(lon.size)]))[:, :2]
         except FrameError:
             return None  # the area reaches to where the projection has no values, a pole for example
-        return cls(corners.min(axis=0), corners.max(axis=0), f"{name} ({crs.name})")
+        return cls(corners.min(axis=0), corners.max(axis=0), f"{crs_label(name)} ({crs.name})")
 
     def contains(self, easting_northing_m: FloatArray) -> NDArray[np.bool_]:
         """Return which positions (N, 2) are accepted; NaN is not."""
@@ -277,7 +277,8 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
             given |= name == "sigma_m" and point.position_m is None
             if not given and (name == "sigma_m" or point.marks) and document.at((*key, i)) is not None:
                 document.fault((*key, i), f"the point has no {what}: give {name}, here or for all points")
-        if point.position_m is None and point.name not in ends and document.at((*key, i, "position_m")) is None:
+        written = any(document.at((*key, i, name)) is not None for name in ("position_m", "position"))
+        if point.position_m is None and point.name not in ends and not written:
             text = "position_m is missing: [easting, northing, height] in the map grid, in metres"
             document.fault((*key, i), f"{text}; without it a point only serves as an end of distances")
         if photographs is not None:

@@ -16,6 +16,7 @@ from photogram.crs import (
     NO_CRS,
     DeclaredDatum,
     changes_datum,
+    crs_label,
     datum_change,
     height_system_of,
     middle_deg,
@@ -25,11 +26,12 @@ from photogram.crs import (
     vertical_of,
 )
 from photogram.errors import FrameError
-from photogram.frames import LocalFrame, map_from_crs, map_heights
+from photogram.frames import LocalFrame, map_from_crs, map_from_unit, map_heights
 from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
 from photogram.project.schema import HeightsEntry, ProjectFile
+from photogram.wording import shortened
 
 _KEY: Key = ("heights",)
 _GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
@@ -50,7 +52,8 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
             document.fault(("crs",), f"its vertical part {fault}")
         return None  # a plan that cannot be is noted with the positions
     if vertical is not None and entry.output == "ellipsoidal":
-        text = f"must be orthometric, as the crs {file.crs} says: remove the key, or the vertical part of the crs"
+        says = f"must be orthometric, as the crs {shortened(str(file.crs))} says"
+        text = f"{says}: remove the key, or the vertical part of the crs"
         document.fault((*_KEY, "output"), text)
     output: HeightSystem | None = "orthometric" if vertical is not None else entry.output
     if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
@@ -69,8 +72,8 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
         document.fault(places[0], text)
     if output == "ellipsoidal" and plan is not None and not is_gnss_ellipsoid(plan):
         text = (
-            f"{file.crs} ({plan.name}) has an ellipsoid other than that of GNSS, so its ellipsoidal heights "
-            "are not those of GNSS: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
+            f"{crs_label(str(file.crs))} ({plan.name}) has an ellipsoid other than that of GNSS, so its ellipsoidal "
+            "heights are not those of GNSS: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
         )
         document.fault((*_KEY, "output"), text)
     if document.faults > before:
@@ -115,7 +118,9 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
         name = GEOID_MODELS.get(name.upper().replace(" ", "").replace("-", ""), name)
         name = name.upper() if name.upper().startswith("EPSG:") else name
     if name is not None and vertical is not None and name != vertical:
-        document.fault((*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {vertical}: keep one of the two")
+        document.fault(
+            (*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {shortened(vertical)}: keep one of the two"
+        )
         return None
     if name is None and vertical is None and path is None:
         return None
@@ -148,13 +153,14 @@ def in_map(
     grid = _checked_grid(crs, target, datum, given, exact=exact)
     named, vertical = height_system_of(crs)
     if named is not None and declared is not None and named != declared:
-        raise FrameError(f"{crs} has {named} heights, but heights says {declared}: keep one of the two")
+        raise FrameError(f"{crs_label(crs)} has {named} heights, but heights says {declared}: keep one of the two")
     system = named or declared or otherwise
     own = heights.geoid is not None and heights.geoid.vertical == vertical
     if vertical is not None and heights.output is not None and not own:
         # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
         return map_from_crs(crs, product_crs(target, heights), given, grid), system
-    position = given if crs == target else map_from_crs(crs, plan_of(target), given, grid)
+    own_units = product_crs(target, heights)
+    position = map_from_unit(own_units, given) if crs == target else map_from_crs(crs, plan_of(target), given, grid)
     return map_heights(target, heights, system, position), system
 
 

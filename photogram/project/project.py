@@ -31,6 +31,7 @@ from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, read_datum, read_heights
+from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
 from photogram.project.schema import (
@@ -325,11 +326,12 @@ def read_project(
     """
     document = Document(path)
     base = path.absolute().parent
-    file = read_entry(document, ProjectFile)
+    file = with_read_crs(document, read_entry(document, ProjectFile), base)
     settings = {name: read_settings(document, name, kind, SETTINGS[name]) for name, kind in SECTIONS.items()}
     folder = _folder(path, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
     heights, datum = read_heights(document, file, base) or UNDECLARED, read_datum(document, file, base)
+    file = with_listed_in_metres(document, file, heights)
     surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
     positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
     check_project(document, file, photographs, folder, base, places, located)

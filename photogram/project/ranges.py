@@ -47,6 +47,9 @@ class Within:
 PIXELS = Within(1, 200_000, "px")
 FOCAL_PX = Within(1, 1_000_000, "px")
 POSITION_M = Within(-1e8, 1e8, "m")
+POSITION = Within(-1e9, 1e9)
+"""In the unit of any map."""
+
 SIGMA_M = Within(*text_lines.SIGMA_M, "m")
 OFFSET_SIGMA_M = Within(*text_lines.SIGMA_M, "m", or_zero=True)
 SIGMA_PX = Within(*text_lines.SIGMA_PX, "px")

@@ -28,6 +28,7 @@ from photogram.project.ranges import (
     OFFSET_SIGMA_M,
     PIXELS,
     PLACE_PX,
+    POSITION,
     POSITION_M,
     SIGMA_M,
     SIGMA_PX,
@@ -145,6 +146,7 @@ FlyingHeight = Annotated[float, FLYING_HEIGHT_M]
 MarkSigma = Annotated[float, SIGMA_PX]
 _MAP = ("easting", "northing", "height")
 Position = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION_M)]
+MapPosition = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
@@ -212,6 +214,7 @@ class PhotographEntry(Entry):
     name: Annotated[Text | None, Needed("the photograph's file name")] = None
     camera: Text | None = None
     gnss_m: Position | None = None
+    gnss: MapPosition | None = None
     gnss_sigma_m: Sigma3 | None = None
     attitude_deg: Attitude | None = None
     attitude_sigma_deg: AngleSigma | None = None
@@ -283,6 +286,7 @@ class ControlPointEntry(Entry):
     name: Annotated[Text | None, Needed("the point's name")] = None
     role: RolesOf = ("control", "control")
     position_m: Position | None = None
+    position: MapPosition | None = None
     sigma_m: Sigma3 | None = None
     mark_sigma_px: MarkSigma | None = None
     marks: dict[str, Pixel] = Field(default_factory=dict)

@@ -37,6 +37,7 @@ COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
 UNKNOWN_CONFIDENCE = 255
 
 _SPACING_SAMPLE = 4000  # points whose nearest neighbour is looked for, about
+_METRES = {"plan": "metre", "plan_m": 1.0, "height": "metre", "height_m": 1.0}  # of a local frame
 _DIRECTIONS = 48  # in which the outline of the ground is sought
 _FARTHEST_M = 20_000.0  # of a cloud from the photographs that it is said to come from
 _WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
@@ -64,6 +65,7 @@ def view_page(
     scene |= {
         "file": cloud_name,
         "total": total,
+        "units": report["world"].get("units", _METRES),
         "photographs": photographs,
         "frustum_m": _frustum_m(photographs, scene["extent_m"]),
         "points": _ground_points(report),

@@ -250,9 +250,9 @@ def test_a_compound_crs_counts_by_its_horizontal_part() -> None:
 @pytest.mark.parametrize(
     ("crs", "says"),
     [
-        ("EPSG:4326", "is not a projected CRS: choose a map grid in metres"),
+        ("EPSG:4326", "is not a projected CRS: choose a map grid, for example"),
         ("EPSG:4979", "is not a projected CRS"),
-        ("EPSG:2263", "is in US survey foot: choose a map grid in metres"),
+        ("EPSG:24571", "is in British chain"),
         ("EPSG:999999", "'EPSG:999999': not a CRS known to PROJ"),
         ("UTM zone 32", "'UTM zone 32': not a CRS known to PROJ"),
     ],

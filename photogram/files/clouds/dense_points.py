@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, check_shape
+from photogram.crs import MapUnits, map_units
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
@@ -20,6 +21,7 @@ from photogram.files.clouds.points import (
     SCALE_M,
     SIGMA_DESCRIPTIONS,
     add_extra_bytes,
+    described,
     las_header,
 )
 from photogram.grid import MapGrid, Window
@@ -104,23 +106,25 @@ def write_dense_laz(
     coloured: bool = True,
     plane_origin_map_m: FloatArray | None = None,
 ) -> int:
-    """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre, and return the
-    number of points; whole or not at all.
+    """Write a LAZ 1.4 file in ``crs`` and its units, with its height system where it names one, to a thousandth of the
+    unit, and return the number of points; whole or not at all.
 
     Points stand in the order of the chunks; memory grows with a chunk. Colour is 16-bit, and left out (point format 6)
-    where nothing is ``coloured``. Extra bytes: "sigma z" (float32, m), "confidence" (uint8, 0 to 100), "rays" and
+    where nothing is ``coloured``. Extra bytes: "sigma z" (float32), "confidence" (uint8, 0 to 100), "rays" and
     "level" (uint8). The coordinates' offsets are those of the middle of the grid, so the bytes do not depend on how the
     points are divided into chunks; of a grid on a plane, whose origin in the map is ``plane_origin_map_m`` (3,), those
     of the origin, and the sigma is ACROSS.
 
-    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
+    Raises FrameError where ``crs`` is no map grid, WorkspaceError where the file cannot be written,
     ValueError where a position or confidence is not finite or out of its range.
     """
-    header = las_header(crs, created, colour=coloured)
+    header, units = las_header(crs, created, colour=coloured), map_units(crs)
     middle = grid.west_map_m + grid.columns * grid.cell_m / 2, grid.north_map_m - grid.rows * grid.cell_m / 2
-    header.offsets = np.floor([*middle, 0.0] if plane_origin_map_m is None else plane_origin_map_m)
+    header.offsets = np.floor(
+        np.array([*middle, 0.0] if plane_origin_map_m is None else plane_origin_map_m) / units.factors
+    )
     sigma = SIGMA if plane_origin_map_m is None else ACROSS
-    add_extra_bytes(header, {sigma: (np.float32, _SIGMAS[sigma]), **_EXTRA_BYTES})
+    add_extra_bytes(header, {**described({sigma: _SIGMAS[sigma]}, units), **_EXTRA_BYTES})
     count = 0
     with (
         replacing(path) as partial,
@@ -129,13 +133,13 @@ def write_dense_laz(
     ):
         for chunk in chunks:
             if len(chunk):
-                writer.write_points(_record(path, chunk, header))
+                writer.write_points(_record(path, chunk, header, units))
                 count += len(chunk)
     return count
 
 
-def _record(path: Path, chunk: DensePoints, header: laspy.LasHeader) -> laspy.ScaleAwarePointRecord:
-    steps = np.rint((chunk.position_map_m - header.offsets) / SCALE_M)
+def _record(path: Path, chunk: DensePoints, header: laspy.LasHeader, units: MapUnits) -> laspy.ScaleAwarePointRecord:
+    steps = np.rint((chunk.position_map_m / units.factors - header.offsets) / SCALE_M)
     if not np.all(np.abs(steps) <= np.iinfo(np.int32).max):
         raise ValueError(f"{path}: a point is not finite, or too far from the middle of the grid for LAZ")
     if not np.all((chunk.confidence >= 0) & (chunk.confidence <= 1)):
@@ -147,7 +151,7 @@ def _record(path: Path, chunk: DensePoints, header: laspy.LasHeader) -> laspy.Sc
     if header.point_format.id == COLOURED_FORMAT:
         points.red, points.green, points.blue = chunk.colour.astype(np.uint16).T * np.uint16(257)
     names = set(points.point_format.extra_dimension_names)
-    points[SIGMA if SIGMA in names else ACROSS] = chunk.sigma_height_m.astype(np.float32)
+    points[SIGMA if SIGMA in names else ACROSS] = (chunk.sigma_height_m / units.height_m).astype(np.float32)
     points[CONFIDENCE] = np.rint(100 * chunk.confidence).astype(np.uint8)
     points[RAYS] = chunk.rays
     points[LEVEL] = chunk.level

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, check_shape
 from photogram.errors import ProjectError
-from photogram.files.clouds.points import las_colour, read_las
+from photogram.files.clouds.points import las_colour, las_units, read_las
 
 FIGURES = ("sigma z", "sigma xy", "confidence")
 
@@ -47,7 +47,8 @@ class DescribedCloud:
 
 
 def read_described(path: Path) -> DescribedCloud:
-    """Return the cloud of a .las or .laz file with its colours and those of FIGURES that stand in its extra bytes.
+    """Return the cloud of a .las or .laz file with its colours and those of FIGURES that stand in its extra bytes, in
+    metres, whatever the units of the map that it names.
 
     Names are compared without regard to capitals and underscores; whole numbers of a confidence are per cent. Raises
     ProjectError where the file is missing, damaged or empty.
@@ -63,4 +64,8 @@ def read_described(path: Path) -> DescribedCloud:
     if "confidence" in figures and np.issubdtype(figures["confidence"].dtype, np.integer):
         figures["confidence"] = figures["confidence"] / 100.0
     figures = {name: values.astype(np.float64) for name, values in figures.items()}
-    return DescribedCloud(position, las_colour(points), figures)
+    units = las_units(points.header)
+    for name, unit_m in (("sigma z", units.height_m), ("sigma xy", units.plan_m)):
+        if name in figures:
+            figures[name] = figures[name] * unit_m
+    return DescribedCloud(position * units.factors, las_colour(points), figures)

@@ -17,8 +17,8 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.crs import written_crs
-from photogram.errors import ProjectError
+from photogram.crs import METRES, NO_CRS, MapUnits, map_units, written_crs
+from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
 from photogram.files.reading import check_size
@@ -45,11 +45,12 @@ _SEPARATORS = (";", ",", "\t")
 _SIGMA_NAMES = ("sigma x", "sigma y", "sigma z")
 _PLAN_NAME = "sigma xy"
 SIGMA_DESCRIPTIONS = {
-    "sigma x": "st. deviation easting [m]",
-    "sigma y": "st. deviation northing [m]",
-    "sigma xy": "st. deviation in plan [m]",
-    "sigma z": "st. deviation in height [m]",
+    "sigma x": "st. deviation easting [{plan}]",
+    "sigma y": "st. deviation northing [{plan}]",
+    "sigma xy": "st. deviation in plan [{plan}]",
+    "sigma z": "st. deviation in height [{height}]",
 }
+"""Of extra bytes, whose descriptions have 32 characters, with the symbols of the units."""
 _COLUMN_NAMES: Mapping[str, tuple[str, ...]] = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
@@ -95,19 +96,20 @@ def _finite(path: Path, cloud: PointCloud) -> FloatArray:
     return cloud.position_map_m
 
 
-def write_xyz(path: Path, cloud: PointCloud, decimals: int = 3) -> None:
-    """Write ``x,y,z`` lines in m with so many decimals and no header, as CloudCompare opens them; whole or not at all.
+def write_xyz(path: Path, cloud: PointCloud, decimals: int = 3, crs: str = NO_CRS) -> None:
+    """Write ``x,y,z`` lines in the units of ``crs`` with so many decimals and no header, as CloudCompare opens them;
+    whole or not at all.
 
     Raises WorkspaceError where the file cannot be written.
     """
-    position = _finite(path, cloud)
+    position = _finite(path, cloud) / map_units(crs).factors
     with replacing(path) as partial, partial.open("w", encoding="ascii", newline="\n") as stream:
         np.savetxt(stream, position, fmt=f"%.{decimals}f", delimiter=",")
 
 
 def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
-    """Return the header of a LAS 1.4 file in ``crs``, to the millimetre; of one in a local frame without a CRS, to
-    LOCAL_SCALE. Raises FrameError where ``crs`` is no map grid in metres."""
+    """Return the header of a LAS 1.4 file in ``crs``, to the thousandth of its unit; of one in a local frame without a
+    CRS, to LOCAL_SCALE. Raises FrameError where ``crs`` is no map grid."""
     header = laspy.LasHeader(version="1.4", point_format=COLOURED_FORMAT if colour else 6)
     header.creation_date = created
     header.system_identifier, header.generating_software = "photogram", "photogram"
@@ -128,20 +130,27 @@ def add_extra_bytes(header: laspy.LasHeader, fields: Mapping[str, tuple[type[np.
         described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
 
 
+def described(descriptions: Mapping[str, str], units: MapUnits) -> dict[str, tuple[type[np.generic], str]]:
+    """Return extra bytes of float32 with their descriptions, as add_extra_bytes takes them."""
+    symbols = {"plan": units.plan_symbol, "height": units.height_symbol}
+    return {name: (np.float32, text.format(**symbols)) for name, text in descriptions.items()}
+
+
 def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) -> None:
-    """Write a LAZ 1.4 file in ``crs``, with its height system where it names one, to the millimetre; whole or not at
-    all.
+    """Write a LAZ 1.4 file in ``crs`` and its units, with its height system where it names one, to a thousandth of the
+    unit; whole or not at all.
 
     Colour is 16-bit. ``sigma_m`` becomes the extra bytes "sigma x", "sigma y", "sigma xy" = sqrt(x² + y²) and "sigma z"
-    (float32, m). Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be
-    written, ValueError where the cloud is wider than the format's 4 294 km.
+    (float32), in the units of ``crs``, which their descriptions name. Raises FrameError where ``crs`` is no map grid,
+    WorkspaceError where the file cannot be written, ValueError where the cloud is wider than the format's 4 294 km.
     """
-    position = _finite(path, cloud)
+    units = map_units(crs)
+    position = _finite(path, cloud) / units.factors
     header = las_header(crs, created, colour=cloud.colour is not None)
     if len(cloud):
         header.offsets = np.floor((position.min(axis=0) + position.max(axis=0)) / 2)
     if cloud.sigma_m is not None:
-        add_extra_bytes(header, {name: (np.float32, text) for name, text in SIGMA_DESCRIPTIONS.items()})
+        add_extra_bytes(header, described(SIGMA_DESCRIPTIONS, units))
     steps = np.rint((position - header.offsets) / SCALE_M)
     if len(cloud) and np.abs(steps).max() > np.iinfo(np.int32).max:
         raise ValueError(f"{path}: a point cloud {np.ptp(position, axis=0).max() / 1000:.0f} km wide does not fit LAZ")
@@ -151,15 +160,18 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
     if cloud.colour is not None:
         points.red, points.green, points.blue = cloud.colour.astype(np.uint16).T * np.uint16(257)
     if cloud.sigma_m is not None:
-        for name, sigma in zip(_SIGMA_NAMES, cloud.sigma_m.T, strict=True):
+        own = cloud.sigma_m / units.factors
+        for name, sigma in zip(_SIGMA_NAMES, own.T, strict=True):
             points[name] = sigma.astype(np.float32)
-        points[_PLAN_NAME] = np.hypot(cloud.sigma_m[:, 0], cloud.sigma_m[:, 1]).astype(np.float32)
+        points[_PLAN_NAME] = np.hypot(own[:, 0], own[:, 1]).astype(np.float32)
     with replacing(path) as partial, partial.open("wb") as stream:
         points.write(stream, do_compress=True)
 
 
-def read_cloud(path: Path | str) -> PointCloud:
+def read_cloud(path: Path | str, crs: str = NO_CRS) -> PointCloud:
     """Return the cloud of a .txt, .csv, .xyz, .las or .laz file, in the CRS it was written in: positions (N, 3) in m.
+
+    The units of the file are those of the CRS that a LAS file names, else those of ``crs``.
 
     Text: one point a line, separated by comma, semicolon, tab or blanks; # starts a comment, // does before the first
     point. A header that names the columns x y z (or easting northing height) and red green blue is followed; without
@@ -176,10 +188,26 @@ def read_cloud(path: Path | str) -> PointCloud:
         )
     if not isfile(path):
         raise ProjectError(f"point cloud {path}: file not found: check its path")
-    cloud = _read_las(path) if suffix in LAS_SUFFIXES else _read_text(path)
+    cloud = _read_las(path, crs) if suffix in LAS_SUFFIXES else _in_metres(_read_text(path), map_units(crs))
     if len(cloud) == 0:
         raise ProjectError(f"point cloud {path}: it contains no points: export it again")
     return cloud
+
+
+def _in_metres(cloud: PointCloud, units: MapUnits) -> PointCloud:
+    if units.is_metric:
+        return cloud
+    sigma = None if cloud.sigma_m is None else cloud.sigma_m * units.factors
+    return PointCloud(cloud.position_map_m * units.factors, cloud.colour, sigma)
+
+
+def las_units(header: laspy.LasHeader, crs: str = NO_CRS) -> MapUnits:
+    """Return the units of a LAS file: those of the map that its header names, else those of ``crs``."""
+    try:
+        named = header.parse_crs()
+        return METRES if named is None and crs == NO_CRS else map_units(crs if named is None else str(named.to_wkt()))
+    except (FrameError, *_LAS_DAMAGE):
+        return map_units(crs)  # a CRS that nobody can read, or none of a map, has never been looked at
 
 
 def read_las(path: Path) -> laspy.LasData:
@@ -226,12 +254,13 @@ def las_colour(points: laspy.LasData) -> ByteArray | None:
     return np.asarray(wide >> 8 if wide.size and wide.max() > 255 else wide).astype(np.uint8)
 
 
-def _read_las(path: Path) -> PointCloud:
+def _read_las(path: Path, crs: str) -> PointCloud:
     points = read_las(path)
     sigma = None
     if set(points.point_format.dimension_names).issuperset(_SIGMA_NAMES):
         sigma = np.column_stack([points[name] for name in _SIGMA_NAMES]).astype(np.float64)
-    return PointCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), sigma)
+    cloud = PointCloud(np.asarray(points.xyz, dtype=np.float64), las_colour(points), sigma)
+    return _in_metres(cloud, las_units(points.header, crs))
 
 
 def _separator(line: str) -> str | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, rotation_from_omega_phi_kappa
-from photogram.crs import crs_of_wkt, projected_crs
+from photogram.crs import crs_of_wkt, metric_only
 from photogram.errors import ExchangeError, FrameError
 from photogram.files.exchange.assembly import camera_of, check_names, index_in, no_tie_points, pose_of, tie_points_of
 from photogram.files.exchange.parsing import bytes_of, check_finite, file_of, number_of
@@ -142,7 +142,7 @@ def _system(path: Path, block: Element, definition: str) -> _System:
     if crs == "EPSG:4978":
         return _System("geocentric", crs, None)
     try:
-        projected_crs(crs)
+        metric_only(crs)
     except FrameError as fault:
         raise ExchangeError(
             f"{place}: poses are in {printable(shortened(crs))}, which is no map in metres: export the block in one"

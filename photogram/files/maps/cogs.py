@@ -22,11 +22,11 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 
-from photogram.crs import written_crs
+from photogram.crs import MapUnits, map_units, written_crs
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
 from photogram.grid import MapGrid, Window
-from photogram.height_systems import geotiff_crs
+from photogram.height_systems import beside_geotiff, gdal_wkt, geotiff_crs
 
 NODATA = -9999.0
 """Stands for NaN in the files; other programs expect a number."""
@@ -73,14 +73,15 @@ def write_cog(
     description: str = "",
     note: str = "",
 ) -> None:
-    """Write lengths in m in ``crs`` as a Cloud Optimized GeoTIFF of float32, NaN as NODATA; all or nothing.
+    """Write lengths in m as a Cloud Optimized GeoTIFF of float32 in ``crs``, NaN as NODATA; all or nothing. The file
+    holds grid and lengths in the units of ``crs``, and says so.
 
     ``tiles`` are windows of the grid with their values (rows, columns), in any order and of any size; cells in none of
     them have no data. An overview holds the mean of the cells that have data. Compressed without loss. The file names
     the height system where ``crs`` does, what the band holds in its ``description``, and a ``note`` on the whole as its
     image description.
 
-    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
+    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid, WorkspaceError where
     the file cannot be written, ValueError where a tile does not fit its window or the grid, or a cell holds NODATA as
     its value.
     """
@@ -89,11 +90,14 @@ def write_cog(
         _check_tile(path, grid, window, values.shape)
         if np.any(values == NODATA):
             raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
-        return np.where(np.isnan(values), np.float32(NODATA), values).astype(np.float32)[None]
+        own = values if units.height_m == 1.0 else (values.astype(np.float64) / units.height_m).astype(np.float32)
+        return np.where(np.isnan(own), np.float32(NODATA), own).astype(np.float32)[None]
+
+    units = map_units(crs)
 
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
     look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
-    band = _Band((description,), "m", note=note)
+    band = _Band((description,), _unit_name(units), note=note)
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
 
 
@@ -122,20 +126,34 @@ def write_cog_codes(
     if categories:
         colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}
         band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours, note=note)
-        _write_category_names(path.with_name(path.name + CATEGORY_SUFFIX), categories)
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band, categories)
 
 
-def _write_category_names(path: Path, categories: Sequence[Category]) -> None:
-    """Write the names of codes as GDAL's persistent auxiliary metadata."""
-    names = {c.code: c.name for c in categories}
+def _unit_name(units: MapUnits) -> str:
+    """Return the unit of heights as GDAL and QGIS know it."""
+    return {"metre": "m", "foot": "ft"}.get(units.height, units.height)
+
+
+def _write_beside(path: Path, wkt: str | None, categories: Sequence[Category]) -> None:
+    """Write what a GeoTIFF has no place for as GDAL's persistent auxiliary metadata: the CRS as WKT, where its keys
+    cannot hold it whole, and the names of codes. Without either there is no such file."""
+    if wkt is None and not categories:
+        return
     dataset = ElementTree.Element("PAMDataset")
-    listed = ElementTree.SubElement(ElementTree.SubElement(dataset, "PAMRasterBand", band="1"), "CategoryNames")
-    for code in range(max(names) + 1):
-        ElementTree.SubElement(listed, "Category").text = names.get(code, "")
+    if wkt is not None:
+        ElementTree.SubElement(dataset, "SRS", dataAxisToSRSAxisMapping="1,2").text = wkt
+    if categories:
+        _add_category_names(dataset, categories)
     ElementTree.indent(dataset)
     with replacing(path) as partial:
         partial.write_text(ElementTree.tostring(dataset, encoding="unicode") + "\n", encoding="utf-8")
+
+
+def _add_category_names(dataset: ElementTree.Element, categories: Sequence[Category]) -> None:
+    names = {c.code: c.name for c in categories}
+    listed = ElementTree.SubElement(ElementTree.SubElement(dataset, "PAMRasterBand", band="1"), "CategoryNames")
+    for code in range(max(names) + 1):
+        ElementTree.SubElement(listed, "Category").text = names.get(code, "")
 
 
 def write_cog_rgba(
@@ -154,7 +172,7 @@ def write_cog_rgba(
     opens. A ``quality`` from 1 to 100 makes it a JPEG of a fifth to a tenth of the size; what is transparent then is a
     mask within the file instead of a band.
 
-    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where
+    The same values give the same bytes. Raises FrameError where ``crs`` is no map grid, WorkspaceError where
     the file cannot be written, ValueError where a tile does not fit its window or the grid, or for another quality.
     """
     if quality is not None and not 1 <= quality <= 100:
@@ -196,15 +214,20 @@ def _write(
     tiles: Iterable[tuple[Window, NDArray[Any]]],
     overviews: bool,
     band: _Band,
+    categories: Sequence[Category] = (),
 ) -> None:
-    """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``."""
-    named = written_crs(crs)
+    """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``; what
+    its keys cannot hold stands in a file beside it."""
+    named, unit_m = written_crs(crs), map_units(crs).plan_m
     written, vertical_code = (None, None) if named is None else geotiff_crs(named)
+    beside = None if named is None else beside_geotiff(named)
     place = {
         "height": grid.rows,
         "width": grid.columns,
-        "crs": None if written is None else CRS.from_wkt(written.to_wkt()),
-        "transform": Affine(grid.cell_m, 0.0, grid.west_map_m, 0.0, -grid.cell_m, grid.north_map_m),
+        "crs": None if written is None or beside_geotiff(written) else CRS.from_wkt(gdal_wkt(written)),
+        "transform": Affine(
+            grid.cell_m / unit_m, 0.0, grid.west_map_m / unit_m, 0.0, -grid.cell_m / unit_m, grid.north_map_m / unit_m
+        ),
         "bigtiff": "if_safer",
     }
     options = {
@@ -233,6 +256,7 @@ def _write(
         if vertical_code is not None:
             set_vertical_key(finished, vertical_code)
         finished.replace(partial)
+    _write_beside(path.with_name(path.name + CATEGORY_SUFFIX), beside, categories)
 
 
 def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import plan_of, written_crs
+from photogram.crs import map_units, plan_of, written_crs
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.survey import Contours
 
@@ -24,14 +24,17 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
     """Write lines in the plan of ``crs`` as a GeoPackage with the layer ``contours``; whole or not at all.
 
     Vertices carry the height as z. Fields: ``height_m`` and ``index``, true for every fifth line. The layer's
-    description says what the heights are counted from where ``crs`` does. The same lines give the same bytes.
+    description says what the heights are counted from where ``crs`` does. Where ``crs`` counts feet, so do vertices and
+    the field ``height_ft`` or ``height_ftUS``. The same lines give the same bytes.
 
-    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written.
+    Raises FrameError where ``crs`` is no map grid, WorkspaceError where the file cannot be written.
     """
     plan, written = plan_of(crs), written_crs(crs)
     named = "local frame" if written is None else written.name
     of_line = np.repeat(np.arange(len(contours)), np.diff(contours.first))
-    vertices = np.column_stack([contours.vertex_map_m, contours.height_m[of_line]])
+    units = map_units(crs)
+    height = contours.height_m / units.height_m
+    vertices = np.column_stack([contours.vertex_map_m / units.plan_m, height[of_line]])
     lines = shapely.linestrings(vertices, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
@@ -41,8 +44,8 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
             pyogrio.raw.write(
                 folder / "contours.gpkg",
                 geometry=shapely.to_wkb(lines),
-                field_data=[contours.height_m, contours.is_index],
-                fields=["height_m", "index"],
+                field_data=[height, contours.is_index],
+                fields=[f"height_{units.height_symbol}", "index"],
                 layer=LAYER,
                 driver="GPKG",
                 geometry_type="LineString Z",
@@ -50,7 +53,7 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                 dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
                 layer_options={
                     "IDENTIFIER": "Contour lines",
-                    "DESCRIPTION": f"interval {contours.interval_m:g} m, {named}",
+                    "DESCRIPTION": f"interval {contours.interval_m / units.height_m:g} {units.height_symbol}, {named}",
                 },
             )
         except (DataSourceError, DataLayerError) as fault:

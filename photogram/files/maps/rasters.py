@@ -1,4 +1,4 @@
-"""GeoTIFF in and out: one band of float32, north up, square cells, in a map grid in metres."""
+"""GeoTIFF in and out: one band of float32, north up, square cells, in a map grid; in metres once it is read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
 from photogram.arrays import Float32Array
-from photogram.crs import NO_CRS, projected_crs
+from photogram.crs import NO_CRS, map_units
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
@@ -42,7 +42,7 @@ def write_geotiff(
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a
     raster in memory.
 
-    Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written,
+    Raises FrameError where ``crs`` is no map grid, WorkspaceError where the file cannot be written,
     ValueError where a cell holds NODATA as its value.
     """
     grid = MapGrid.of(raster)
@@ -67,10 +67,11 @@ def _cell_size(path: Path, transform: Affine, rows: int, columns: int) -> float:
 
 def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     """Return the raster of a GeoTIFF of one band, NaN where it has no data, and its CRS as EPSG:… or, where it has no
-    such number, as WKT; NO_CRS where a raster in a ``local`` frame has none.
+    such number, as WKT; NO_CRS where a raster in a ``local`` frame has none. Grid and heights of a CRS in feet come
+    back in metres.
 
     Raises ProjectError where the file is missing, damaged or has several bands; FrameError where its cells are rotated
-    or not square, or its CRS is missing or no map grid in metres.
+    or not square, or its CRS is missing or no map grid.
     """
     path = Path(path)
     if not isfile(path):
@@ -104,10 +105,13 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     # the first edition of WKT knows no third axis of a map grid
     name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt(version="WKT2_2019"))
     try:
-        projected_crs(name)
+        units = map_units(name)
     except FrameError as fault:
         raise FrameError(f"raster {path}: {fault}") from fault
-    return Raster(values, float(transform.c), float(transform.f), cell_m), name
+    if units.height_m != 1.0:
+        values = (values.astype(np.float64) * units.height_m).astype(np.float32)
+    west, north = transform.c * units.plan_m, transform.f * units.plan_m
+    return Raster(values, float(west), float(north), cell_m * units.plan_m), name
 
 
 def _scaled(band: np.ma.MaskedArray[Any, Any], scale: float, offset: float) -> Float32Array:
@@ -148,23 +152,23 @@ def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
 
 
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
-    """Return what a picture file shows in a window of a grid of its own CRS: red, green, blue and alpha (rows, columns,
-    4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
+    """Return what a picture file shows in a window of a grid of its own CRS, in m: red, green, blue and alpha (rows,
+    columns, 4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
     west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
     rows, columns = window.shape
     try:
-        with (
-            rasterio.open(path, driver="GTiff") as dataset,
-            WarpedVRT(
+        with rasterio.open(path, driver="GTiff") as dataset:
+            unit_m = map_units(str(dataset.crs.to_wkt(version="WKT2_2019"))).plan_m if dataset.crs else 1.0
+            cell, west, north = (length / unit_m for length in (grid.cell_m, west, north))
+            with WarpedVRT(
                 dataset,
                 crs=dataset.crs,
-                transform=Affine(grid.cell_m, 0.0, west, 0.0, -grid.cell_m, north),
+                transform=Affine(cell, 0.0, west, 0.0, -cell, north),
                 width=columns,
                 height=rows,
                 resampling=Resampling.average,
-            ) as view,
-        ):
-            bands = view.read([1, 2, 3, 4])
+            ) as view:
+                bands = view.read([1, 2, 3, 4])
     except RasterioError as fault:
         raise ProjectError(f"picture {path}: cannot be read ({fault}): delete it and run again") from fault
     return np.ascontiguousarray(np.moveaxis(bands, 0, 2))

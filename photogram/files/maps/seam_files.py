@@ -17,7 +17,7 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import plan_of, same_plan, written_crs
+from photogram.crs import crs_label, map_units, plan_of, same_plan, written_crs
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.contour_files import NO_TIME
@@ -39,9 +39,10 @@ class NamedPolygon:
 
 
 def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: str) -> None:
-    """Write a rim and its seams, in the plan of ``crs``, as a GeoPackage; whole or not at all.
+    """Write a rim and its seams, in the plan of ``crs`` and its unit, as a GeoPackage; whole or not at all. Areas are
+    in m² always.
 
-    The same polygons give the same bytes. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError
+    The same polygons give the same bytes. Raises FrameError where ``crs`` is no map grid, WorkspaceError
     where the file cannot be written.
     """
     written = None if written_crs(crs) is None else plan_of(crs)
@@ -50,10 +51,12 @@ def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: s
         warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
         file = folder / "outline.gpkg"
-        polygons = np.array([seam.polygon for seam in seams], dtype=object)
+        unit_m = map_units(crs).plan_m
+        polygons = np.array([_scaled(seam.polygon, 1.0 / unit_m) for seam in seams], dtype=object)
         names = np.array([seam.photograph for seam in seams], dtype=object)
         area = np.array([seam.polygon.area for seam in seams])
-        parts = np.array([rim if rim.geom_type == "MultiPolygon" else shapely.MultiPolygon([rim])], dtype=object)
+        whole = _scaled(rim, 1.0 / unit_m)
+        parts = np.array([whole if whole.geom_type == "MultiPolygon" else shapely.MultiPolygon([whole])], dtype=object)
         try:
             pyogrio.raw.write(
                 file, geometry=shapely.to_wkb(parts), field_data=[np.array([rim.area])], fields=["area_m2"],
@@ -83,14 +86,15 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
     expected = written_crs(crs)
     if expected is not None and written is not None and not same_plan(written, crs):
         raise ProjectError(
-            f"seams {path}: their CRS is not that of the project, {plan_of(crs)}: "
-            f"reproject the layer (ogr2ogr -t_srs {plan_of(crs)} OUT.gpkg {path.name})"
+            f"seams {path}: their CRS is not that of the project, {crs_label(plan_of(crs))}: "
+            f"reproject the layer (ogr2ogr -t_srs {crs_label(plan_of(crs))} OUT.gpkg {path.name})"
         )
     known = {name.casefold(): name for name in names}
     known |= {
         Path(name).stem.casefold(): name for name in names if _stems(names).count(Path(name).stem.casefold()) == 1
     }
     found, faults = [], []
+    unit_m = map_units(crs).plan_m
     for number, (shape, name) in enumerate(zip(shapely.from_wkb(geometry).tolist(), photograph, strict=True), 1):
         where = f"polygon {number}"
         if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
@@ -100,12 +104,17 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
         elif str(name or "").casefold() not in known:
             faults.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
         else:
-            found.append(NamedPolygon(known[str(name).casefold()], shapely.force_2d(shape)))
+            found.append(NamedPolygon(known[str(name).casefold()], _scaled(shapely.force_2d(shape), unit_m)))
     faults += _overlaps(found)
     if faults:
         more = f" (and {len(faults) - 3} more)" if len(faults) > 3 else ""
         raise ProjectError(f"seams {path}, layer {layer}: {'; '.join(faults[:3])}{more}")
     return found
+
+
+def _scaled(shape: Geometry, factor: float) -> Geometry:
+    """Return a geometry with its coordinates times a factor."""
+    return shape if factor == 1.0 else shapely.transform(shape, lambda place: place * factor)
 
 
 def _stems(names: Sequence[str]) -> list[str]:

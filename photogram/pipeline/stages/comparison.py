@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.crs import NO_CRS
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import write_json
@@ -20,10 +21,10 @@ from photogram.quality.cloud_comparison import compare, triangulate
 from photogram.survey import PointCloud, Raster
 
 
-def read_reference(path: Path) -> Raster | PointCloud:
-    """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ. Raises ProjectError when it cannot be
-    read."""
-    return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path)
+def read_reference(path: Path, crs: str = NO_CRS) -> Raster | PointCloud:
+    """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ, whose units are those of ``crs`` where it
+    names no CRS itself. Raises ProjectError when it cannot be read."""
+    return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path, crs)
 
 
 def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raster | PointCloud:
@@ -46,7 +47,7 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
     if run.project.reference is not None:
-        given = _with_map_heights(run.project, read_reference(run.project.reference))
+        given = _with_map_heights(run.project, read_reference(run.project.reference, run.project.product_crs))
         reference = triangulate(given) if isinstance(given, PointCloud) else given
         for name in ("linear_2view", "linear_3view", "adjusted"):
             cloud = run.cloud(name)

@@ -26,6 +26,7 @@ from photogram.files.clouds.dense_points import (
     write_dense_laz,
 )
 from photogram.files.clouds.points import NO_DATE
+from photogram.files.maps.cogs import CATEGORY_SUFFIX
 from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
@@ -99,7 +100,9 @@ def copy_products(run: Run, results: Path) -> list[str]:
     """Copy what the stages of surfaces have made into the folder of results; returns the names."""
     names = []
     for stage, files in PRODUCTS.items():
-        for name in files:
+        # what the keys of a GeoTIFF cannot hold stands beside it
+        beside = [name + CATEGORY_SUFFIX for name in files if name.endswith(".tif")]
+        for name in dict.fromkeys((*files, *beside)):
             if run.workspace.has(stage, name):
                 made = run.workspace.file(stage, name)
                 with replacing(results / name) as partial:

@@ -128,9 +128,9 @@ def _clouds(outcome: _Outcome) -> list[str]:
     created = flight_date(outcome.run.notes(), outcome.result.block.poses)
     for name in CLOUDS:
         cloud = outcome.run.cloud(name)
-        decimals = 5 if outcome.run.project.crs == NO_CRS else 3
-        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud, decimals)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, outcome.run.project.product_crs, created)
+        crs = outcome.run.project.product_crs
+        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud, 5 if crs == NO_CRS else 3, crs)
+        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, crs, created)
         products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
     return products
 

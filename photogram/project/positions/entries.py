@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, projected_crs
+from photogram.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, product_crs, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
 from photogram.files.tables.position_tables import read_positions
-from photogram.frames import map_from_crs
+from photogram.frames import map_from_crs, map_from_unit
 from photogram.gnss import Sigma3, Solution
 from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located
@@ -234,7 +234,8 @@ def _placed(
         return None
     try:
         swapped = given[:, [1, 0, 2]]
-        turned = swapped if crs == target else map_from_crs(crs, plan_of(target), swapped)
+        own = product_crs(target, heights)
+        turned = map_from_unit(own, swapped) if crs == target else map_from_crs(crs, plan_of(target), swapped)
     except FrameError:
         turned = np.full_like(place, np.nan)
     return place, turned, system

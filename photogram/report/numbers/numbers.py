@@ -21,7 +21,7 @@ from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.report.numbers.verdicts import NO_BLUNDERS, FoundBlunders, control_test, control_verdict
-from photogram.report.record.block import AdjustmentRecord, BlockRecord, CameraRecord, OverlapRecord
+from photogram.report.record.block import AdjustmentRecord, BlockRecord, CameraRecord, OverlapRecord, WorldRecord
 from photogram.report.record.ground import AxisRole, BlunderRecord, CheckPointsRecord, GroundPointRecord, MarkRecord
 from photogram.report.record.photographs import (
     OrientedPhotograph,
@@ -431,6 +431,23 @@ def cloud_numbers(clouds: Mapping[str, PointCloud], comparisons: Mapping[str, Co
     return {name: _cloud(cloud, comparisons.get(name)) for name, cloud in clouds.items()}
 
 
+def world_numbers(result: Adjustment) -> WorldRecord:
+    """Return the frame of the adjustment; of a map its units and, at the middle of the tie points, its scale."""
+    frame, ties = result.block.frame, result.block.tie_points
+    record: WorldRecord = {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)}
+    if frame.is_local:
+        return record
+    units = frame.units
+    record["units"] = {
+        "plan": units.plan, "plan_m": units.plan_m, "height": units.height, "height_m": units.height_m,
+    }  # fmt: skip
+    if len(ties.position_world_m):
+        middle = frame.map_from_world(np.median(ties.position_world_m, axis=0)[None])[0]
+        scale = frame.combined_scale(middle)
+        record["scale_factors"] = {"grid": scale.grid, "height": scale.height, "combined": scale.combined}
+    return record
+
+
 def report_numbers(
     result: Adjustment,
     orientation: Orientation,
@@ -460,7 +477,7 @@ def report_numbers(
     return {
         "photogram": version,
         "crs": frame.crs,
-        "world": {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)},
+        "world": world_numbers(result),
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
         "cameras": camera_numbers(result, held, sources, found.focal_lengths),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
@@ -20,7 +20,32 @@ from photogram.report.record.units import (
     SquareMetres,
 )
 
+Scale = Annotated[float, Field(gt=0, lt=10)]
 _Format = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class UnitsRecord(TypedDict):
+    """The units of the map, in which files give coordinates; report.json is in metres whatever they are."""
+
+    plan: str
+    """Unit of easting and northing."""
+    plan_m: Scale
+    """That unit in metres."""
+    height: str
+    """Unit of heights."""
+    height_m: Scale
+    """That unit in metres."""
+
+
+class ScaleFactorsRecord(TypedDict):
+    """A short length on the map over that on the ground, at the middle of the tie points."""
+
+    grid: Scale
+    """On the map over that on the ellipsoid."""
+    height: Scale
+    """On the ellipsoid over that on the ground."""
+    combined: Scale
+    """The product of both."""
 
 
 class WorldRecord(TypedDict):
@@ -28,6 +53,8 @@ class WorldRecord(TypedDict):
 
     kind: Literal["tangent", "grid"]
     origin_map_m: Position
+    units: NotRequired[UnitsRecord]
+    scale_factors: NotRequired[ScaleFactorsRecord]
 
 
 class OverlapRecord(TypedDict):

@@ -189,7 +189,11 @@ class Panel {
   three(values, digits = 3) { return values.map(value => minus(value.toFixed(digits))).join("\u2002"); }
 
   coordinates(position) {
-    return ["Easting", "Northing", "Height"].map((name, k) => [name, this.metres(position[k])]);
+    const { units } = this.view.scene, feet = { "US survey foot": "ftUS", foot: "ft" };
+    return ["Easting", "Northing", "Height"].map((name, k) => {
+      const [unit, length] = k < 2 ? [units.plan, units.plan_m] : [units.height, units.height_m];
+      return [name, length === 1 ? this.metres(position[k]) : `${minus((position[k] / length).toFixed(this.digits))} ${feet[unit] ?? unit}`];
+    });
   }
 
   sayChosen(thing) {

@@ -1,0 +1,132 @@
+"""The CRS of a project file taken from files of WKT, and its list of positions brought from the CRS's units to m."""
+
+from __future__ import annotations
+
+from os.path import isfile  # false, not an exception, for a name that cannot be
+from pathlib import Path
+
+import numpy as np
+
+from photogram.crs import NO_CRS, MapUnits, map_units, product_crs
+from photogram.errors import FrameError
+from photogram.height_systems import DeclaredHeights
+from photogram.project.document import Document, Key
+from photogram.project.schema import ProjectFile
+from photogram.wording import shortened
+
+WKT_SUFFIXES = (".wkt", ".wkt2", ".prj")
+MOST_BYTES = 100_000
+
+Place = tuple[float, float, float]
+
+
+def crs_of_file(path: Path) -> str:
+    """Return the CRS that a file of WKT holds. Raises FrameError where it cannot be read."""
+    if not isfile(path):
+        raise FrameError(f"file {path} not found: give the path of a CRS as WKT, relative to this file")
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            raise FrameError(f"{path} has more than {MOST_BYTES // 1000} kB, which is no CRS: give a file of WKT")
+        return " ".join(text.decode("utf-8-sig").split())
+    except OSError as fault:
+        raise FrameError(f"{path} cannot be read ({fault.strerror}): give a file of WKT") from fault
+    except UnicodeDecodeError as fault:
+        raise FrameError(f"{path} is not text: give a file of WKT") from fault
+
+
+def _read(document: Document, key: Key, written: str | None, base: Path) -> str | None:
+    if written is None or Path(written).suffix.lower() not in WKT_SUFFIXES or "[" in written:
+        return written
+    try:
+        return crs_of_file(base / written)
+    except FrameError as fault:
+        document.fault(key, str(fault))
+        return None
+
+
+def with_read_crs(document: Document, file: ProjectFile, base: Path) -> ProjectFile:
+    """Return the file with the text of each CRS that it names by the path of a file of WKT, from ``base``. A file that
+    cannot be read is noted."""
+    points = [
+        entry.model_copy(update={"crs": _read(document, ("control_points", "files", i, "crs"), entry.crs, base)})
+        for i, entry in enumerate(file.control_points.files)
+    ]
+    positions = [
+        entry.model_copy(update={"crs": _read(document, ("photographs", "positions", i, "crs"), entry.crs, base)})
+        for i, entry in enumerate(file.photographs.positions)
+    ]
+    return file.model_copy(
+        update={
+            "crs": _read(document, ("crs",), file.crs, base),
+            "control_points": file.control_points.model_copy(update={"files": points}),
+            "photographs": file.photographs.model_copy(update={"positions": positions}),
+        }
+    )
+
+
+def with_listed_in_metres(document: Document, file: ProjectFile, heights: DeclaredHeights) -> ProjectFile:
+    """Return the file with the positions that it lists in the units of its CRS, ``position`` and ``gnss``, in metres,
+    as ``position_m`` and ``gnss_m``.
+
+    Noted are a CRS in feet that leaves open what heights are in, a position that is given both ways, and one in metres
+    beside a CRS that does not count metres, where it would be neither.
+    """
+    try:
+        units = None if file.crs is None else _units(file.crs, heights)
+        if units is not None and not units.is_metric and heights.output is None:
+            document.fault(("crs",), _without_heights(str(file.crs), units))
+    except FrameError:
+        units = None  # noted where the project names its CRS
+    points = [
+        entry.model_copy(
+            update={
+                "position_m": _in_metres(
+                    document, ("control_points", "list", i), "position", entry.position, entry.position_m, units
+                )
+            }
+        )
+        for i, entry in enumerate(file.control_points.list)
+    ]
+    listed = file.photographs.list
+    photographs = listed and [
+        entry.model_copy(
+            update={"gnss_m": _in_metres(document, ("photographs", "list", i), "gnss", entry.gnss, entry.gnss_m, units)}
+        )
+        for i, entry in enumerate(listed)
+    ]
+    return file.model_copy(
+        update={
+            "control_points": file.control_points.model_copy(update={"list": points}),
+            "photographs": file.photographs.model_copy(update={"list": photographs}),
+        }
+    )
+
+
+def _units(crs: str, heights: DeclaredHeights) -> MapUnits:
+    return map_units(crs if crs == NO_CRS else product_crs(crs, heights))
+
+
+def _without_heights(crs: str, units: MapUnits) -> str:
+    return (
+        f"{shortened(crs)} is in {units.plan} and leaves open what heights are in: add its vertical CRS "
+        "(EPSG:2263+6360 has NAVD88 heights in US survey feet, EPSG:2263+5703 in metres), or heights: ellipsoidal, "
+        "which then are in the unit of the plan"
+    )
+
+
+def _in_metres(
+    document: Document, key: Key, name: str, given: Place | None, metric: Place | None, units: MapUnits | None
+) -> Place | None:
+    if given is not None and metric is not None:
+        document.fault((*key, name), f"is given here and as {name}_m: keep one of the two")
+    if units is None:
+        return metric or given
+    if metric is not None and not units.is_metric:
+        text = f"the crs is in {units.words}: write {name}, in the units of the crs"
+        document.fault((*key, f"{name}_m"), text)
+    if given is None:
+        return metric
+    easting, northing, height = (np.array(given) * units.factors).tolist()
+    return easting, northing, height
