@@ -35,6 +35,7 @@ class Commands(TyperGroup):
     ORDER = (
         "demo",
         "plan",
+        "calibrate-site",
         "init",
         "import",
         "mark",

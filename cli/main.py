@@ -8,6 +8,7 @@ from photogram.cli.app import CommandError, app
 from photogram.cli.commands import (
     adjust,  # noqa: F401 - they register
     audit,  # noqa: F401 - they register
+    calibrate_site,  # noqa: F401 - they register
     check,  # noqa: F401 - they register
     compare,  # noqa: F401 - they register
     demo,  # noqa: F401 - they register

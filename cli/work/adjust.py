@@ -8,11 +8,11 @@ from pathlib import Path
 import typer
 from rich.markup import escape
 
+from photogram.cli.early_kernels import compiling_early
 from photogram.cli.events import EventLines
 from photogram.cli.screen.findings_table import has_errors
 from photogram.cli.screen.terminal import console
 from photogram.cli.screen.voices import voice_of
-from photogram.cli.work.early_kernels import compiling_early
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages.report_files import print_report

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from photogram.cli.early_kernels import compiling_early
 from photogram.cli.events import EventLines
 from photogram.cli.screen.report_tables import show_judgement, show_report
 from photogram.cli.screen.terminal import console
 from photogram.cli.screen.voices import say_results, voice_of
-from photogram.cli.work.early_kernels import compiling_early
 from photogram.pipeline.input_validation import predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.report.judgement import judge

@@ -93,11 +93,7 @@ def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None,
     ground = (solution.ground_points or NOBODY).position_world_m
     known = np.concatenate([measured, ground])
     known = known[np.isfinite(known).all(axis=1)]
-    if crs is None or not len(known):
-        return crs, measured, ground
-    if not is_geographic(crs):
-        if crs != NO_CRS:
-            metric_only(crs)
+    if crs is None or not len(known) or not is_geographic(crs):
         return crs, measured, ground
     largest = np.abs(known[:, :2]).max(axis=0)
     if largest[0] > 360.0 or largest[1] > 90.0:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from photogram.cli.work import early_kernels
+from photogram.cli import early_kernels
 from photogram.pipeline.costs.forecast import compiled_share
 
 ASLEEP = (sys.executable, "-c", "import time; time.sleep(600)")

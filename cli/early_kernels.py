@@ -28,7 +28,7 @@ from photogram.simulation.observations import simulate_block
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 
-COMMAND = (sys.executable, "-P", "-m", "photogram.cli.work.early_kernels")  # -P: nothing is imported from the survey
+COMMAND = (sys.executable, "-P", "-m", "photogram.cli.early_kernels")  # -P: nothing is imported from the survey
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=4, control_points=6, check_points=2, gnss_sigma_m=(2.0, 2.0, 3.0),
