@@ -58,6 +58,7 @@ __all__ = [
     "__version__",
     "adjust",
     "asprs_accuracy",
+    "calibrate_site",
     "check",
     "check_accuracy",
     "compare",
@@ -133,6 +134,7 @@ _PLACES = {
     "diagnose": "photogram.quality.diagnosis:diagnose",
     "check_accuracy": "photogram.quality.accuracy:check_accuracy",
     "asprs_accuracy": "photogram.quality.asprs:accuracy",
+    "calibrate_site": "photogram.pipeline.site_calibration:calibrate_site",
     # surfaces
     "SurfaceSettings": "photogram.surface.tin_dsm:SurfaceSettings",
     "surface_from_points": "photogram.surface.tin_dsm:surface_from_points",
@@ -196,6 +198,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.pipeline.new_project import NewProject, init
     from photogram.pipeline.opened_survey import OpenedSurvey
     from photogram.pipeline.opened_survey import open_survey as open
+    from photogram.pipeline.site_calibration import calibrate_site
     from photogram.pipeline.solution_export import export_solution
     from photogram.pipeline.solution_import import ImportedProject, import_solution
     from photogram.pipeline.view import write_view as view

@@ -132,3 +132,40 @@ def test_codes_have_colours_and_names(tmp_path: Path) -> None:
     text = (tmp_path / "view.vrt").read_text(encoding="utf-8")
     assert "<Category>hole</Category>" in text
     assert "<Category>filled</Category>" in text
+
+
+# ---- feet ------------------------------------------------------------------------------------------------------------
+
+US_FOOT = 1200.0 / 3937.0
+
+
+@pytest.mark.parametrize(
+    ("crs", "heights", "unit_m"),
+    [
+        ("EPSG:2263", DeclaredHeights("ellipsoidal"), US_FOOT),
+        ("EPSG:2222", DeclaredHeights("ellipsoidal"), 0.3048),
+        ("EPSG:2263+6360", DeclaredHeights("orthometric", geoid=Geoid("EPSG:6360")), US_FOOT),
+        ("EPSG:2222+8228", DeclaredHeights("orthometric", geoid=Geoid("EPSG:8228")), 0.3048),
+        ("EPSG:26918+6360", DeclaredHeights("orthometric", geoid=Geoid("EPSG:6360")), US_FOOT),
+        ("EPSG:2263+5703", DeclaredHeights("orthometric", geoid=Geoid("EPSG:5703")), 1.0),
+    ],
+)
+def test_a_raster_in_feet_is_read_back_in_metres(
+    tmp_path: Path, crs: str, heights: DeclaredHeights, unit_m: float
+) -> None:
+    path, grid = tmp_path / "dsm.tif", MapGrid(300_000.0, 60_000.0, 0.5, 40, 50)
+    values = np.random.default_rng(0).uniform(10.0, 90.0, (40, 50)).astype(np.float32)
+    values[3, 4] = np.nan
+    write_cog(path, grid, product_crs(crs, heights), [(grid.whole, values)])
+    assert list(tmp_path.iterdir()) == [path]
+    plan_m = 1.0 if crs.startswith("EPSG:26918") else US_FOOT if crs.startswith("EPSG:2263") else 0.3048
+    with rasterio.open(path) as dataset:
+        assert dataset.transform.a * plan_m == pytest.approx(0.5, rel=1e-12)
+        assert dataset.read(1)[0, 0] * unit_m == pytest.approx(values[0, 0], rel=1e-6)
+        found = pyproj.CRS.from_wkt(dataset.crs.to_wkt())
+        assert found.axis_info[0].unit_conversion_factor == pytest.approx(plan_m)
+        assert found.axis_info[-1].unit_conversion_factor == pytest.approx(unit_m)
+    raster, _ = read_raster(path)
+    assert raster.cell_m == pytest.approx(0.5, rel=1e-12)
+    assert (raster.west_map_m, raster.north_map_m) == pytest.approx((300_000.0, 60_000.0), abs=1e-6)
+    np.testing.assert_allclose(raster.values, values, rtol=3e-7)

@@ -9,9 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.crs import WGS84, changes_datum, crs_of_wkt, datum_change, is_geographic, middle_deg
+from photogram.crs import (
+    WGS84,
+    changes_datum,
+    crs_in_metres,
+    crs_in_words,
+    crs_of_wkt,
+    datum_change,
+    is_geographic,
+    map_units,
+    metric_crs,
+    metric_only,
+    middle_deg,
+    product_crs,
+)
 from photogram.errors import FrameError
-from photogram.frames import geodetic_from_map, map_from_crs, map_from_geodetic
+from photogram.frames import LocalFrame, geodetic_from_map, map_from_crs, map_from_geodetic
+from photogram.height_systems import DeclaredHeights, Geoid
 
 GRID = str(Path(__file__).parents[1] / "data/BETA2007.gsb")
 
@@ -145,3 +159,66 @@ def test_a_crs_is_known_by_its_code(wkt: str, expected: str | None) -> None:
 )  # fmt: skip
 def test_whether_a_crs_is_geographic(crs: str, expected: bool) -> None:
     assert is_geographic(crs) is expected
+
+
+# ---- feet ------------------------------------------------------------------------------------------------------------
+
+US_FOOT = 1200.0 / 3937.0
+
+
+@pytest.mark.parametrize(
+    ("crs", "plan_m", "height_m", "words"),
+    [
+        ("EPSG:25832", 1.0, 1.0, "metre"),
+        ("EPSG:2263", US_FOOT, US_FOOT, "US survey foot"),
+        ("EPSG:2263+6360", US_FOOT, US_FOOT, "US survey foot"),
+        ("EPSG:2263+5703", US_FOOT, 1.0, "US survey foot, heights in metre"),
+        ("EPSG:26918+6360", 1.0, US_FOOT, "metre, heights in US survey foot"),
+        ("EPSG:2222+8228", 0.3048, 0.3048, "foot"),
+        ("EPSG:2314", 0.3047972654, 0.3047972654, "Clarke's foot"),
+        ("none", 1.0, 1.0, "metre"),
+    ],
+)
+def test_units_of_maps(crs: str, plan_m: float, height_m: float, words: str) -> None:
+    units = map_units(crs)
+    assert units.plan_m == pytest.approx(plan_m, rel=1e-15)
+    assert units.height_m == pytest.approx(height_m, rel=1e-15)
+    assert units.words == words
+    assert units.is_metric == (plan_m == height_m == 1.0)
+
+
+@pytest.mark.parametrize(("feet", "metres"), [("EPSG:2263", "EPSG:32118"), ("EPSG:2222", "EPSG:26948")])
+def test_a_map_in_feet_is_computed_as_the_same_in_metres(feet: str, metres: str) -> None:
+    """The EPSG registry has the same State Plane zone in feet and in metres; Arizona's false origins are whole metres
+    in one and whole feet in the other."""
+    place = np.array([[-74.0, 40.7, 12.0], [-73.5, 40.9, 0.0]] if feet == "EPSG:2263" else [[-110.2, 33.0, 5.0]])
+    own, other = map_from_geodetic(feet, place), map_from_geodetic(metres, place)
+    np.testing.assert_allclose(own, other, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(geodetic_from_map(feet, own), place, rtol=0, atol=1e-11)
+    frame = LocalFrame(feet, (float(own[0, 0]), float(own[0, 1]), 0.0))
+    np.testing.assert_allclose(frame.map_from_world(frame.world_from_map(own)), own, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(frame.map_from_unit(frame.unit_from_map(own)), own, rtol=1e-15)
+    assert metric_crs(feet).axis_info[0].unit_name == "metre"
+    assert metric_crs("EPSG:25832").to_epsg() == 25832
+
+
+def test_points_of_another_crs_come_to_a_map_in_feet_in_metres() -> None:
+    given = np.array([[984250.0, 200000.0, 100.0]])
+    moved = map_from_crs("EPSG:2263+6360", "EPSG:32118", given)
+    np.testing.assert_allclose(moved, given * US_FOOT, rtol=0, atol=1e-6)
+    back = map_from_crs("EPSG:32118", "EPSG:2263", moved)
+    np.testing.assert_allclose(back, moved, rtol=0, atol=1e-6)
+
+
+def test_products_name_their_units() -> None:
+    ellipsoidal = DeclaredHeights("ellipsoidal")
+    assert map_units(product_crs("EPSG:2263", ellipsoidal)).height == "US survey foot"
+    assert crs_in_words("EPSG:2263", ellipsoidal) == "EPSG:2263, heights above the ellipsoid, in US survey foot"
+    orthometric = DeclaredHeights("orthometric", geoid=Geoid("EPSG:5703"))
+    assert product_crs("EPSG:2263", orthometric) == "EPSG:2263+5703"
+    assert crs_in_words("EPSG:25832", ellipsoidal) == "EPSG:25832, heights above the ellipsoid"
+    assert crs_in_metres("EPSG:25832") == "EPSG:25832"
+    assert crs_in_metres("EPSG:2263") == "EPSG:32118", "the same zone, which the registry has in metres too"
+    assert "in metres" in crs_in_metres("+proj=tmerc +lat_0=40 +lon_0=-74 +units=us-ft +datum=NAD83 +type=crs")
+    with pytest.raises(FrameError, match="is in US survey foot: choose a map grid in metres"):
+        metric_only("EPSG:2263")

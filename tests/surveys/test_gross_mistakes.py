@@ -333,8 +333,8 @@ def test_standard_deviations_of_nothing_and_less(tiny: Tiny, sigma_m: float) -> 
 @pytest.mark.parametrize(
     ("crs", "words"),
     [
-        ("EPSG:4326", "'EPSG:4326' (WGS 84) is not a projected CRS: choose a map grid in metres"),
-        ("EPSG:2229", "is in US survey foot: choose a map grid in metres"),
+        ("EPSG:4326", "'EPSG:4326' (WGS 84) is not a projected CRS: choose a map grid, for example"),
+        ("EPSG:2229", "the crs is in US survey foot: write position, in the units of the crs"),
         ("EPSG:99999", "'EPSG:99999': not a CRS known to PROJ"),
     ],
 )

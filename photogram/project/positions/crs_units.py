@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
@@ -79,26 +80,21 @@ def with_listed_in_metres(document: Document, file: ProjectFile, heights: Declar
             document.fault(("crs",), _without_heights(str(file.crs), units))
     except FrameError:
         units = None  # noted where the project names its CRS
-    points = [
-        entry.model_copy(
-            update={
-                "position_m": _in_metres(
-                    document, ("control_points", "list", i), "position", entry.position, entry.position_m, units
-                )
-            }
-        )
-        for i, entry in enumerate(file.control_points.list)
-    ]
     listed = file.photographs.list
+    surveyed = [(p.position, p.position_m) for p in file.control_points.list]
+    measured = [(p.gnss, p.gnss_m) for p in listed or ()]
+    points = _all_in_metres(document, ("control_points", "list"), "position", surveyed, units)
+    gnss = _all_in_metres(document, ("photographs", "list"), "gnss", measured, units)
+    control = [
+        entry.model_copy(update={"position_m": place})
+        for entry, place in zip(file.control_points.list, points, strict=True)
+    ]
     photographs = listed and [
-        entry.model_copy(
-            update={"gnss_m": _in_metres(document, ("photographs", "list", i), "gnss", entry.gnss, entry.gnss_m, units)}
-        )
-        for i, entry in enumerate(listed)
+        entry.model_copy(update={"gnss_m": place}) for entry, place in zip(listed, gnss, strict=True)
     ]
     return file.model_copy(
         update={
-            "control_points": file.control_points.model_copy(update={"list": points}),
+            "control_points": file.control_points.model_copy(update={"list": control}),
             "photographs": file.photographs.model_copy(update={"list": photographs}),
         }
     )
@@ -116,17 +112,26 @@ def _without_heights(crs: str, units: MapUnits) -> str:
     )
 
 
-def _in_metres(
-    document: Document, key: Key, name: str, given: Place | None, metric: Place | None, units: MapUnits | None
-) -> Place | None:
-    if given is not None and metric is not None:
-        document.fault((*key, name), f"is given here and as {name}_m: keep one of the two")
+def _all_in_metres(
+    document: Document, key: Key, name: str, places: Sequence[tuple[Place | None, Place | None]], units: MapUnits | None
+) -> list[Place | None]:
+    """Return places in metres, of places in the units of the CRS and in metres; what is in metres beside a CRS in feet
+    is noted once for a whole list, and left out."""
+    twice = [i for i, (given, metric) in enumerate(places) if given is not None and metric is not None]
+    for i in twice:
+        document.fault((*key, i, name), f"is given here and as {name}_m: keep one of the two")
     if units is None:
-        return metric or given
-    if metric is not None and not units.is_metric:
-        text = f"the crs is in {units.words}: write {name}, in the units of the crs"
-        document.fault((*key, f"{name}_m"), text)
+        return [metric or given for given, metric in places]
+    metres = [i for i, (_, metric) in enumerate(places) if metric is not None and not units.is_metric]
+    if metres:
+        more = f", and the {len(metres) - 1} others in metres too" if len(metres) > 1 else ""
+        text = f"the crs is in {units.words}: write {name}, in the units of the crs{more}"
+        document.fault((*key, metres[0], f"{name}_m"), text)
+    return [_in_metres(given, units) or (metric if units.is_metric else None) for given, metric in places]
+
+
+def _in_metres(given: Place | None, units: MapUnits) -> Place | None:
     if given is None:
-        return metric
+        return None
     easting, northing, height = (np.array(given) * units.factors).tolist()
     return easting, northing, height
