@@ -14,12 +14,15 @@ from pyproj.crs import ProjectedCRS
 from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 from rio_cogeo import cog_validate
 
-from photogram.crs import height_system_of, product_crs
+from photogram.crs import height_system_of, plan_of, product_crs
 from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
 from photogram.files.maps.geo_keys import set_vertical_key
-from photogram.files.maps.rasters import read_raster
-from photogram.grid import MapGrid
+from photogram.files.maps.rasters import picture_on_grid, read_raster
+from photogram.grid import MapGrid, Window
 from photogram.height_systems import DeclaredHeights, Geoid
+from photogram.local_grids.calibration import HeightFit, PlaneSimilarity
+from photogram.local_grids.definition import UNITS, local_grid
+from photogram.local_grids.tested_fit import fit
 
 LOCAL = ProjectedCRS(TransverseMercatorConversion(50.0, 9.0), "grid of the site", geodetic_crs="EPSG:4258").to_wkt()
 PLACES = {
@@ -169,3 +172,45 @@ def test_a_raster_in_feet_is_read_back_in_metres(
     assert raster.cell_m == pytest.approx(0.5, rel=1e-12)
     assert (raster.west_map_m, raster.north_map_m) == pytest.approx((300_000.0, 60_000.0), abs=1e-6)
     np.testing.assert_allclose(raster.values, values, rtol=3e-7)
+
+
+# ---- local grids -----------------------------------------------------------------------------------------------------
+
+SIMILARITY = PlaneSimilarity(np.array([5000.0, 1000.0]), 0.3, 1.00012)
+PLANE = HeightFit(np.array([9.5, 52.3]), -36.5, 4e-5, -7e-5, np.zeros(3), fit(np.ones((1, 1)), np.zeros(1), np.ones(1)))
+
+
+@pytest.mark.parametrize("given_map", [None, "EPSG:25832"])
+@pytest.mark.parametrize("height", [None, PLANE])
+def test_rasters_of_a_local_grid_have_their_whole_crs_beside_them(
+    tmp_path: Path, given_map: str | None, height: HeightFit | None
+) -> None:
+    crs = local_grid("Site", "EPSG:4258", np.array([9.5, 52.3]), SIMILARITY, height, UNITS["m"], given_map)
+    grid = MapGrid(4900.0, 1100.0, 0.5, 300, 280)
+    picture = np.full((grid.rows, grid.columns, 4), 200, np.uint8)
+    codes = (Category(1, "measured", (1, 2, 3)),)
+    values = np.full((grid.rows, grid.columns), 7.5, np.float32)
+    write_cog(tmp_path / "dsm.tif", grid, crs, [(grid.whole, values)])
+    write_cog_codes(tmp_path / "source.tif", grid, crs, [(grid.whole, picture[..., 0])], categories=codes)
+    write_cog_rgba(tmp_path / "picture.tif", grid, plan_of(crs), [(grid.whole, picture)])
+    in_keys = given_map is None
+    whole = in_keys and height is None
+    assert (tmp_path / "dsm.tif.aux.xml").exists() != whole
+    assert (tmp_path / "picture.tif.aux.xml").exists() != in_keys
+    expected = pyproj.CRS.from_wkt(crs)
+    raster, name = read_raster(tmp_path / "dsm.tif")
+    assert pyproj.CRS.from_wkt(name).equals(expected) or whole
+    assert (raster.west_map_m, raster.cell_m, float(raster.values.max())) == (4900.0, 0.5, 7.5)
+    there = [
+        pyproj.Transformer.from_crs("EPSG:4258", pyproj.CRS(n), always_xy=True).transform(9.51, 52.31)[:2]
+        for n in (name, crs)
+    ]
+    assert there[0] == pytest.approx(there[1], abs=1e-6)
+    shown = picture_on_grid(tmp_path / "picture.tif", grid, Window(10, 20, 30, 40))
+    assert shown.shape == (20, 20, 4)
+    assert shown.min() == shown.max() == 200
+    with rasterio.open(tmp_path / "source.tif") as dataset:
+        assert dataset.read(1).max() == 200
+        assert dataset.crs
+    with rasterio.Env(GDAL_GEOREF_SOURCES="INTERNAL"), rasterio.open(tmp_path / "dsm.tif") as dataset:
+        assert bool(dataset.crs) == in_keys

@@ -225,3 +225,15 @@ def test_known_codes_stay_codes() -> None:
     assert product_crs(UTM, SYSTEMS["DVR90"][0]) == "EPSG:7416"
     assert product_crs(UTM, SYSTEMS["EGM96"][0]) == "EPSG:25832+5773"
     assert product_crs(UTM, DeclaredHeights()) == UTM
+
+
+def test_a_geoid_whose_network_counts_feet(sloping_geoid: Any) -> None:
+    """The CRS names the network and its unit, the file gives its heights, in metres as all such files."""
+    crs = "+proj=utm +zone=32 +ellps=GRS80 +units=us-ft +type=crs"
+    frame = LocalFrame(crs, (600_000.0, 5_790_000.0, 0.0), "tangent", Geoid("EPSG:6360", sloping_geoid.path))
+    assert frame.units.height == frame.units.plan == "US survey foot"
+    points = np.array([[600_100.0, 5_790_100.0, 25.0], [600_900.0, 5_789_500.0, 60.0]])
+    expected = sloping_geoid.at("EPSG:25832", points)
+    np.testing.assert_allclose(frame.geoid_height_m(points), expected, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(frame.map_from_world(frame.world_from_map(points)), points, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(frame.unit_from_map(points) * (1200.0 / 3937.0), points, rtol=1e-12)
