@@ -107,10 +107,12 @@ class ShapePrecision:
 class Surface:
     """A DSM, the standard deviations of its heights as far as the measurement goes, and how far it is off between
     points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest.
-    ``relative`` are the standard deviations without the datum's part, None where they are not known."""
+    ``own`` are the standard deviations by the rays alone, which neighbours do not share, ``relative`` those without the
+    datum's part, None where they are not known."""
 
     heights: Raster
     sigma: Raster
+    own: Raster
     held_out_m: FloatArray
     relative: Raster | None = None
 
@@ -154,7 +156,7 @@ def surface_with_sigma(
     shape: ShapePrecision | None = None,
 ) -> Surface:
     """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid;
-    with a ``shape`` those without the datum's part too.
+    and of what they owe to the rays alone; with a ``shape`` those without the datum's part too.
 
     With barycentric weights w of the three corners and the normal n = (−∂h/∂E, −∂h/∂N, 1) of their triangle, the height
     at a fixed place has the variance Σ w² nᵀ Σ_rays n + (Σ w √(nᵀ Σ_cameras n))²: the corners' own errors average out,
@@ -164,13 +166,14 @@ def surface_with_sigma(
     settings = settings or SurfaceSettings()
     triangles = _triangulated(cloud, settings)
     own = precision.select(triangles.kept)
-    rules = [_height_rule(triangles), _sigma_rule(triangles, own)]
+    alone = PointPrecision(own.rays_m2, np.zeros_like(own.cameras_m2))
+    rules = [_height_rule(triangles), _sigma_rule(triangles, own), _sigma_rule(triangles, alone)]
     if shape is not None:
         places = cloud.position_map_m[triangles.kept]
         rules.append(_sigma_rule(triangles, PointPrecision(own.rays_m2, shape.at(places))))
-    heights, deviations, *relative = _rasters(triangles, rules)
+    heights, deviations, scatter, *relative = _rasters(triangles, rules)
     held_out = _held_out_m(triangles.points_m, settings.maximum_gap_m)
-    return Surface(heights, deviations, held_out, relative[0] if relative else None)
+    return Surface(heights, deviations, scatter, held_out, relative[0] if relative else None)
 
 
 def _sigma_rule(triangles: _Triangles, precision: PointPrecision) -> Rule:

@@ -409,6 +409,12 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
         assert raster.descriptions == ("standard deviation of the height relative to the survey's mean height, without "
                                        "the datum",)  # fmt: skip
     np.testing.assert_array_equal(relative.mask, sigma.mask)
+    with rasterio.open(results / "dsm_sigma_own.tif") as raster:
+        scatter = raster.read(1, masked=True)
+        assert "without what neighbours share" in raster.descriptions[0]
+    np.testing.assert_array_equal(scatter.mask, sigma.mask)
+    assert np.all(scatter.compressed() <= sigma.compressed())
+    assert np.all(scatter.compressed() <= relative.compressed())
     assert dsm["relative_sigma_m"]["median"] == pytest.approx(np.median(relative.compressed()), rel=1e-6)
     datum = dsm["datum_sigma_m"]
     assert all(0 < datum[axis] < 1 for axis in ("easting", "northing", "height"))

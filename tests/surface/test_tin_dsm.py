@@ -237,6 +237,8 @@ def test_relative_standard_deviations_have_the_shape_in_place_of_the_cameras() -
     assert surface.relative is not None
     assert alone.relative is None
     np.testing.assert_allclose(surface.relative.values, alone.sigma.values, rtol=1e-6)
+    nothing_shared = surface_with_sigma(cloud, precision_of(own, np.zeros_like(own)), settings)
+    np.testing.assert_allclose(surface.own.values, nothing_shared.sigma.values, rtol=1e-6)
     assert np.nanmin(surface.sigma.values) > 10.0
 
 

@@ -34,7 +34,9 @@ from photogram.surface.dense.semi_global import regularised
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 BLOCK_CELLS, CELL_M = 96, 0.15
 OWN_NOTES = ("stage.json", "files.sha256", "made-by-photogram.txt")
-SURFACES = ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.tif", "dsm_source.tif")
+SURFACES = (
+    "dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dsm_sigma_relative.tif", "dsm_sigma_own.tif", "dsm_source.tif",
+)  # fmt: skip
 
 KILLED = f"""
 import os, signal, sys

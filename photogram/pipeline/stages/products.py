@@ -32,7 +32,7 @@ from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
-from photogram.pipeline.stages.surface import RELATIVE_SIGMA_FILE, matched, surface_layers
+from photogram.pipeline.stages.surface import OWN_SIGMA_FILE, RELATIVE_SIGMA_FILE, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -72,6 +72,7 @@ PRODUCTS = {
         "dsm.tif",
         "dsm_sigma.tif",
         RELATIVE_SIGMA_FILE,
+        OWN_SIGMA_FILE,
         "dsm_filled.tif",
         "dsm_source.tif",
         "dsm_source.tif.aux.xml",

@@ -49,7 +49,9 @@ from photogram.survey import Raster
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
 RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
 RELATIVE_SIGMA_FILE = "dsm_sigma_relative.tif"
-"""Descriptions of the bands of `dsm.tif`, `dsm_sigma.tif` and RELATIVE_SIGMA_FILE."""
+OWN_SIGMA = "standard deviation of the height by the noise of its own, without what neighbours share"
+OWN_SIGMA_FILE = "dsm_sigma_own.tif"
+"""Descriptions of the bands of `dsm.tif`, `dsm_sigma.tif`, RELATIVE_SIGMA_FILE and OWN_SIGMA_FILE."""
 
 TILE_CELLS = 1024
 FILL_CELLS, MOST_FILL_CELLS = 25, 100
@@ -178,6 +180,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
         ("dsm.tif", "height", crs, HEIGHT),
         ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
         ("dsm_sigma.tif", "sigma", plan, SIGMA),
+        (OWN_SIGMA_FILE, "own", plan, OWN_SIGMA),
         *([] if len(modelling.shared) == 1 else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
     ):
         write_cog(folder / name, grid, of, _layer(store, layer), description=description, note=note)
@@ -312,6 +315,7 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     raster, note = surface.heights, site.note
     write_geotiff(folder / "dsm.tif", raster, site.crs, description=HEIGHT, note=note)
     write_geotiff(folder / "dsm_sigma.tif", surface.sigma, site.plan, description=SIGMA, note=note)
+    write_geotiff(folder / OWN_SIGMA_FILE, surface.own, site.plan, description=OWN_SIGMA, note=note)
     if surface.relative is not None:
         path = folder / RELATIVE_SIGMA_FILE
         write_geotiff(path, surface.relative, site.plan, description=RELATIVE_SIGMA, note=note)
