@@ -103,6 +103,12 @@ class MapGrid:
             min(window.column_end + margin, self.columns),
         )
 
+    def common(self, window: Window) -> Window | None:
+        """Return the part of a window that lies on the grid, None where none does."""
+        row, column = max(window.row, 0), max(window.column, 0)
+        row_end, column_end = min(window.row_end, self.rows), min(window.column_end, self.columns)
+        return Window(row, column, row_end, column_end) if row < row_end and column < column_end else None
+
     def tiles(self, side: int) -> Iterator[Window]:
         """Yield windows of ``side`` × ``side`` cells, smaller at the south and east, row by row."""
         for row in range(0, self.rows, side):

@@ -42,7 +42,7 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("init",), ["PHOTOGRAPHS", "--control", "--check", "--marks", "--crs", "--project", "--picture-size"]),
         (("check",), ["PROJECT", "--photographs"]),
         (("adjust",), ["PROJECT", "--photographs", "--from", "--until", "--quiet", "--json"]),
-        (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor"]),
+        (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor", "--method", "--polygons", "--coregister"]),
         (("demo",), ["FOLDER", "--seed"]),
         (("audit",), ["SOLUTION", "--crs", "--check", "--output"]),
         (("calibrate-site",), ["PAIRS", "--crs", "--projection", "--scale", "--heights", "--sigma-plan-m", "--unit"]),

@@ -30,7 +30,6 @@ from photogram.report.figures.plan_view import (
 from photogram.report.figures.ransac_study import inliers_by_iteration, inliers_by_sample_size
 from photogram.report.figures.style import (
     _grid_means,
-    _round_up,
     _thinned,
     candidate_and_verified_matches,
     comparison_picture,
@@ -38,6 +37,7 @@ from photogram.report.figures.style import (
     new_figure,
     residual_picture,
     round_length,
+    round_up,
     save_picture,
     shaded_surface,
 )
@@ -373,5 +373,5 @@ def test_an_empty_plan_or_comparison_is_a_defect(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_round_lengths(length: float, down: float, up: float, label: str) -> None:
     assert round_length(length) == pytest.approx(down, rel=1e-12)
-    assert _round_up(length) == pytest.approx(up, rel=1e-12)
+    assert round_up(length) == pytest.approx(up, rel=1e-12)
     assert length_label(round_length(length)) == label

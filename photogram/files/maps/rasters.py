@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Any
@@ -11,20 +14,21 @@ import rasterio
 import rasterio.windows
 from numpy.typing import NDArray
 from rasterio._err import CPLE_BaseError
+from rasterio.crs import CRS
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
 from photogram.arrays import Float32Array
-from photogram.crs import NO_CRS, map_units
-from photogram.errors import FrameError, ProjectError
+from photogram.crs import METRES, NO_CRS, MapUnits, map_units
+from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 
-__all__ = ["NODATA", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
+__all__ = ["NODATA", "RasterFile", "open_raster", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
@@ -74,6 +78,52 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     or not square, or its CRS is missing or no map grid.
     """
     path = Path(path)
+    with _opened(path) as dataset:
+        band = dataset.read(1, masked=True)
+        file = _described(path, dataset, local)
+    values = _scaled(band, file.scale, file.offset)
+    return Raster(values, file.grid.west_map_m, file.grid.north_map_m, file.grid.cell_m), file.crs
+
+
+@dataclass(frozen=True)
+class RasterFile:
+    """A GeoTIFF of one band of which windows are read."""
+
+    path: Path
+    grid: MapGrid
+    """Its cells."""
+    crs: str
+    """EPSG:…, WKT or NO_CRS."""
+    scale: float = 1.0
+    """What its numbers are multiplied by to be metres."""
+    offset: float = 0.0
+    """What is added then."""
+
+    def read(self, window: Window) -> Float32Array:
+        """Return the values (rows, columns) of a window, which may reach beyond the grid: NaN there and where there is
+        no data. Raises ProjectError where the file is damaged."""
+        values = np.full(window.shape, np.nan, dtype=np.float32)
+        inner = self.grid.common(window)
+        if inner is not None:
+            rows, columns = inner.shape
+            with _opened(self.path) as dataset:
+                at = rasterio.windows.Window(inner.column, inner.row, columns, rows)
+                band = dataset.read(1, window=at, masked=True)
+            values[inner.within(window)] = _scaled(band, self.scale, self.offset)
+        return values
+
+
+def open_raster(path: Path | str, *, local: bool = False) -> RasterFile:
+    """Return a GeoTIFF of one band of which windows are read. Raises as ``read_raster``, of its cells nothing."""
+    path = Path(path)
+    with _opened(path) as dataset:
+        return _described(path, dataset, local)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[rasterio.DatasetReader]:
+    """Give a GeoTIFF of one band, no larger than its file can hold. Raises ProjectError where it is missing or damaged,
+    and for what the block raises of such a file."""
     if not isfile(path):
         raise ProjectError(f"raster {path}: file not found: check its path")
     try:
@@ -84,21 +134,31 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
                 raise ProjectError(
                     f"raster {path}: {dataset.count} bands, one is expected: extract it (gdal_translate -b 1 IN OUT)"
                 )
-            transform, crs = dataset.transform, dataset.crs
-            band = dataset.read(1, masked=True)
-            scale, offset = dataset.scales[0], dataset.offsets[0]
-    except ProjectError:
+            yield dataset
+    except PhotogramError:
         raise
     except DAMAGE as fault:
         words = " ".join(str(fault).split())
         raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from fault
+
+
+def _described(path: Path, dataset: rasterio.DatasetReader, local: bool) -> RasterFile:
+    """Return the grid and the CRS of an open file. Raises FrameError as ``read_raster``."""
+    transform, crs, scale, offset = dataset.transform, dataset.crs, dataset.scales[0], dataset.offsets[0]
     if not np.isfinite([*transform[:6], scale, offset]).all() or np.abs(transform[:6]).max() > LARGEST_COORDINATE_M:
         raise FrameError(f"raster {path}: its affine {tuple(transform)[:6]} is damaged: export it again as GeoTIFF")
-    values = _scaled(band, scale, offset)
-    values[np.isinf(values)] = np.nan  # as many programs write a cell without data
-    cell_m = _cell_size(path, transform, *values.shape)
+    cell = _cell_size(path, transform, dataset.height, dataset.width)
+    name, units = _crs_name(path, crs, local)
+    west, north = float(transform.c * units.plan_m), float(transform.f * units.plan_m)
+    grid = MapGrid(west, north, cell * units.plan_m, dataset.height, dataset.width)
+    return RasterFile(path, grid, name, float(scale) * units.height_m, float(offset) * units.height_m)
+
+
+def _crs_name(path: Path, crs: CRS | None, local: bool) -> tuple[str, MapUnits]:
+    """Return a CRS as EPSG:… or WKT, NO_CRS of a ``local`` raster without, and its units. Raises FrameError where it is
+    none or no map grid."""
     if not crs and local:
-        return Raster(values, float(transform.c), float(transform.f), cell_m), NO_CRS
+        return NO_CRS, METRES
     if not crs:
         raise FrameError(f"raster {path}: no CRS: add it (gdal_edit.py -a_srs EPSG:… FILE)")
     epsg = crs.to_epsg()
@@ -108,19 +168,19 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
         units = map_units(name)
     except FrameError as fault:
         raise FrameError(f"raster {path}: {fault}") from fault
-    if units.height_m != 1.0:
-        values = (values.astype(np.float64) * units.height_m).astype(np.float32)
-    west, north = transform.c * units.plan_m, transform.f * units.plan_m
-    return Raster(values, float(west), float(north), cell_m * units.plan_m), name
+    return name, units
 
 
 def _scaled(band: np.ma.MaskedArray[Any, Any], scale: float, offset: float) -> Float32Array:
-    """Return the values of a band, NaN where it has no data; those of floats that nothing scales are taken as they
-    are."""
+    """Return the values of a band, NaN where it has no data or, as many programs write such a cell, infinity; those of
+    floats that nothing scales are taken as they are."""
     if band.dtype == np.float32 and scale == 1.0 and offset == 0.0:
-        return np.asarray(band.filled(np.nan))
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32))
+        values = np.asarray(band.filled(np.nan))
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = np.asarray(np.ma.filled(band.astype(np.float64) * scale + offset, np.nan).astype(np.float32))
+    values[np.isinf(values)] = np.nan
+    return values
 
 
 def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:

@@ -250,7 +250,7 @@ def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = 
     if not comparisons:
         raise ValueError("no comparison to draw")
     reach_m = max(float(np.nanpercentile(np.abs(c.surface_difference_m), 95)) for c in comparisons.values())
-    limit_m = _round_up(max(reach_m, 1e-3))
+    limit_m = round_up(max(reach_m, 1e-3))
     every = np.concatenate([c.position_map_m[:, :2] for c in comparisons.values()])
     low, high = every.min(axis=0), every.max(axis=0)
     margin = 0.03 * (high - low).max() + 1e-3
@@ -286,7 +286,7 @@ def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = 
     return figure
 
 
-def _round_up(length: float) -> float:
+def round_up(length: float) -> float:
     """Return the least of 1, 1.5, 2, 3, 4, 6, 8 times a power of ten that is not below a positive length."""
     decade = 10.0 ** np.floor(np.log10(length))
     return float(decade * min(step for step in (1, 1.5, 2, 3, 4, 6, 8, 10) if step * decade >= length * (1 - 1e-9)))

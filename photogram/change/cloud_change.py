@@ -1,0 +1,284 @@
+"""Two clouds compared by M3C2, or a cloud with a mesh of the reference; written at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photogram.arrays import BoolArray, FloatArray
+from photogram.change.cloud_registration import RigidMotion, register_clouds
+from photogram.change.differences import LEVEL
+from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
+from photogram.change.mesh_distances import mesh_distances, mesh_of
+from photogram.change.stable_ground import Motion, Registration
+from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
+from photogram.crs import NO_CRS, plan_of, same_plan
+from photogram.errors import FrameError, ProjectError
+from photogram.files.atomic import make_folder
+from photogram.files.clouds.compared_clouds import ComparedCloud, read_compared, write_distances
+from photogram.files.maps.polygon_files import read_polygons
+from photogram.files.maps.rasters import RasterFile, open_raster, read_raster
+from photogram.files.npz_json import write_json
+from photogram.grid import MapGrid, Window
+from photogram.quality.cloud_comparison import CloudStatistics, statistics
+from photogram.report.figures.change_figure import DifferencePicture, difference_picture, gridded
+from photogram.survey import PointCloud, Raster
+
+Progress = Callable[[int, int, str], None]
+Method = Literal["m3c2", "mesh"]
+
+
+@dataclass(frozen=True)
+class CloudRequest:
+    """What is to be compared, and how."""
+
+    later: Path
+    earlier: Path
+    method: Method
+    stable: Path | None = None
+    coregister: Motion | None = None
+    sigma: StatedSigma | None = None
+    earlier_sigma: StatedSigma | None = None
+    correlation_m: float | None = None
+    scales: M3C2Settings = field(default_factory=M3C2Settings)
+
+
+@dataclass(frozen=True, eq=False)
+class CloudChange:
+    """Distances of a later cloud from an earlier one, as comparison.json holds them."""
+
+    later: str
+    reference: str
+    method: str
+    level_of_detection: str
+    """What it is made of, in words."""
+    registration: Registration | None
+    registration_applied: bool
+    points: int
+    """Core points, or points of the later cloud."""
+    compared: int
+    """Of these, with a distance."""
+    with_level: int
+    """Of these, with a level of detection."""
+    within_level: int
+    """Of these, within it."""
+    distance: CloudStatistics
+    level_median_m: float
+    """Median level of detection."""
+    roughness_level_median_m: float
+    """Of M3C2, by roughness alone."""
+    scales: M3C2Settings | None
+    """Of M3C2, as used."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Distances:
+    place_map_m: FloatArray
+    distance_m: FloatArray
+    level_m: FloatArray
+    found: M3C2 | None = None
+
+
+def compare_clouds(request: CloudRequest, output: Path, progress: Progress) -> CloudChange:
+    """Compare a later cloud with an earlier one, or with a mesh of a surface; write distances.laz, comparison.json and
+    comparison.png into a folder; nothing of it where anything is wrong with what is read."""
+    if request.coregister is not None and request.stable is None:
+        raise ProjectError("co-registration: name the ground that has not moved (--stable POLYGONS)")
+    progress(0, 0, f"reading {request.later.name}")
+    later = read_compared(request.later)
+    progress(0, 0, f"reading {request.earlier.name}")
+    earlier, raster = _reference(request)
+    crs = _common_crs(later, earlier)
+    registration, motion = None, None
+    if request.stable is not None:
+        progress(0, 0, "stable ground")
+        polygons = [p.polygon for p in read_polygons(request.stable, crs)]
+        length = request.correlation_m or WINDOW_CELLS * spacing_of(later.points)
+        kind = request.coregister or "offset"
+        registration, motion = register_clouds(earlier.points, later.points, polygons, kind, length)
+        motion = motion if request.coregister is not None else None
+    if motion is not None:
+        moved = PointCloud(motion.apply(later.points.position_map_m))
+        later = ComparedCloud(later.path, moved, later.sigma_height_m, later.crs)
+    errors = _errors(request, earlier, later, aligned=motion is not None)
+    progress(0, 0, "distances")
+    if request.method == "m3c2":
+        found = _by_m3c2(request, earlier, later, errors, motion)
+    else:
+        found = _by_mesh(earlier.points if raster is None else raster, later, errors, motion)
+    change = _summary(request, found, errors, registration, motion is not None)
+    progress(0, 0, "writing")
+    _write(output, change, found, crs)
+    return change
+
+
+def _reference(request: CloudRequest) -> tuple[ComparedCloud, Raster | None]:
+    """Return the earlier epoch as a cloud, and as the raster that it was, if it was one."""
+    if request.earlier.suffix.lower() not in {".tif", ".tiff"}:
+        return read_compared(request.earlier), None
+    if request.method == "m3c2":
+        raise ProjectError(f"M3C2 compares clouds, {request.earlier} is a surface: give its cloud, dense.laz")
+    raster, crs = read_raster(request.earlier)
+    row, column = np.nonzero(np.isfinite(raster.values))
+    east, north = MapGrid.of(raster).centres_map_m(MapGrid.of(raster).whole)
+    cells = np.column_stack([east[column], north[row], raster.values[row, column].astype(np.float64)])
+    return ComparedCloud(request.earlier, PointCloud(cells), None, crs), raster
+
+
+def _common_crs(later: ComparedCloud, earlier: ComparedCloud) -> str:
+    """Return the map that both lie in, NO_CRS where neither file names one. Raises FrameError where they differ."""
+    if later.crs is not None and earlier.crs is not None and not same_plan(later.crs, earlier.crs):
+        raise FrameError(
+            f"point clouds {later.path} and {earlier.path}: their CRS differ: reproject one to the other's "
+            "(pdal translate IN OUT reprojection)"
+        )
+    named = later.crs or earlier.crs
+    return NO_CRS if named is None else plan_of(named)
+
+
+def _errors(
+    request: CloudRequest, earlier: ComparedCloud, later: ComparedCloud, aligned: bool
+) -> tuple[CloudErrors, CloudErrors] | None:
+    """Return the standard deviations of both epochs, None where one tells none; without what is common where they were
+    ``aligned`` on stable ground: the uncertainty of that takes its place."""
+    found = [
+        _errors_of(cloud, stated, request.correlation_m)
+        for cloud, stated in ((earlier, request.earlier_sigma), (later, request.sigma))
+    ]
+    if found[0] is None or found[1] is None:
+        return None
+    first, second = (
+        CloudErrors(e.own_m, np.zeros_like(e.common_m), e.correlation_m) if aligned else e for e in (found[0], found[1])
+    )
+    return first, second
+
+
+def _errors_of(cloud: ComparedCloud, stated: StatedSigma | None, correlation_m: float | None) -> CloudErrors | None:
+    count = len(cloud.points)
+    length = WINDOW_CELLS * spacing_of(cloud.points) if correlation_m is None else correlation_m
+    if stated is not None:
+        return CloudErrors(np.full(count, stated.own_m), np.full(count, stated.common_m), length)
+    stem = "dsm" if cloud.path.name == "dense.laz" else cloud.path.stem.removesuffix("_filled")
+    whole = cloud.path.with_name(f"{stem}_sigma.tif")
+    sigma = cloud.sigma_height_m
+    if sigma is None and cloud.path.suffix.lower() in {".tif", ".tiff"} and whole.is_file():
+        sigma = _sampled(open_raster(whole), cloud.points.position_map_m)
+    if sigma is None:
+        return None
+    beside = cloud.path.with_name(f"{stem}_sigma_own.tif")
+    if not beside.is_file():  # the whole of it counts as common
+        return CloudErrors(np.zeros(count), sigma, length)
+    own = np.minimum(np.nan_to_num(_sampled(open_raster(beside), cloud.points.position_map_m)), sigma)
+    return CloudErrors(own, np.sqrt(sigma**2 - own**2), length)
+
+
+def _sampled(raster: RasterFile, points_map_m: FloatArray) -> FloatArray:
+    """Return the values (N,) of the cells that points lie in, NaN without any; read by bands of rows."""
+    grid = raster.grid
+    column = np.floor((points_map_m[:, 0] - grid.west_map_m) / grid.cell_m).astype(np.int64)
+    row = np.floor((grid.north_map_m - points_map_m[:, 1]) / grid.cell_m).astype(np.int64)
+    out = np.full(len(points_map_m), np.nan)
+    on = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
+    for first in range(0, grid.rows, 1024):
+        chosen = np.flatnonzero(on & (row >= first) & (row < first + 1024))
+        if len(chosen):
+            band = raster.read(Window(first, 0, min(first + 1024, grid.rows), grid.columns))
+            out[chosen] = band[row[chosen] - first, column[chosen]]
+    return out
+
+
+def _by_m3c2(
+    request: CloudRequest,
+    earlier: ComparedCloud,
+    later: ComparedCloud,
+    errors: tuple[CloudErrors, CloudErrors] | None,
+    motion: RigidMotion | None,
+) -> _Distances:
+    aligned = None if motion is None else motion.sigma_m
+    found = m3c2(earlier.points, later.points, request.scales, errors, aligned)
+    return _Distances(found.core_map_m, found.distance_m, found.level_m, found)
+
+
+def _by_mesh(
+    reference: Raster | PointCloud,
+    later: ComparedCloud,
+    errors: tuple[CloudErrors, CloudErrors] | None,
+    motion: RigidMotion | None,
+) -> _Distances:
+    """Return the distances of all points from the mesh; what a level of detection needs of the mesh's own errors is
+    the median of its points'."""
+    place = later.points.position_map_m
+    distance = mesh_distances(place, mesh_of(reference))
+    level = np.full(len(place), np.nan)
+    if errors is not None:
+        of_mesh = float(np.nanmedian(errors[0].own_m ** 2 + errors[0].common_m ** 2))
+        variance = of_mesh + errors[1].own_m ** 2 + errors[1].common_m ** 2
+        if motion is not None:
+            variance = variance + motion.sigma_m(place, np.tile([0.0, 0.0, 1.0], (len(place), 1))) ** 2
+        level = np.where(np.isfinite(distance), LEVEL * np.sqrt(variance), np.nan)
+    return _Distances(place, distance, level)
+
+
+def _summary(
+    request: CloudRequest,
+    found: _Distances,
+    errors: tuple[CloudErrors, CloudErrors] | None,
+    registration: Registration | None,
+    applied: bool,
+) -> CloudChange:
+    if not np.any(np.isfinite(found.distance_m)):
+        raise ProjectError(
+            f"clouds {request.later} and {request.earlier}: no distance is found anywhere: check that both are of the "
+            "same site and in the same CRS, or look further along the normals (--max-distance)"
+        )
+    told = np.isfinite(found.level_m) & np.isfinite(found.distance_m)
+    of_m3c2 = found.found
+    return CloudChange(
+        *labels(request.later, request.earlier), request.method, _words(request.method, errors, applied),
+        registration, applied, len(found.distance_m), int(np.isfinite(found.distance_m).sum()), int(told.sum()),
+        int((np.abs(found.distance_m[told]) <= found.level_m[told]).sum()), statistics(found.distance_m),
+        float(np.median(found.level_m[told])) if told.any() else float("nan"),
+        float("nan") if of_m3c2 is None else float(np.nanmedian(of_m3c2.roughness_level_m)),
+        None if of_m3c2 is None else of_m3c2.settings,
+    )  # fmt: skip
+
+
+def _words(method: Method, errors: tuple[CloudErrors, CloudErrors] | None, applied: bool) -> str:
+    """Return what a level of detection is made of."""
+    aligned = ", alignment on stable ground" if applied else ""
+    if errors is not None:
+        return f"standard deviations of both epochs{aligned}"
+    if method == "mesh":
+        return "none: the files say no standard deviations and none are stated"
+    return f"roughness{aligned or '; the alignment taken as free of errors, nothing says how large they are'}"
+
+
+def _write(output: Path, change: CloudChange, found: _Distances, crs: str) -> None:
+    known: BoolArray = np.isfinite(found.distance_m)
+    fields: dict[str, tuple[NDArray[np.generic], str]] = {
+        "distance": (found.distance_m[known].astype(np.float32), "later minus earlier [m]"),
+        "lod": (found.level_m[known].astype(np.float32), "level of detection, 95 % [m]"),
+        "significant": (
+            (np.abs(found.distance_m) > found.level_m)[known].astype(np.uint8), "1: distance beyond lod",
+        ),
+    }  # fmt: skip
+    if found.found is not None:
+        normal, count = found.found.normal[known], found.found.points[known]
+        fields["lod roughness"] = (found.found.roughness_level_m[known].astype(np.float32), "Lague et al. 2013 [m]")
+        for name, values in zip(("normal x", "normal y", "normal z"), normal.T, strict=True):
+            fields[name] = (values.astype(np.float32), "of the earlier ground")
+        for name, values in zip(("points earlier", "points later"), count.T, strict=True):
+            fields[name] = (np.minimum(values, 65535).astype(np.uint16), "in the cylinder")
+    make_folder(output)
+    write_distances(output / "distances.laz", found.place_map_m[known], crs, fields)
+    write_json(output / "comparison.json", {Path(change.later).stem: asdict(change)})
+    within = np.abs(found.distance_m) <= found.level_m
+    what = "M3C2 distance, m" if change.method == "m3c2" else "distance to the mesh, m"
+    values, pale, grid = gridded(found.place_map_m[known], found.distance_m[known], within[known])
+    picture = DifferencePicture(values, pale, grid, (), (), change.later, change.reference, what=what)
+    difference_picture(output / "comparison.png", picture)

@@ -1,0 +1,150 @@
+"""Cut and fill within polygons, each with its standard deviation.
+
+V = Σ a d over the cells, a the area of a cell within the polygon. Its variance has three parts: own errors of cells,
+correlated over the width of a window; common errors, whose every pattern g adds (Σ a g)²; and the corners of the
+polygon, each off by the same standard deviation. Fill counts where the later surface is higher, cut where it is lower.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.change.differences import LEVEL, Difference, DifferenceCells, own_variance
+from photogram.change.outlines import Geometry, OutlineSamples, coverage, outline_samples
+from photogram.grid import MapGrid, Window
+
+KINDS = 3
+"""Volumes of a polygon: net, fill and cut."""
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Volumes within a polygon, m³, and what they rest on."""
+
+    name: str
+    """Of the polygon."""
+    area_m2: float
+    """Of the polygon."""
+    measured_m2: float
+    """Of it, where both surfaces were measured."""
+    interpolated_m2: float
+    """Where one of them was filled from its neighbours."""
+    unmeasured_m2: float
+    """Where one of them has no height: not counted."""
+    net_m3: float
+    """Fill less cut: later minus earlier."""
+    net_sigma_m3: float
+    """Its standard deviation."""
+    fill_m3: float
+    """Where the later surface is higher."""
+    fill_sigma_m3: float
+    """Its standard deviation."""
+    cut_m3: float
+    """Where it is lower, positive."""
+    cut_sigma_m3: float
+    """Its standard deviation."""
+    own_sigma_m3: float
+    """Part of the net volume's standard deviation by own errors of the cells."""
+    common_sigma_m3: float
+    """By errors that cells share."""
+    outline_sigma_m3: float
+    """By the corners of the polygon."""
+    noise_m3: float
+    """What noise alone adds to both fill and cut; in their standard deviations."""
+    interpolated_m3: float
+    """Part of the net volume in filled cells, which has no standard deviation."""
+    detected_fill_m3: float
+    """Fill in cells beyond the level of detection."""
+    detected_cut_m3: float
+    """Cut in cells beyond the level of detection."""
+
+
+class VolumeSums:
+    """What adds up over the windows of a polygon: every array has one row for each of net, fill and cut."""
+
+    def __init__(
+        self, name: str, polygon: Geometry, grid: MapGrid, patterns: int, outline_sigma_m: float = 0.0
+    ) -> None:
+        self.name, self.polygon, self.grid = name, polygon, grid
+        self.outline_sigma_m = outline_sigma_m
+        self.area_m2 = float(polygon.area)
+        self.measured_m2 = self.interpolated_m2 = self.noise_m3 = self.interpolated_m3 = 0.0
+        self.volume_m3, self.own_m6, self.detected_m3 = np.zeros(KINDS), np.zeros(KINDS), np.zeros(KINDS)
+        self.pattern_m3 = np.zeros((KINDS, patterns))
+        self.samples: OutlineSamples | None = outline_samples(polygon, grid.cell_m) if outline_sigma_m > 0.0 else None
+        self.outline = np.zeros((KINDS, 0 if self.samples is None else self.samples.corners, 2))
+
+    def add(self, difference: Difference, cells: DifferenceCells, outer: Window, window: Window) -> None:
+        """Add the cells of a ``window`` of the grid from those around it, ``outer``."""
+        area = coverage(self.polygon, self.grid, outer) * self.grid.cell_m**2
+        inner = window.within(outer)
+        known = cells.known
+        d = np.where(known, cells.difference_m, 0.0)
+        weights = np.stack([area * known, area * (d > 0.0), area * (d < 0.0)])
+        told = ~cells.interpolated
+        self.measured_m2 += float(weights[0][inner][told[inner]].sum())
+        self.interpolated_m2 += float(weights[0][inner][~told[inner]].sum())
+        self.interpolated_m3 += float((weights[0] * d)[inner][~told[inner]].sum())
+        self.volume_m3 += np.sum((weights * d)[:, *inner], axis=(1, 2)) * [1, 1, -1]
+        detected = weights * d * np.isin(cells.codes, (1, 2))
+        self.detected_m3 += np.sum(detected[:, *inner], axis=(1, 2)) * [1, 1, -1]
+        weights *= told
+        lengths = difference.correlation_m
+        self.own_m6 += [own_variance(w, cells, lengths, self.grid.cell_m, inner) for w in weights]
+        self.pattern_m3 += np.einsum("krc,mrc->km", weights[:, *inner], cells.pattern_m[:, *inner])
+        self.noise_m3 += _noise(weights[0][inner], d[inner], cells.own_m[inner])
+        self._add_outline(d, outer, window)
+
+    def _add_outline(self, d: FloatArray, outer: Window, window: Window) -> None:
+        if self.samples is None:
+            return
+        grid, place = self.grid, self.samples.place_map_m
+        column = np.floor((place[:, 0] - grid.west_map_m) / grid.cell_m).astype(np.int64)
+        row = np.floor((grid.north_map_m - place[:, 1]) / grid.cell_m).astype(np.int64)
+        within = (row >= window.row) & (row < window.row_end) & (column >= window.column) & (column < window.column_end)
+        at = d[row[within] - outer.row, column[within] - outer.column]
+        for kind, values in enumerate((at, np.maximum(at, 0.0), np.maximum(-at, 0.0))):
+            self.outline[kind] += self.samples.slopes(values, within)
+
+    def volume(self) -> Volume:
+        """Return the volumes of what was added."""
+        common = np.sum(self.pattern_m3**2, axis=1)
+        outline = self.outline_sigma_m**2 * np.sum(self.outline**2, axis=(1, 2))
+        sigma = np.sqrt(self.own_m6 + common + outline + np.array([0.0, 1.0, 1.0]) * self.noise_m3**2)
+        net, fill, cut = (float(v) for v in self.volume_m3)
+        own, shared, corners = (float(np.sqrt(v[0])) for v in (self.own_m6, common, outline))
+        unmeasured = max(self.area_m2 - self.measured_m2 - self.interpolated_m2, 0.0)
+        return Volume(
+            self.name, self.area_m2, self.measured_m2, self.interpolated_m2,
+            unmeasured if unmeasured > 1e-6 * self.area_m2 else 0.0,
+            net, float(sigma[0]), fill, float(sigma[1]), cut, float(sigma[2]), own, shared, corners,
+            self.noise_m3, self.interpolated_m3, float(self.detected_m3[1]), float(self.detected_m3[2]),
+        )  # fmt: skip
+
+
+def total(sums: Sequence[VolumeSums]) -> Volume:
+    """Return the volumes of several polygons apart from each other: common errors are common to all of them."""
+    whole = VolumeSums("all", sums[0].polygon, sums[0].grid, sums[0].pattern_m3.shape[1])
+    whole.area_m2, whole.outline_sigma_m = sum(s.area_m2 for s in sums), sums[0].outline_sigma_m
+    for part in sums:
+        whole.measured_m2 += part.measured_m2
+        whole.interpolated_m2 += part.interpolated_m2
+        whole.interpolated_m3 += part.interpolated_m3
+        whole.noise_m3 += part.noise_m3
+        whole.volume_m3 += part.volume_m3
+        whole.detected_m3 += part.detected_m3
+        whole.own_m6 += part.own_m6
+        whole.pattern_m3 += part.pattern_m3
+    whole.outline = np.concatenate([s.outline for s in sums], axis=1)
+    return whole.volume()
+
+
+def _noise(area_m2: FloatArray, difference_m: FloatArray, sigma_m: FloatArray) -> float:
+    """Return what own errors add to fill, and to cut, on average, Σ a σ/√(2π) over the cells that they alone may have
+    moved: the mean of the positive part of a normal variable whose mean is 0."""
+    unmoved = np.abs(difference_m) <= LEVEL * sigma_m
+    return float(np.sum(area_m2 * sigma_m, where=unmoved) / np.sqrt(2.0 * np.pi))

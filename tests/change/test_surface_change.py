@@ -1,0 +1,157 @@
+"""Two surfaces on disk compared: what is written, and that nothing is where an input is damaged."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_polygons
+
+from photogram.change.surface_change import SurfaceRequest, compare_surfaces
+from photogram.errors import PhotogramError, ProjectError
+
+
+def silent(done: int, total: int, text: str) -> None:
+    """Take progress and say nothing."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    write_epochs(folder)
+    write_polygons(folder / "heaps.gpkg", OUTLINES, ["heap", "pit"])
+    write_polygons(folder / "stable.geojson", [STABLE], ["road"])
+    return folder
+
+
+def request(site: Path) -> SurfaceRequest:
+    return SurfaceRequest(site / "later", site / "earlier" / "results" / "dsm.tif", site / "heaps.gpkg")
+
+
+def true_m3(heap: object) -> float:
+    x, y = np.meshgrid(np.arange(-16.0, 16.0, 0.02) + 0.01, np.arange(-16.0, 16.0, 0.02) + 0.01)
+    return float(heap.height(x, y).sum() * 0.02**2)  # type: ignore[attr-defined]
+
+
+def test_difference_sigma_changes_and_volumes_are_written(site: Path, tmp_path: Path) -> None:
+    change = compare_surfaces(request(site), tmp_path / "deep" / "out", silent)
+    out = tmp_path / "deep" / "out"
+    assert {p.name for p in out.iterdir()} == {
+        "difference.tif", "difference_sigma.tif", "change.tif", "change.tif.aux.xml", "volumes.csv",
+        "comparison.json", "comparison.png",
+    }  # fmt: skip
+    with rasterio.open(out / "difference.tif") as file, rasterio.open(out / "difference_sigma.tif") as sigma_file:
+        difference, sigma = file.read(1, masked=True), sigma_file.read(1, masked=True)
+        assert (file.crs.to_epsg(), file.units[0]) == (25832, "m")
+    with rasterio.open(out / "change.tif") as file:
+        codes = file.read(1)
+    known = ~difference.mask
+    np.testing.assert_array_equal(known, ~sigma.mask)
+    beyond = np.abs(difference) > 1.959964 * sigma
+    np.testing.assert_array_equal(codes[known] > 0, np.asarray(beyond[known]))
+    assert (change.cells, change.interpolated_cells) == (int(known.sum()), 0)
+    assert change.within_level + change.lowered + change.raised == change.cells
+    heap, pit = change.volumes
+    assert abs(pit.net_m3 - true_m3(PIT)) < 3.0 * pit.net_sigma_m3
+    assert heap.unmeasured_m2 == pytest.approx(4 * 5 * 0.04)  # the hole
+    assert true_m3(HEAP) - 3.0 < heap.net_m3 < true_m3(HEAP) + 2.0
+    assert change.total is not None
+    assert change.total.net_m3 == pytest.approx(heap.net_m3 + pit.net_m3)
+    rows = list(csv.DictReader((out / "volumes.csv").open(encoding="utf-8")))
+    assert [row["name"] for row in rows] == ["heap", "pit", "all"]
+    assert float(rows[1]["cut_m3"]) == pytest.approx(pit.cut_m3, abs=1e-4)
+    found = json.loads((out / "comparison.json").read_text())["dsm"]
+    assert (found["method"], found["later"], found["reference"]) == ("height", "later/dsm.tif", "earlier/dsm.tif")
+    assert found["volumes"][0]["net_m3"] == pytest.approx(heap.net_m3)
+    assert found["registration"] is None
+
+
+def test_the_same_epochs_give_the_same_bytes(site: Path, tmp_path: Path) -> None:
+    for name in "ab":
+        compare_surfaces(request(site), tmp_path / name, silent)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
+
+
+def test_stable_ground_is_reported_and_taken_off_only_when_asked_for(site: Path, tmp_path: Path) -> None:
+    asked = replace(request(site), stable=site / "stable.geojson")
+    plain = compare_surfaces(request(site), tmp_path / "plain", silent)
+    reported = compare_surfaces(asked, tmp_path / "reported", silent)
+    applied = compare_surfaces(replace(asked, coregister="offset"), tmp_path / "applied", silent)
+    assert reported.registration is not None
+    assert (reported.registration_applied, applied.registration_applied) == (False, True)
+    assert [v.net_m3 for v in reported.volumes] == [v.net_m3 for v in plain.volumes]
+    offset = reported.registration.value[0]
+    assert abs(offset) > 0.003
+    assert plain.difference.median_m - applied.difference.median_m == pytest.approx(offset, abs=1e-3)
+    assert applied.common_sigma_median_m < 0.2 * plain.common_sigma_median_m
+    for before, after, heap in zip(plain.volumes, applied.volumes, (HEAP, PIT), strict=True):
+        assert after.net_sigma_m3 < before.net_sigma_m3
+        if after.unmeasured_m2 == 0.0:
+            assert abs(after.net_m3 - true_m3(heap)) < 3.0 * after.net_sigma_m3
+
+
+def test_filled_cells_are_said(site: Path, tmp_path: Path) -> None:
+    results = shutil.copytree(site / "later", tmp_path / "later") / "results"
+    with rasterio.open(results / "dsm.tif") as file:
+        profile, height = file.profile, file.read(1)
+    height[height == -9999.0] = height[height != -9999.0].max()
+    with rasterio.open(results / "dsm_filled.tif", "w", **{**profile, "driver": "GTiff"}) as file:
+        file.write(height, 1)
+    asked = replace(request(site), later=results / "dsm_filled.tif")
+    change = compare_surfaces(asked, tmp_path / "out", silent)
+    assert change.interpolated_cells == 20
+    assert change.volumes[0].interpolated_m2 == pytest.approx(0.8)
+    assert change.volumes[0].unmeasured_m2 == 0.0
+
+
+def test_overlapping_polygons_have_no_sum(site: Path, tmp_path: Path) -> None:
+    write_polygons(tmp_path / "two.gpkg", [OUTLINES[0], OUTLINES[0].buffer(-1.0)], ["all of it", "its middle"])
+    change = compare_surfaces(replace(request(site), polygons=tmp_path / "two.gpkg"), tmp_path / "out", silent)
+    assert change.total is None
+    assert len((tmp_path / "out" / "volumes.csv").read_text().splitlines()) == 3
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3 : len(data) // 3 + 4000] = bytes(4000)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("damage", [cut, flipped])
+@pytest.mark.parametrize("name", ["dsm.tif", "dsm_sigma.tif", "dsm_sigma_own.tif", "dsm_source.tif"])
+def test_a_damaged_raster_is_one_error_and_nothing_is_written(
+    site: Path, tmp_path: Path, damage: object, name: str
+) -> None:
+    later = shutil.copytree(site / "later", tmp_path / "later")
+    damage(later / "results" / name)  # type: ignore[operator]
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(PhotogramError, match=name):
+        compare_surfaces(replace(request(site), later=later), tmp_path / "out", silent)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_cannot_be_is_refused_and_nothing_is_written(site: Path, tmp_path: Path) -> None:
+    asked, far = request(site), OUTLINES[0].__class__([(0, 0), (1, 0), (1, 1)])
+    write_polygons(tmp_path / "far.gpkg", [far], ["elsewhere"])
+    before = sorted(tmp_path.rglob("*"))
+    for wrong, words in (
+        (replace(asked, coregister="tilt"), "name the ground that has not moved"),
+        (replace(asked, coregister="rigid", stable=site / "stable.geojson"), "a rigid motion is one of clouds"),
+        (replace(asked, outline_sigma_m=-1.0), "a length of 0 or more"),
+        (replace(asked, polygons=tmp_path / "far.gpkg"), "'elsewhere' lies beyond what both surfaces cover"),
+        (replace(asked, polygons=site / "none.gpkg"), "file not found"),
+    ):
+        with pytest.raises(ProjectError, match=words):
+            compare_surfaces(wrong, tmp_path / "out", silent)
+    assert sorted(tmp_path.rglob("*")) == before

@@ -1,0 +1,138 @@
+"""Surfaces on disk: what their files say of their errors, and windows of them on another grid."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from changed_surveys import write_epochs
+from lib.simulated_changes import CRS, Errors, MemoryRaster, epoch, grid_at, uneven
+
+from photogram.change.surfaces import (
+    BlockErrors,
+    StatedSigma,
+    SurfaceFiles,
+    labels,
+    open_surface,
+    same_cells,
+    surface_cells,
+    surface_path,
+)
+from photogram.errors import ProjectError
+from photogram.files.maps.rasters import write_geotiff
+from photogram.grid import MapGrid, Window
+from photogram.survey import Raster
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_epochs(tmp_path_factory.mktemp("epochs"))[1]
+
+
+def test_what_lies_beside_a_surface_is_found(results: Path) -> None:
+    assert surface_path(results.parent) == results / "dsm.tif"
+    surface = open_surface(results, None, None)
+    assert surface.correlation_m == pytest.approx(1.0)
+    assert surface.block is None
+    assert surface.told_by == "dsm_sigma.tif, dsm_sigma_own.tif"
+    cells = surface_cells(surface, surface.heights.grid, Window(-3, 5, 70, 60))
+    assert np.isnan(cells.height_m[:3]).all()
+    assert np.isnan(cells.height_m[65:69, 37:42]).all()
+    assert np.all(cells.width[np.isfinite(cells.height_m)] == 1.0)
+
+
+def test_both_parts_add_up_to_the_whole(results: Path) -> None:
+    surface = open_surface(results, None, None)
+    surface = replace(surface, block=BlockErrors(0.015, 0.01, 1e-4))
+    window = Window(20, 20, 60, 60)
+    cells = surface_cells(surface, surface.heights.grid, window)
+    assert surface.sigma is not None
+    whole = surface.sigma.read(window)
+    np.testing.assert_allclose(np.sqrt(cells.own_m**2 + np.sum(cells.pattern_m**2, axis=0)), whole, rtol=1e-5)
+    assert np.abs(cells.pattern_m[0]).max() > 0.001  # on the heap a shift raises slopes
+    far = replace(surface, block=BlockErrors(10.0, 10.0, 1.0))  # a report that says more than the raster
+    cells = surface_cells(far, surface.heights.grid, window)
+    np.testing.assert_allclose(np.sqrt(cells.own_m**2 + np.sum(cells.pattern_m**2, axis=0)), whole, rtol=1e-5)
+
+
+def test_patterns_have_the_sign_of_what_a_shift_does() -> None:
+    rng = np.random.default_rng(1)
+    none = Errors(own_m=(0.0, 0.0), shift_m=(0.05, 0.05, 0.02), tilt_m=0.0, dome_m=0.0)
+    grid = grid_at(0.0, 0.0, 20.0, 0.2)
+    surface = epoch(uneven, grid, none, rng)
+    x, y = (a - at for a, at in zip(np.meshgrid(*grid.centres_map_m(grid.whole)), (5e5, 6e6), strict=True))
+    assert isinstance(surface.heights, MemoryRaster)
+    true = replace(surface, heights=replace(surface.heights, values=uneven(x, y).astype(np.float32)))
+    cells = surface_cells(true, grid, grid.whole)
+    inner = slice(3, -3), slice(3, -3)
+    for pattern, moved in ((0, uneven(x - 0.05, y)), (1, uneven(x, y - 0.05))):
+        np.testing.assert_allclose(cells.pattern_m[pattern][inner], (moved - uneven(x, y))[inner], atol=1e-4)
+
+
+def test_a_plane_on_another_grid_is_itself() -> None:
+    def plane(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.asarray(10.0 + 0.1 * (x - 100.0) - 0.2 * (y - 50.0))
+
+    own = MapGrid(100.0, 50.0, 0.5, 40, 60)
+    grid = MapGrid(101.13, 49.37, 0.2, 50, 80)
+    heights, sigma = (
+        MemoryRaster(Path("a.tif"), own, CRS, values=v.astype(np.float32))
+        for v in (plane(*np.meshgrid(*own.centres_map_m(own.whole))), np.full((40, 60), 0.03))
+    )
+    surface = SurfaceFiles(heights, sigma, None, None, None, None, 2.5)
+    assert not same_cells(own, grid)
+    cells = surface_cells(surface, grid, Window(5, 7, 40, 70))
+    expected = plane(*np.meshgrid(*grid.centres_map_m(Window(5, 7, 40, 70))))
+    np.testing.assert_allclose(cells.height_m, expected, atol=1e-5)
+    np.testing.assert_allclose(cells.pattern_m[4], 0.03, rtol=1e-6)  # nothing tells the parts apart: all is common
+    beyond = surface_cells(surface, grid, Window(-20, -20, 5, 5))
+    assert np.isnan(beyond.height_m[:10]).all()
+
+
+def test_cells_that_lie_on_each_other() -> None:
+    grid = MapGrid(600_000.0, 6_000_000.0, 0.1, 3000, 4000)
+    assert same_cells(grid, replace(grid, west_map_m=600_012.3, north_map_m=5_999_999.9, rows=10))
+    assert not same_cells(grid, replace(grid, west_map_m=600_012.35))
+    assert not same_cells(grid, replace(grid, cell_m=0.1001))
+
+
+def test_what_a_report_says_of_the_block_is_read(adjusted_survey: Path) -> None:
+    results = adjusted_survey / "results"
+    surface = open_surface(results, None, None)
+    assert surface.block is not None
+    report = json.loads((results / "report.json").read_text())
+    assert surface.block.shift_north_m == report["dsm"]["datum_sigma_m"]["northing"]
+    assert 0.0 < surface.block.tilt < 0.01
+    assert surface.told_by == "dsm_sigma.tif, dsm_sigma_own.tif, report.json"
+
+
+def test_surfaces_are_told_apart_by_their_folders() -> None:
+    assert labels(Path("/a/b.tif"), Path("/c/d.tif")) == ("b.tif", "d.tif")
+    assert labels(Path("/s/may/results/dsm.tif"), Path("/s/june/dsm.tif")) == ("may/dsm.tif", "june/dsm.tif")
+
+
+def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:
+    raster = Raster(np.zeros((8, 9), np.float32), 500_000.0, 6_000_000.0, 0.5)
+    write_geotiff(tmp_path / "site.tif", raster, CRS)
+    with pytest.raises(ProjectError, match=r"no standard deviations beside it \(site_sigma\.tif\): state two"):
+        open_surface(tmp_path / "site.tif", None, None)
+    stated = open_surface(tmp_path / "site.tif", StatedSigma(0.02, 0.03), None)
+    cells = surface_cells(stated, stated.heights.grid, stated.heights.grid.whole)
+    assert cells.own_m[2, 2] == 0.02
+    assert cells.pattern_m[4, 2, 2] == 0.03
+    write_geotiff(tmp_path / "site_sigma.tif", raster, CRS)
+    with pytest.raises(ProjectError, match=r"no site_source\.tif beside it.*--correlation"):
+        open_surface(tmp_path / "site.tif", None, None)
+    assert open_surface(tmp_path / "site.tif", None, 3.0).told_by == "site_sigma.tif, the whole of it taken as common"
+    with pytest.raises(ProjectError, match="correlation -1 m"):
+        open_surface(tmp_path / "site.tif", None, -1.0)
+    write_geotiff(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)
+    with pytest.raises(ProjectError, match=r"site_sigma\.tif: its cells are not those of site\.tif"):
+        open_surface(tmp_path / "site.tif", None, 3.0)
+    with pytest.raises(ProjectError, match="two lengths in m are expected"):
+        StatedSigma(-0.1, 0.0)
+    with pytest.raises(ProjectError, match="file not found"):
+        open_surface(tmp_path, None, None)
