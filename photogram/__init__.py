@@ -26,6 +26,7 @@ __all__ = [
     "AdjustmentSettings",
     "Block",
     "Camera",
+    "CloudRequest",
     "ContourSettings",
     "ControlPointError",
     "ControlPoints",
@@ -38,6 +39,7 @@ __all__ = [
     "ImageError",
     "ImportedProject",
     "LocalFrame",
+    "M3C2Settings",
     "MatchingSettings",
     "NewProject",
     "OpenedSurvey",
@@ -51,6 +53,8 @@ __all__ = [
     "Raster",
     "ReportError",
     "SettingError",
+    "StatedSigma",
+    "SurfaceRequest",
     "SurfaceSettings",
     "SurveyPlan",
     "TiePoints",
@@ -62,6 +66,8 @@ __all__ = [
     "check",
     "check_accuracy",
     "compare",
+    "compare_clouds",
+    "compare_surfaces",
     "contour_lines",
     "diagnose",
     "export_marks",
@@ -141,6 +147,13 @@ _PLACES = {
     "ContourSettings": "photogram.surface.contours:ContourSettings",
     "contour_lines": "photogram.surface.contours:contour_lines",
     "compare": "photogram.quality.cloud_comparison:compare",
+    # two epochs
+    "SurfaceRequest": "photogram.change.surface_change:SurfaceRequest",
+    "compare_surfaces": "photogram.change.surface_change:compare_surfaces",
+    "CloudRequest": "photogram.change.cloud_change:CloudRequest",
+    "compare_clouds": "photogram.change.cloud_change:compare_clouds",
+    "M3C2Settings": "photogram.change.m3c2:M3C2Settings",
+    "StatedSigma": "photogram.change.surfaces:StatedSigma",
     # surveys that were never flown
     "SurveyPlan": "photogram.simulation.survey_plan:SurveyPlan",
     "simulate": "photogram.simulation.simulated_survey:simulate",
@@ -174,6 +187,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.adjustment.problem import AdjustmentSettings
     from photogram.camera import Camera, Pose, unproject
     from photogram.camera import project as project_points
+    from photogram.change.cloud_change import CloudRequest, compare_clouds
+    from photogram.change.m3c2 import M3C2Settings
+    from photogram.change.surface_change import SurfaceRequest, compare_surfaces
+    from photogram.change.surfaces import StatedSigma
     from photogram.errors import (
         AdjustmentError,
         ControlPointError,

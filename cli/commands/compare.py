@@ -25,7 +25,10 @@ def compare(
     ],
     reference: Annotated[
         Path,
-        typer.Option(help="Reference, or the earlier epoch: a surface as GeoTIFF, or a cloud.", show_default=False),
+        typer.Option(
+            help="Reference, or the earlier epoch: a surface (GeoTIFF) or cloud; rim: the ground around each polygon.",
+            show_default=False,
+        ),
     ],
     output: Annotated[Path, typer.Option(help="Folder for comparison.json, comparison.png and what else there is.")] = (
         Path("comparison")
@@ -56,7 +59,7 @@ def compare(
     coregister: Annotated[
         Literal["offset", "tilt", "rigid"] | None,
         typer.Option(
-            help="Take off what the stable ground shows: an offset in height, that and a tilt, a rigid motion (clouds).",
+            help="Take off what stable ground shows: an offset in height, that and a tilt, a rigid motion (clouds).",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -93,9 +96,7 @@ def compare(
     ] = 0.0,
     radius: Annotated[
         float | None,
-        typer.Option(
-            help="Radius of the cylinder, m; default: 4 spacings.", show_default=False, rich_help_panel=_M3C2
-        ),
+        typer.Option(help="Radius of the cylinder, m; default: 4 spacings.", show_default=False, rich_help_panel=_M3C2),
     ] = None,
     normal_radius: Annotated[
         float | None,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from rich.markup import escape
 from rich.table import Table
 
+from photogram.change.change_files import SurfaceChange
 from photogram.change.cloud_change import CloudChange
 from photogram.change.stable_ground import Registration
-from photogram.change.surface_change import SurfaceChange
 from photogram.change.volumes import Volume
 from photogram.cli.screen.terminal import console
 from photogram.report.figures.change_figure import volume_label
@@ -59,6 +59,8 @@ def show_surface_change(change: SurfaceChange) -> None:
         "higher": f"{change.raised * share:.1f} %",
     }
     _figures(f"{change.later} minus {change.reference}", rows)
+    if change.bases:
+        _say("The base of each polygon is the plane through the ground around it.")
     if change.resampled:
         _say(f"Interpolated on cells of {change.cell_m:g} m: {', '.join(change.resampled)}.")
     if change.interpolated_cells:

@@ -39,6 +39,9 @@ FIGURES: dict[str, Callable[[Comparison], str]] = {
 }
 
 
+RIM = Path("rim")
+"""In place of a reference: planes through the rims of the polygons."""
+
 SURFACE_SUFFIXES = (".tif", ".tiff")
 
 
@@ -90,8 +93,9 @@ def _one(clouds: list[Path]) -> Path:
 def _epochs_of_surfaces(clouds: list[Path], reference: Path, output: Path, options: Options) -> None:
     if (options.radius_m, options.normal_radius_m, options.spacing_m) != (None, None, None):
         raise ProjectError("scales are those of M3C2, which compares clouds: add --method m3c2, or leave them out")
+    earlier = None if reference == RIM else reference
     request = SurfaceRequest(
-        _one(clouds), reference, options.polygons, options.stable, options.coregister, _stated(options.sigma),
+        _one(clouds), earlier, options.polygons, options.stable, options.coregister, _stated(options.sigma),
         _stated(options.reference_sigma), options.correlation_m, options.polygon_sigma_m,
     )  # fmt: skip
     with steps("Comparison") as progress:

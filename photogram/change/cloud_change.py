@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -16,6 +15,7 @@ from photogram.change.differences import LEVEL
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
+from photogram.change.surface_change import Progress, silent
 from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
 from photogram.crs import NO_CRS, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
@@ -29,7 +29,6 @@ from photogram.quality.cloud_comparison import CloudStatistics, statistics
 from photogram.report.figures.change_figure import DifferencePicture, difference_picture, gridded
 from photogram.survey import PointCloud, Raster
 
-Progress = Callable[[int, int, str], None]
 Method = Literal["m3c2", "mesh"]
 
 
@@ -84,9 +83,13 @@ class _Distances:
     found: M3C2 | None = None
 
 
-def compare_clouds(request: CloudRequest, output: Path, progress: Progress) -> CloudChange:
+def compare_clouds(request: CloudRequest, output: Path, progress: Progress = silent) -> CloudChange:
     """Compare a later cloud with an earlier one, or with a mesh of a surface; write distances.laz, comparison.json and
-    comparison.png into a folder; nothing of it where anything is wrong with what is read."""
+    comparison.png into a folder. Lengths in m.
+
+    Raises PhotogramError where a file is missing or damaged, the two do not fit together, the request contradicts
+    itself, or M3C2 is not installed; then nothing is written.
+    """
     if request.coregister is not None and request.stable is None:
         raise ProjectError("co-registration: name the ground that has not moved (--stable POLYGONS)")
     progress(0, 0, f"reading {request.later.name}")

@@ -149,7 +149,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(site: Path, tmp_path: 
         (replace(asked, coregister="tilt"), "name the ground that has not moved"),
         (replace(asked, coregister="rigid", stable=site / "stable.geojson"), "a rigid motion is one of clouds"),
         (replace(asked, outline_sigma_m=-1.0), "a length of 0 or more"),
-        (replace(asked, polygons=tmp_path / "far.gpkg"), "'elsewhere' lies beyond what both surfaces cover"),
+        (replace(asked, polygons=tmp_path / "far.gpkg"), "'elsewhere' lies beyond what the surfaces cover"),
         (replace(asked, polygons=site / "none.gpkg"), "file not found"),
     ):
         with pytest.raises(ProjectError, match=words):

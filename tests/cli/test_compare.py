@@ -48,6 +48,16 @@ def test_two_epochs_with_volumes(site: Path, tmp_path: Path, photogram: Photogra
         assert min(picture.size) > 400
 
 
+def test_one_epoch_over_the_ground_around_its_polygons(site: Path, tmp_path: Path, photogram: Photogram) -> None:
+    options = ("--reference", "rim", "--polygons", site / "heaps.gpkg", "--output", tmp_path)
+    outcome = photogram("compare", site / "later", *options)
+    assert outcome.code == 0, outcome.err
+    assert "The base of each polygon is the plane through the ground around it." in words(outcome.out)
+    found = json.loads((tmp_path / "comparison.json").read_text())["dsm"]
+    assert found["reference_sigma_from"] == "the ground around each polygon"
+    assert [v["name"] for v in found["volumes"]] == ["heap", "pit"]
+
+
 def test_m3c2_of_two_clouds(site: Path, tmp_path: Path, photogram: Photogram) -> None:
     pytest.importorskip("py4dgeo")
     outcome = photogram(
