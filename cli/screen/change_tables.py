@@ -73,7 +73,7 @@ def show_surface_change(change: SurfaceChange) -> None:
 
 def _show_volumes(change: SurfaceChange) -> None:
     table = Table(title="Volumes, m³, with 1 sigma")
-    for name in ("polygon", "fill", "cut", "net", "area, m²", "not measured, m²", "filled cells, m²"):
+    for name in ("polygon", "fill", "cut", "net", "area, m²", "gaps, m²", "filled, m²"):
         table.add_column(name, justify="left" if name == "polygon" else "right")
     for volume in (*change.volumes, *([change.total] if change.total and len(change.volumes) > 1 else [])):
         table.add_row(*_volume_row(volume))

@@ -23,7 +23,7 @@ from photogram.files.npz_json import write_json
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics
-from photogram.report.figures.change_figure import DifferencePicture, difference_picture
+from photogram.report.figures.change_figure import DifferencePicture, difference_picture, volume_label
 
 TILE_CELLS = 1024
 MOST_SHOWN = 1400
@@ -131,9 +131,15 @@ def write_change(
     picture = DifferencePicture(
         thinned, every_cell(layers.codes, step) == UNCHANGED, shown,
         [(p.name, p.polygon) for p in polygons], [p.polygon for p in stable], change.later, change.reference,
-        [(v.name, v.net_m3, v.net_sigma_m3) for v in change.volumes],
+        {v.name: _words(v) for v in change.volumes},
     )  # fmt: skip
     difference_picture(output / "comparison.png", picture)
+
+
+def _words(volume: Volume) -> str:
+    text = volume_label(volume.net_m3, volume.net_sigma_m3)
+    share = volume.unmeasured_m2 / volume.area_m2
+    return f"{text}\n{share:.0%} not measured" if share >= 0.005 else text
 
 
 def write_volumes(path: Path, change: SurfaceChange) -> None:

@@ -20,7 +20,7 @@ from photogram.change.differences import (
 from photogram.change.outlines import coverage, window_of
 from photogram.change.rim_base import base_of, over_level
 from photogram.change.stable_ground import Motion, Registration, registration_of
-from photogram.change.surfaces import StatedSigma, labels, open_surface
+from photogram.change.surfaces import PATTERNS, StatedSigma, labels, open_surface
 from photogram.change.volumes import VolumeSums, total
 from photogram.errors import ProjectError
 from photogram.files.atomic import scratch_folder, temporary_name
@@ -258,7 +258,8 @@ def _summary(
         int(counts.sum()), int(counts[3]), int(counts[0]), int(counts[1]), int(counts[2]), statistics(d.ravel()),
         float(np.median(sigma[told])) if told.any() else float("nan"),
         float(np.median(common[told])) if told.any() else float("nan"),
-        bases, tuple(part.volume() for part in sums), total(sums) if sums and not _overlap(sums) else None,
+        bases, tuple(part.volume() for part in sums),
+        total(sums, 2 * PATTERNS if bases else None) if sums and not _overlap(sums) else None,
     )  # fmt: skip
 
 

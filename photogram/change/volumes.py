@@ -126,10 +126,14 @@ class VolumeSums:
         )  # fmt: skip
 
 
-def total(sums: Sequence[VolumeSums]) -> Volume:
-    """Return the volumes of several polygons apart from each other: common errors are common to all of them."""
+def total(sums: Sequence[VolumeSums], shared: int | None = None) -> Volume:
+    """Return the volumes of several polygons apart from each other: the first ``shared`` of their common patterns, or
+    all, are common to all polygons too; the others are each polygon's own."""
     whole = VolumeSums("all", sums[0].polygon, sums[0].grid, sums[0].pattern_m3.shape[1])
     whole.area_m2, whole.outline_sigma_m = sum(s.area_m2 for s in sums), sums[0].outline_sigma_m
+    known = sums[0].pattern_m3.shape[1] if shared is None else shared
+    together = np.sum([part.pattern_m3[:, :known] for part in sums], axis=0)
+    whole.pattern_m3 = np.concatenate([together, *(part.pattern_m3[:, known:] for part in sums)], axis=1)
     for part in sums:
         whole.measured_m2 += part.measured_m2
         whole.interpolated_m2 += part.interpolated_m2
@@ -138,7 +142,6 @@ def total(sums: Sequence[VolumeSums]) -> Volume:
         whole.volume_m3 += part.volume_m3
         whole.detected_m3 += part.detected_m3
         whole.own_m6 += part.own_m6
-        whole.pattern_m3 += part.pattern_m3
     whole.outline = np.concatenate([s.outline for s in sums], axis=1)
     return whole.volume()
 

@@ -29,7 +29,8 @@ def shown() -> DifferencePicture:
     heap = shapely.box(500_004, 5_999_989, 500_011, 5_999_996)
     return DifferencePicture(
         difference, np.abs(np.nan_to_num(difference)) < 0.1, GRID, [("heap", heap)],
-        [shapely.box(500_020, 5_999_975, 500_030, 5_999_985)], "june/dsm.tif", "may/dsm.tif", [("heap", 50.0, 2.5)],
+        [shapely.box(500_020, 5_999_975, 500_030, 5_999_985)], "june/dsm.tif", "may/dsm.tif",
+        {"heap": volume_label(50.0, 2.5)},
     )  # fmt: skip
 
 

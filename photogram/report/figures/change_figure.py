@@ -3,8 +3,8 @@ with their volumes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +47,8 @@ class DifferencePicture:
     """Ground taken as stable."""
     later: str
     earlier: str
-    volumes: Sequence[tuple[str, float, float]] = ()
-    """Names, net volumes and their standard deviations, m³."""
+    volumes: Mapping[str, str] = field(default_factory=dict)
+    """What is written under the name of a polygon."""
     what: str = "height, later minus earlier, m"
     """What the colours show."""
 
@@ -78,10 +78,9 @@ def difference_figure(shown: DifferencePicture) -> Figure:
     frame = axes.get_xlim(), axes.get_ylim()
     for outline in shown.stable:
         _outline(axes, outline, STABLE_COLOUR, "--")
-    volumes = {name: (net, sigma) for name, net, sigma in shown.volumes}
     for name, outline in shown.polygons:
         _outline(axes, outline, "black", "-")
-        _label(axes, name, outline, volumes.get(name))
+        _label(axes, name, outline, shown.volumes.get(name))
     axes.set(xlim=frame[0], ylim=frame[1])
     map_axes(axes)
     axes.set_title(f"{shown.later} minus {shown.earlier}", fontsize=11)
@@ -103,8 +102,8 @@ def _outline(axes: Any, polygon: Geometry, colour: str, line: str) -> None:  # n
         axes.plot(*shapely.get_coordinates(ring).T, color=colour, linestyle=line, linewidth=1.2)
 
 
-def _label(axes: Any, name: str, polygon: Geometry, volume: tuple[float, float] | None) -> None:  # noqa: ANN401
-    text = name if volume is None else f"{name}\n{volume_label(*volume)}"
+def _label(axes: Any, name: str, polygon: Geometry, volume: str | None) -> None:  # noqa: ANN401
+    text = name if volume is None else f"{name}\n{volume}"
     place = polygon.representative_point()
     halo = [withStroke(linewidth=2.5, foreground="white")]
     axes.text(place.x, place.y, text, ha="center", va="center", fontsize=7.5, path_effects=halo, clip_on=True)
