@@ -25,7 +25,7 @@ from photogram.grid import MapGrid, Window
 Motion = Literal["offset", "tilt", "rigid"]
 """What one epoch may be moved by: in height; in height and leaning; in all three directions and turned."""
 
-MOST_CELLS = 4_000_000
+MOST_CELLS = 1_000_000
 """Cells of the whole grid that are looked at; of a larger one every second, third … along each axis."""
 
 FEWEST_CELLS = 100
