@@ -37,8 +37,8 @@ def write_polygons(path: Path, polygons: Sequence[Any], names: Sequence[str], cr
     return path
 
 
-def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] | None = None) -> Path:
-    """Write an epoch's surface, sigmas, codes and cloud; a hole has no height."""
+def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] | None = None, crs: str = CRS) -> Path:
+    """Write an epoch's surface, sigmas, codes and cloud in the units of ``crs``; a hole has no height."""
     folder.mkdir(parents=True, exist_ok=True)
     grid = survey.heights.grid
     assert survey.sigma is not None
@@ -47,9 +47,9 @@ def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] 
         values = raster.read(grid.whole)
         if hole is not None:
             values[hole] = np.nan
-        write_geotiff(folder / f"dsm{part}.tif", Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m), CRS)
+        write_geotiff(folder / f"dsm{part}.tif", Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m), crs)
     codes = np.where(np.isnan(values), 0, 1).astype(np.uint8)
-    write_cog_codes(folder / "dsm_source.tif", grid, CRS, [(grid.whole, codes)], categories=SOURCES)
+    write_cog_codes(folder / "dsm_source.tif", grid, crs, [(grid.whole, codes)], categories=SOURCES)
     height, sigma = survey.heights.read(grid.whole), survey.sigma.read(grid.whole)
     height[np.isnan(values)] = np.nan
     one = np.ones(height.shape, np.uint8)
@@ -57,15 +57,15 @@ def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] 
         grid, grid.whole, height, np.zeros((*height.shape, 3), np.uint8), sigma, one.astype(np.float32), 3 * one, one,
         0 * one,
     )  # fmt: skip
-    write_dense_laz(folder / "dense.laz", grid, CRS, [points], coloured=False)
+    write_dense_laz(folder / "dense.laz", grid, crs, [points], coloured=False)
     return folder
 
 
-def write_epochs(folder: Path, seed: int = 1, errors: Errors | None = None) -> tuple[Path, Path]:
+def write_epochs(folder: Path, seed: int = 1, errors: Errors | None = None, crs: str = CRS) -> tuple[Path, Path]:
     """Write an earlier and a later survey, the later one on a grid that lies off by whole cells, with a hole in it."""
     rng, errors = np.random.default_rng(seed), errors or Errors()
     first, second = grid_at(0.0, 0.0, 30.0, 0.2), grid_at(1.0, -0.4, 32.0, 0.2)
-    earlier = write_results(folder / "earlier" / "results", epoch(uneven, first, errors, rng))
+    earlier = write_results(folder / "earlier" / "results", epoch(uneven, first, errors, rng), crs=crs)
     hole = (slice(62, 66), slice(42, 47))
-    later = write_results(folder / "later" / "results", epoch(changed, second, errors, rng), hole)
+    later = write_results(folder / "later" / "results", epoch(changed, second, errors, rng), hole, crs)
     return earlier, later

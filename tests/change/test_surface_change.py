@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_polygons
 
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
@@ -70,6 +71,28 @@ def test_difference_sigma_changes_and_volumes_are_written(site: Path, tmp_path: 
     assert (found["method"], found["later"], found["reference"]) == ("height", "later/dsm.tif", "earlier/dsm.tif")
     assert found["volumes"][0]["net_m3"] == pytest.approx(heap.net_m3)
     assert found["registration"] is None
+
+
+def test_in_feet_the_volumes_are_the_same(site: Path, tmp_path: Path) -> None:
+    """The same surveys in a map that counts US survey feet: cubic metres in tables, feet in rasters."""
+    feet = "EPSG:2263+6360"
+    write_epochs(tmp_path, crs=feet)
+    outlines = [shapely.transform(shape, lambda at: at * 3937 / 1200) for shape in OUTLINES]
+    write_polygons(tmp_path / "heaps.gpkg", outlines, ["heap", "pit"], "EPSG:2263")
+    there = compare_surfaces(request(tmp_path), tmp_path / "out", silent)
+    here = compare_surfaces(request(site), tmp_path / "metres", silent)
+    for found, expected in zip(there.volumes, here.volumes, strict=True):
+        assert found.net_m3 == pytest.approx(expected.net_m3, abs=1e-3)
+        assert found.net_sigma_m3 == pytest.approx(expected.net_sigma_m3, rel=1e-4)
+    with (
+        rasterio.open(tmp_path / "out" / "difference.tif") as file,
+        rasterio.open(tmp_path / "metres" / "difference.tif") as metric,
+    ):
+        assert file.units[0] == "US survey foot"
+        feet_high, metres_high = file.read(1, masked=True), metric.read(1, masked=True)
+        np.testing.assert_array_equal(feet_high.mask, metres_high.mask)
+        known = ~metres_high.mask
+        np.testing.assert_allclose(feet_high[known], metres_high[known] * 3937 / 1200, atol=1e-4)
 
 
 def test_the_same_epochs_give_the_same_bytes(site: Path, tmp_path: Path) -> None:

@@ -48,6 +48,19 @@ def test_distances_are_read_again(tmp_path: Path, crs: str) -> None:
     assert found["significant"].tolist() == [1, 0, 0]
 
 
+def test_feet_are_read_and_written(tmp_path: Path) -> None:
+    """State Plane in US survey feet, 1200/3937 m each: metres within, feet in the files."""
+    place = np.array([[300_000.0, 60_000.0, 12.0], [300_030.0, 60_005.0, 13.5]])
+    write_laz(tmp_path / "a.laz", PointCloud(place, None, np.full((2, 3), 0.05)), "EPSG:2263+6360")
+    assert np.asarray(laspy.read(tmp_path / "a.laz").xyz)[0, 0] == pytest.approx(300_000.0 * 3937 / 1200, abs=1e-3)
+    found = read_compared(tmp_path / "a.laz")
+    np.testing.assert_allclose(found.points.position_map_m, place, atol=4e-4)
+    assert found.sigma_height_m is not None
+    np.testing.assert_allclose(found.sigma_height_m, 0.05, rtol=1e-6)
+    write_distances(tmp_path / "d.laz", place, "EPSG:2263+6360", {"distance": (np.zeros(2, np.float32), "[m]")})
+    np.testing.assert_allclose(np.asarray(laspy.read(tmp_path / "d.laz").xyz), place * 3937 / 1200, atol=6e-4)
+
+
 def test_what_is_no_sigma_is_refused(tmp_path: Path) -> None:
     sigma = np.array([[0.01, 0.02, 0.03], [0.01, 0.02, -1.0], [0.01, 0.02, 0.03]])
     write_laz(tmp_path / "a.laz", PointCloud(POINTS, None, sigma), "EPSG:25832")

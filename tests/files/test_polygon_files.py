@@ -44,6 +44,15 @@ def test_geojson_without_a_crs_is_the_maps_where_it_cannot_be_degrees(tmp_path: 
     assert len(read_polygons(path, NO_CRS)) == 1
 
 
+def test_polygons_in_feet_come_back_in_metres(tmp_path: Path) -> None:
+    foot = 1200 / 3937
+    path = write_polygons(
+        tmp_path / "heaps.gpkg", [shapely.box(980_000, 190_000, 980_100, 190_050)], ["a"], "EPSG:2263"
+    )
+    (found,) = read_polygons(path, "EPSG:2263+6360")
+    np.testing.assert_allclose(found.polygon.bounds, np.array([980_000, 190_000, 980_100, 190_050]) * foot, rtol=1e-12)
+
+
 def test_another_crs_is_refused(tmp_path: Path) -> None:
     path = write_polygons(tmp_path / "heaps.gpkg", [SQUARE], ["sand"], "EPSG:25833")
     with pytest.raises(FrameError, match="their CRS EPSG:25833 is not that of the surface, EPSG:25832"):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
+from photogram.crs import NO_CRS, map_units
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.dense_points import SIGMA
@@ -20,6 +21,7 @@ from photogram.files.clouds.points import (
     add_extra_bytes,
     las_colour,
     las_header,
+    las_units,
     read_cloud,
     read_las,
 )
@@ -39,17 +41,18 @@ class ComparedCloud:
 
 
 def read_compared(path: Path) -> ComparedCloud:
-    """Return a cloud with its extra bytes "sigma z". Raises ProjectError as ``read_cloud``, and where a standard
-    deviation is none."""
+    """Return a cloud, in metres whatever its CRS counts, with its extra bytes "sigma z". Raises ProjectError as
+    ``read_cloud``, and where a standard deviation is none."""
     if path.suffix.lower() not in LAS_SUFFIXES or not path.is_file():
         return ComparedCloud(path, read_cloud(path), None, None)
     data = read_las(path)
-    cloud = PointCloud(np.asarray(data.xyz, dtype=np.float64), las_colour(data))
+    units = las_units(data.header, NO_CRS)
+    cloud = PointCloud(np.asarray(data.xyz, dtype=np.float64) * units.factors, las_colour(data))
     if len(cloud) == 0:
         raise ProjectError(f"point cloud {path}: it contains no points: export it again")
     sigma = None
     if SIGMA in set(data.point_format.dimension_names):
-        sigma = np.asarray(data[SIGMA], dtype=np.float64)
+        sigma = np.asarray(data[SIGMA], dtype=np.float64) * units.height_m
         if not np.all((sigma >= 0.0) & np.isfinite(sigma)):
             raise ProjectError(f"point cloud {path}: {SIGMA!r} holds what is no standard deviation: export it again")
     return ComparedCloud(path, cloud, sigma, _crs_of(path, data.header))
@@ -69,13 +72,14 @@ def write_distances(
     crs: str,
     fields: Mapping[str, tuple[NDArray[np.generic], str]],
 ) -> None:
-    """Write points (N, 3) as LAZ 1.4 with extra bytes, of each name the values (N,) and what they are; whole or not at
-    all. Raises FrameError where ``crs`` is no map grid in metres, WorkspaceError where the file cannot be written."""
-    header = las_header(crs, NO_DATE, colour=False)
-    header.offsets = np.floor((points_map_m.min(axis=0) + points_map_m.max(axis=0)) / 2)
+    """Write points (N, 3) as LAZ 1.4 in the units of ``crs``, with extra bytes, of each name the values (N,), in metres
+    where they are lengths, and what they are; whole or not at all. Raises FrameError where ``crs`` is no map grid,
+    WorkspaceError where the file cannot be written."""
+    header, place = las_header(crs, NO_DATE, colour=False), points_map_m / map_units(crs).factors
+    header.offsets = np.floor((place.min(axis=0) + place.max(axis=0)) / 2)
     add_extra_bytes(header, {name: (values.dtype.type, text) for name, (values, text) in fields.items()})
-    points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(len(points_map_m), header=header))
-    points.X, points.Y, points.Z = np.rint((points_map_m - header.offsets) / header.scales).astype(np.int32).T
+    points = laspy.LasData(header, laspy.ScaleAwarePointRecord.zeros(len(place), header=header))
+    points.X, points.Y, points.Z = np.rint((place - header.offsets) / header.scales).astype(np.int32).T
     points.return_number[:] = points.number_of_returns[:] = 1
     for name, (values, _) in fields.items():
         points[name] = values

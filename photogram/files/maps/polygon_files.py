@@ -12,7 +12,7 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import NO_CRS, plan_of, same_plan
+from photogram.crs import NO_CRS, map_units, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
 from photogram.files.reading import check_size
 
@@ -36,7 +36,8 @@ class SitePolygon:
 
 
 def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
-    """Return the polygons of a file's only layer in its order, in the plan of ``crs``.
+    """Return the polygons of a file's only layer in its order, in the plan of ``crs``; those of a CRS in feet come back
+    in metres.
 
     A GeoJSON that names no CRS in its key ``crs`` is in longitude and latitude (RFC 7946) and refused, unless its
     coordinates cannot be degrees: then they are taken as those of the map, as many programs write them. Raises
@@ -49,6 +50,7 @@ def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
         raise ProjectError(f"polygons {path}: file not found: check its path")
     meta, shapes, fields = _read(path)
     _check_crs(path, meta["crs"], shapes, crs)
+    unit_m = map_units(crs).plan_m
     columns = {str(name).casefold(): values for name, values in zip(meta["fields"], fields, strict=True)}
     named = next((columns[name] for name in NAME_FIELDS if name in columns), None)
     faults, found = [], []
@@ -59,7 +61,8 @@ def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
         if fault:
             faults.append(f"polygon {number} ({name}): {fault}")
         else:
-            found.append(SitePolygon(name, shapely.force_2d(shape)))
+            plan = shapely.force_2d(shape)
+            found.append(SitePolygon(name, plan if unit_m == 1.0 else shapely.transform(plan, lambda at: unit_m * at)))
     if faults:
         more = f" (and {len(faults) - 3} more)" if len(faults) > 3 else ""
         raise ProjectError(f"polygons {path}: {'; '.join(faults[:3])}{more}")
