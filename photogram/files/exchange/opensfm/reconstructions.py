@@ -1,4 +1,4 @@
-"""Reconstructions of OpenSfM and OpenDroneMap: reconstruction.json, tracks.csv, reference_lla.json, read and written.
+"""Reconstructions of OpenSfM and OpenDroneMap: reconstruction.json, tracks.csv, reference_lla.json, gcp_list.txt.
 
 OpenSfM's camera frame is photogram's; a shot holds the rotation vector and the translation camera from world, a camera
 its focal length and principal point in normalised image coordinates, see ``tracks`` (OpenSfM documentation,
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,12 @@ from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.exchange.assembly import camera_of, check_names, pose_of, sizes_of, tie_points_of
 from photogram.files.exchange.json_nodes import Node, read_json
+from photogram.files.exchange.opensfm.ground_control import FILE as CONTROL
+from photogram.files.exchange.opensfm.ground_control import (
+    in_crs_of_control,
+    read_ground_control,
+    write_ground_control,
+)
 from photogram.files.exchange.opensfm.tracks import (
     Tracks,
     normalised_of_pixel,
@@ -63,8 +70,9 @@ _NO_ACCURACY_M = 1e5
 def read_opensfm(path: Path) -> ForeignSolution:
     """Return the reconstruction in a folder of OpenSfM, or of a reconstruction.json; the one with the most photographs.
 
-    tracks.csv and reference_lla.json are read where they lie beside it. Measured positions have the CRS EPSG:4979,
-    longitude before latitude. Raises ExchangeError where a file is damaged, or a camera model is none of photogram's.
+    tracks.csv, reference_lla.json and gcp_list.txt are read where they lie beside it. Measured positions have the CRS
+    of the ground points, without such EPSG:4979, longitude before latitude. Raises ExchangeError where a file is
+    damaged, or a camera model is none of photogram's.
     """
     path = path / "reconstruction.json" if path.is_dir() else path
     parts = list(read_json(path).items())
@@ -97,14 +105,21 @@ def _solution(path: Path, part: Node, left_out: list[str]) -> ForeignSolution:
         left_out.append("Meshes of the photographs.")
     if part.get("pano_shots", {}).keys():
         left_out.append("Panoramas.")
+    crs = GEODETIC if any(photograph.measured is not None for photograph in photographs) else None
+    ground, control = None, path.with_name(CONTROL)
+    if control.exists():
+        ground, named, strange = read_ground_control(control, photographs)
+        photographs, crs = in_crs_of_control(control, photographs, GEODETIC, named), named
+        left_out += strange
     return ForeignSolution(
         "OpenSfM",
         cameras,
         photographs,
         tie_points,
+        ground,
         frame="local" if origin is None else "topocentric",
         origin_lla=origin,
-        crs=GEODETIC if any(photograph.measured is not None for photograph in photographs) else None,
+        crs=crs,
         left_out=tuple(left_out),
     )
 
@@ -202,8 +217,8 @@ def _tie_points(
 
 
 def write_opensfm(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
-    """Write reconstruction.json and tracks.csv, and reference_lla.json where the frame has an origin; returns sentences
-    on what has no place in them.
+    """Write reconstruction.json and tracks.csv, reference_lla.json where the frame has an origin, and gcp_list.txt of
+    ground points with a CRS; returns sentences on what has no place in them.
 
     Raises ExchangeError where a camera has b2, k4 in the model brown or p1 or p2 in the model fisheye, which no camera
     model of OpenSfM holds, or a name has a tab; WorkspaceError where the folder cannot be written.
@@ -241,7 +256,8 @@ def write_opensfm(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
     for name, text in files.items():
         with replacing(folder / name) as partial:
             partial.write_text(text, encoding="utf-8")
-    return (*unoriented_photographs(solution), *others, *_not_written(solution, bool(enu)))
+    control = write_ground_control(folder, solution)
+    return (*unoriented_photographs(solution), *others, *control, *_not_written(solution, bool(enu)))
 
 
 def _camera_written(folder: Path, camera: Camera) -> dict[str, object]:
@@ -305,7 +321,7 @@ def _not_written(solution: ForeignSolution, has_measured: bool) -> Iterator[str]
         yield "That some observations have no key point: they have the number 0."
     if any(p.file.name != str(p.file) for p in photographs):
         yield "The folders of photographs."
-    yield from without_place(solution, has_origin=True, has_measured=has_measured)
+    yield from without_place(replace(solution, ground_points=None), has_origin=True, has_measured=has_measured)
     if has_measured and any(p.measured_sigma_m is not None and np.ptp(p.measured_sigma_m) > 0 for p in photographs):
         yield "Standard deviations of measured positions by their axes: the largest stands for all three."
     if has_measured and any(p.measured is not None and p.measured_sigma_m is None for p in photographs):
