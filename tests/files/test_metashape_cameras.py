@@ -195,6 +195,16 @@ def test_fx_and_fy_of_photoscan_are_counted_from_the_corner(tmp_path: Path) -> N
     assert camera.affinity.tolist() == [0.5, 0.75]
 
 
+def test_a_fixed_calibration_is_held(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.xml"
+    fixed = '<property name="fixed" value="true"/>'
+    for text, held in ((EXPORT, False), (EXPORT.replace('type="frame">', f'type="frame">{fixed}', 1), True)):
+        path.write_text(text, encoding="utf-8")
+        stated = read_metashape_cameras(path).stated
+        assert stated.held is not None
+        assert stated.held.tolist() == [[held] * 11]
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_damaged_files_are_refused_or_read(tmp_path: Path, seed: int) -> None:
     path = written(tmp_path, EXPORT)

@@ -136,6 +136,9 @@ def test_the_project_of_strasbourg(shared_data: SharedData) -> None:
     solution = read_metashape_project(path)
     ground = solution.ground_points
     assert ground is not None
+    assert solution.program == "Agisoft PhotoScan (.psz)"
+    assert solution.stated.held is not None
+    assert solution.stated.held.all()  # "fixed", as the project says
     assert len(solution.tie_points) == figure("OP")
     assert len(ground) == figure("CP")
     assert len(solution.photographs) == figure("cams")

@@ -36,6 +36,7 @@ def colmap(folder: Path) -> Path:
         ("project.psx", b'<?xml version="1.0"?>\n<document version="1.2.0" path="{projectname}.files/project.zip"/>',
          "Metashape (project)"),
         ("project.psz", b"PK\x03\x04", "Metashape (project)"),
+        ("report.txt", b"Damped Bundle Adjustment Toolbox result file\n   Project\n", "DBAT"),
         ("any.opf", b'{"format": "application/opf-project+json"}', "OPF"),
         ("x_calibrated_camera_parameters.txt", b"fileName imageWidth imageHeight\n", "PIX4Dmapper"),
         ("scene.sfm", b'{"version": ["1","0","0"], "views": [], "intrinsics": []}', "Meshroom"),

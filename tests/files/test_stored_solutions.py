@@ -12,7 +12,7 @@ from foreign import assert_refused_or_read, assert_same_cameras, small_solution
 
 from photogram.errors import ExchangeError
 from photogram.files.exchange.recognition import read_solution
-from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.solution import ForeignSolution, StatedAdjustment
 from photogram.files.exchange.stored_solutions import read_stored, write_stored
 from photogram.files.npz_json import read_arrays, write_arrays
 
@@ -38,7 +38,17 @@ def measured(solution: ForeignSolution) -> ForeignSolution:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("change", [lambda s: s, measured, without_ground_points])
+def stating(solution: ForeignSolution) -> ForeignSolution:
+    """The solution with what its program says of its own adjustment."""
+    n = len(solution.photographs)
+    stated = StatedAdjustment(
+        np.arange(22).reshape(2, 11) % 3 == 0, True, True, np.array([True, False, False]), 1.25, 17, True,
+        np.full((n, 3), 0.01), np.arange(3.0 * n).reshape(n, 3), np.full((3, 3), np.nan), None,
+    )  # fmt: skip
+    return replace(solution, frame="map", stated=stated)
+
+
+@pytest.mark.parametrize("change", [lambda s: s, measured, without_ground_points, stating])
 def test_everything_comes_back_to_the_bit(tmp_path: Path, change: Callable[[ForeignSolution], ForeignSolution]) -> None:
     given = change(small_solution())
     write_stored(tmp_path / "a.npz", given)
@@ -58,6 +68,11 @@ def test_everything_comes_back_to_the_bit(tmp_path: Path, change: Callable[[Fore
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in ("program", "frame", "origin_lla", "crs", "stated_tie_sigma_px", "reprojection_rms_px", "left_out"):
         assert getattr(found, name) == getattr(given, name)
+    for each in fields(given.stated):
+        one, other = (getattr(solution.stated, each.name) for solution in (found, given))
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one, other, err_msg=each.name)
 
 
 def test_damage_is_refused(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from photogram.errors import ExchangeError
 from photogram.files.exchange.blocks_exchange import read_blocks_exchange
 from photogram.files.exchange.bundler import read_bundler
 from photogram.files.exchange.colmap.sparse_models import read_colmap
+from photogram.files.exchange.dbat.dbat import read_dbat
+from photogram.files.exchange.dbat.dbat_report import FIRST_LINE
 from photogram.files.exchange.meshroom.meshroom import read_meshroom
 from photogram.files.exchange.meshroom.meshroom_baf import read_meshroom_baf
 from photogram.files.exchange.metashape.metashape_cameras import read_metashape_cameras
@@ -102,6 +104,7 @@ FORMATS = (
     Format("Metashape (cameras)", _holds(b"<document", b"<chunk"), _never, read_metashape_cameras),
     Format("Bundler", _starts(b"# Bundle file"), _never, read_bundler),
     Format("VisualSFM", _starts(b"NVM_V3"), _never, read_visualsfm),
+    Format("DBAT", _starts(FIRST_LINE.encode()), _never, read_dbat),
     Format("OPF", _is_opf, _has("project.opf"), read_opf),
     Format("PIX4Dmapper", _starts(b"fileName imageWidth imageHeight"), _is_pix4d, read_pix4d_params),
     Format("MicMac", _never, _is_micmac, read_micmac),

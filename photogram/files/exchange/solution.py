@@ -13,15 +13,16 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.arrays import FloatArray, check_shape
+from photogram.arrays import BoolArray, FloatArray, check_shape
 from photogram.camera import Camera, Pose, oriented_by
-from photogram.projection import OrientedCameras
+from photogram.projection import PARAMETERS, OrientedCameras
 from photogram.survey import ControlPoints, TiePoints
 from photogram.wording import things
 
 Frame = Literal["local", "topocentric", "geocentric", "map"]
 """What the coordinates of a solution are: those of a free network in a unit of its own, east, north and up at
-``origin_lla``, geocentric ones of WGS 84, or those of the CRS ``crs`` taken as Cartesian."""
+``origin_lla``, geocentric ones of WGS 84, or those of the ground points, in the CRS ``crs`` where it is known, taken as
+Cartesian."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,34 @@ class ForeignPhotograph:
     """Measured position (3,) as the program was given it, in ``crs``; None without one."""
     measured_sigma_m: FloatArray | None = None
     """Its standard deviations (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedAdjustment:
+    """What a program says of its own adjustment; a field is None where its files do not say it."""
+
+    held: BoolArray | None = None
+    """Parameters of interior orientation (cameras, 11) that it held for sure; others it may have estimated."""
+    is_least_squares: bool = False
+    """Whether all observations counted by their weights alone: no robust loss, and nothing rejected."""
+    uses_check_marks: bool = False
+    """Whether the marks of check points took part, as those of points without a survey."""
+    fitted: BoolArray | None = None
+    """Ground points (ground points,) whose survey took part, where others are control points now than were then."""
+    sigma0: float | None = None
+    """A posteriori standard deviation of the unit weight."""
+    redundancy: int | None = None
+    """Observations less unknowns."""
+    sigmas_are_scaled: bool = False
+    """Whether the standard deviations below are multiplied by sigma0."""
+    angle_sigma_deg: FloatArray | None = None
+    """Standard deviations of omega, phi, kappa (photographs, 3), degrees."""
+    position_sigma_m: FloatArray | None = None
+    """Those of projection centres (photographs, 3), along the solution's axes."""
+    ground_m: FloatArray | None = None
+    """Ground points as adjusted (ground points, 3), in the map of a solution whose coordinates are one."""
+    ground_sigma_m: FloatArray | None = None
+    """Their standard deviations (ground points, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +99,8 @@ class ForeignSolution:
     it."""
     left_out: tuple[str, ...] = field(default=())
     """Sentences: what the files hold and this form cannot."""
+    stated: StatedAdjustment = field(default_factory=StatedAdjustment)
+    """What the program says of its own adjustment."""
 
     def __post_init__(self) -> None:
         names = [photograph.name for photograph in self.photographs]
@@ -82,9 +113,26 @@ class ForeignSolution:
             raise ValueError("an observation of a tie point names a photograph that is not there")
         if (self.frame == "topocentric") != (self.origin_lla is not None):
             raise ValueError("a topocentric frame has an origin, no other has")
+        self._check_stated()
         for photograph in self.photographs:
             if photograph.measured is not None:
                 check_shape("measured", photograph.measured, (3,))
+
+    def _check_stated(self) -> None:
+        points = 0 if self.ground_points is None else len(self.ground_points)
+        for name, shape in (
+            ("held", (len(self.cameras), PARAMETERS)),
+            ("angle_sigma_deg", (len(self.photographs), 3)),
+            ("position_sigma_m", (len(self.photographs), 3)),
+            ("fitted", (points,)),
+            ("ground_m", (points, 3)),
+            ("ground_sigma_m", (points, 3)),
+        ):
+            array = getattr(self.stated, name)
+            if array is not None:
+                check_shape(name, array, shape)
+        if self.stated.ground_m is not None and self.frame != "map":
+            raise ValueError("adjusted ground points are stated in a map")
 
     def __repr__(self) -> str:
         oriented = sum(photograph.pose is not None for photograph in self.photographs)

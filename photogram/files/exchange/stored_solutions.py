@@ -18,15 +18,16 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
 from photogram.files.arrays import read_npz
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame, StatedAdjustment
 from photogram.files.npz_json import write_arrays
 from photogram.projection import PARAMETERS, Model
 from photogram.survey import ControlPoints, Role, TiePoints
 
-FORMAT = 1
+FORMAT = 2
 _REMEDY = "make it again with photogram import"
 _WORDS = "words"
 _TIES = ("photograph", "point", "feature", "pixel", "sigma_px", "position_world_m", "colour")
+_STATED = ("held", "fitted", "angle_sigma_deg", "position_sigma_m", "ground_m", "ground_sigma_m")
 _GROUND = ("position_world_m", "sigma_m", "mark_photograph", "mark_point", "mark_pixel", "mark_sigma_px", "controlled")
 
 
@@ -48,6 +49,14 @@ class _PointWords(TypedDict):
     role: Role
 
 
+class _StatedWords(TypedDict):
+    is_least_squares: bool
+    uses_check_marks: bool
+    sigma0: float | None
+    redundancy: int | None
+    sigmas_are_scaled: bool
+
+
 class _Words(TypedDict):
     format: int
     program: str
@@ -60,6 +69,7 @@ class _Words(TypedDict):
     cameras: list[_CameraWords]
     photographs: list[_PhotographWords]
     ground_points: list[_PointWords] | None
+    stated: _StatedWords
 
 
 @cache
@@ -74,7 +84,7 @@ def is_stored(head: bytes) -> bool:
 
 def write_stored(path: Path, solution: ForeignSolution) -> None:
     """Write a solution, whole or not at all; the same bytes for the same solution."""
-    ground, photographs = solution.ground_points, solution.photographs
+    ground, photographs, stated = solution.ground_points, solution.photographs, solution.stated
     words: _Words = {
         "format": FORMAT,
         "program": solution.program,
@@ -92,6 +102,13 @@ def write_stored(path: Path, solution: ForeignSolution) -> None:
         "ground_points": None if ground is None else [
             {"name": name, "role": role} for name, role in zip(ground.name, ground.role, strict=True)
         ],
+        "stated": {
+            "is_least_squares": stated.is_least_squares,
+            "uses_check_marks": stated.uses_check_marks,
+            "sigma0": stated.sigma0,
+            "redundancy": stated.redundancy,
+            "sigmas_are_scaled": stated.sigmas_are_scaled,
+        },
     }  # fmt: skip
     arrays: dict[str, NDArray[Any]] = {
         _WORDS: np.frombuffer(_words().dump_json(words), dtype=np.uint8),
@@ -106,6 +123,7 @@ def write_stored(path: Path, solution: ForeignSolution) -> None:
     }
     if ground is not None:
         arrays |= {f"ground_{name}": getattr(ground, name) for name in _GROUND}
+    arrays |= {f"stated_{name}": array for name in _STATED if (array := getattr(stated, name)) is not None}
     write_arrays(path, arrays)
 
 
@@ -173,6 +191,7 @@ def _solution(words: _Words, arrays: dict[str, NDArray[Any]]) -> ForeignSolution
         words["stated_tie_sigma_px"],
         words["reprojection_rms_px"],
         tuple(words["left_out"]),
+        StatedAdjustment(**words["stated"], **{name: arrays.get(f"stated_{name}") for name in _STATED}),
     )
 
 

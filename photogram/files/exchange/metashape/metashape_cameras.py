@@ -19,7 +19,7 @@ from photogram.files.atomic import replacing
 from photogram.files.exchange.assembly import HALF_PIXEL, no_tie_points
 from photogram.files.exchange.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, read_chunk
 from photogram.files.exchange.parsing import bytes_of
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, StatedAdjustment
 from photogram.files.exchange.writing import check_writable
 from photogram.files.xml_elements import elements_of
 from photogram.frames import geocentric_from_topocentric
@@ -58,6 +58,7 @@ def read_metashape_cameras(path: Path) -> ForeignSolution:
         crs=chunk.crs,
         stated_tie_sigma_px=chunk.tie_sigma_px,
         left_out=chunk.left_out,
+        stated=StatedAdjustment(held=chunk.held),
     )
 
 

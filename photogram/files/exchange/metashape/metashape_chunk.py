@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, Similarity
 from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
@@ -22,7 +22,7 @@ from photogram.files.exchange.assembly import HALF_PIXEL, camera_of, check_names
 from photogram.files.exchange.parsing import file_of, number_of, numbers_of
 from photogram.files.exchange.solution import ForeignPhotograph, Frame
 from photogram.files.xml_elements import Element
-from photogram.projection import Model
+from photogram.projection import PARAMETERS, Model
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
@@ -40,6 +40,8 @@ class Chunk:
     """What the XML of a chunk says: everything but tie points."""
 
     cameras: tuple[Camera, ...]
+    held: BoolArray
+    """Parameters of interior orientation (cameras, 11) that were held: all of a sensor with a fixed calibration."""
     photographs: tuple[ForeignPhotograph, ...]
     photograph_of: dict[str, int]
     """Number of the photograph by Metashape's number of the camera."""
@@ -69,7 +71,7 @@ def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
     Raises ExchangeError with the line of what is wrong.
     """
     notes = _Notes()
-    sensors, cameras = _sensors(path, chunk, notes)
+    sensors, cameras, fixed = _sensors(path, chunk, notes)
     wkt = next((element.text for element in chunk.all("reference")), "")
     crs, world = crs_of_wkt(wkt), _transform(path, chunk)
     geocentric = crs is not None and world is not None
@@ -81,6 +83,7 @@ def read_chunk(path: Path, chunk: Element, frame: Element | None) -> Chunk:
     _note_rest(chunk, notes)
     return Chunk(
         cameras=cameras,
+        held=np.repeat(np.array(fixed, dtype=bool)[:, None], PARAMETERS, axis=1),
         photographs=photographs,
         photograph_of=number,
         world=to_world,
@@ -106,10 +109,12 @@ def _setting(path: Path, settings: dict[str, Element], name: str) -> float | Non
     return value if value > 0 else None
 
 
-def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int], tuple[Camera, ...]]:
-    """Return the cameras, and their index by Metashape's number; those without a calibration have none."""
+def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int], tuple[Camera, ...], list[bool]]:
+    """Return the cameras, their index by Metashape's number, those without a calibration have none, and whether the
+    calibration of each was fixed."""
     index: dict[str, int] = {}
     cameras: list[Camera] = []
+    fixed: list[bool] = []
     for sensor in chunk.all("sensors", "sensor"):
         found = {c.attributes.get("class", ""): c for c in sensor.all("calibration")}
         calibration = found.get("adjusted") or next(iter(found.values()), None)
@@ -117,9 +122,11 @@ def _sensors(path: Path, chunk: Element, notes: _Notes) -> tuple[dict[str, int],
             continue
         index[sensor.attributes.get("id", "")] = len(cameras)
         cameras.append(_camera(path, sensor, calibration))
+        said = {p.attributes.get("name", ""): p.attributes.get("value", "") for p in sensor.all("property")}
+        fixed.append(said.get("fixed", "").lower() in _TRUE)
     covariances = len(list(chunk.all("sensors", "sensor", "covariance")))
     notes.count(covariances, "covariance of a calibration", "covariances of calibrations")
-    return index, tuple(cameras)
+    return index, tuple(cameras), fixed
 
 
 def _camera(path: Path, sensor: Element, calibration: Element) -> Camera:

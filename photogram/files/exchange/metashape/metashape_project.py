@@ -25,7 +25,7 @@ from photogram.files.clouds.binary_ply import vertices_of
 from photogram.files.exchange.assembly import HALF_PIXEL, index_in, no_tie_points, tie_points_of
 from photogram.files.exchange.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
 from photogram.files.exchange.parsing import bytes_of, check_distinct, check_finite, part_of
-from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.solution import ForeignSolution, StatedAdjustment
 from photogram.files.reading import ordinary_size
 from photogram.files.xml_elements import Element, elements_of
 from photogram.survey import TiePoints
@@ -37,6 +37,8 @@ MOST_UNPACKED_BYTES = 2_000_000_000
 _DOCUMENT = "doc.xml"
 _REMEDY = "save the project in Metashape again"
 _PROJECT_NAME = "{projectname}"
+_RENAMED = (1, 5)
+"""Version from which PhotoScan is called Metashape."""
 _CLOUDS = ("tie_points", "point_cloud")
 
 
@@ -105,18 +107,29 @@ def read_metashape_project(path: Path, chunk: str | None = None) -> ForeignSolut
     """
     if path.suffix.lower() == ".psz":
         with _opened(path) as archive:
-            root = _document(archive, "document")
-            chosen = _chosen(path, list(root.all("chunks", "chunk")), chunk)
+            head = _document(archive, "document")
+            chosen = _chosen(path, list(head.all("chunks", "chunk")), chunk)
             frames = list(chosen.all("frames", "frame"))
             frame = frames[0] if frames else None
             element = _cloud_element(frame)
             cloud = None if element is None else _cloud_of(archive, element)
         place = path
     elif path.suffix.lower() == ".psx":
-        place, chosen, frames, frame, cloud = _of_folder(path, chunk)
+        head = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY).first("document") or Element(
+            "document", {}, 1
+        )
+        place, chosen, frames, frame, cloud = _of_folder(path, head, chunk)
     else:
         raise ExchangeError(f"{path}: is no project of Metashape: give a file .psz or .psx")
-    return _solution(path, read_chunk(place, chosen, frame), cloud, len(frames))
+    program = _program(path, head.attributes.get("version", ""))
+    return _solution(program, read_chunk(place, chosen, frame), cloud, len(frames))
+
+
+def _program(path: Path, version: str) -> str:
+    """Return the program's name: it was PhotoScan before version 1.5."""
+    numbers = [int(part) for part in version.split(".")[:2] if part.isascii() and part.isdigit() and len(part) < 4]
+    name = "PhotoScan" if len(numbers) == 2 and tuple(numbers) < _RENAMED else "Metashape"
+    return f"Agisoft {name} ({path.suffix.lower()})"
 
 
 def _document(archive: _Archive, tag: str) -> Element:
@@ -141,11 +154,12 @@ def _chosen(path: Path, chunks: list[Element], label: str | None) -> Element:
     return chunks[0]
 
 
-def _of_folder(path: Path, label: str | None) -> tuple[Path, Element, list[Element], Element | None, _Cloud | None]:
-    """Return chunk and frames of a `.psx`: where the chunk's XML is, the chunk, its frames, the first of them as its
-    own archive has it, and its tie points."""
-    head = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY).first("document")
-    named = "" if head is None else head.attributes.get("path", "")
+def _of_folder(
+    path: Path, head: Element, label: str | None
+) -> tuple[Path, Element, list[Element], Element | None, _Cloud | None]:
+    """Return chunk and frames of a `.psx` with the element ``head``: where the chunk's XML is, the chunk, its frames,
+    the first of them as its own archive has it, and its tie points."""
+    named = head.attributes.get("path", "")
     folder = path.parent
     project = part_of(f"{path}:1: the path", folder, named.replace(_PROJECT_NAME, path.stem))
     with _opened(project) as archive:
@@ -276,11 +290,11 @@ def _colours(place: str, cloud: _Cloud, ids: NDArray[np.int64]) -> ByteArray | N
     return rgb.astype(np.uint8)
 
 
-def _solution(path: Path, chunk: Chunk, cloud: _Cloud | None, frames: int) -> ForeignSolution:
+def _solution(program: str, chunk: Chunk, cloud: _Cloud | None, frames: int) -> ForeignSolution:
     tie_points, sentences = (no_tie_points(), ()) if cloud is None else _tie_points(chunk, cloud)
     more = (f"All but the first of {frames} frames.",) if frames > 1 else ()
     solution = ForeignSolution(
-        program=f"Agisoft Metashape ({path.suffix.lower()})",
+        program=program,
         cameras=chunk.cameras,
         photographs=chunk.photographs,
         tie_points=tie_points,
@@ -289,5 +303,6 @@ def _solution(path: Path, chunk: Chunk, cloud: _Cloud | None, frames: int) -> Fo
         crs=chunk.crs,
         stated_tie_sigma_px=chunk.tie_sigma_px,
         left_out=chunk.left_out,
+        stated=StatedAdjustment(held=chunk.held),
     )
     return replace(solution, left_out=(*solution.left_out, *sentences, *more))
