@@ -24,9 +24,16 @@ def audit(
         list[str] | None,
         typer.Option(help="A ground point that is taken as a check point here; may be repeated.", show_default=False),
     ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="A solution of the same photographs by another program, as a further column; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
     output: Annotated[Path, typer.Option(help="Folder for audit.html and audit.json.")] = Path("audit"),
 ) -> None:
     """Adjust the measurements of another program's solution again, and show both results beside each other."""
     from photogram.cli.work.exchange.audit import run
 
-    run(solution, crs, check or [], output)
+    run(solution, crs, check or [], beside or [], output)

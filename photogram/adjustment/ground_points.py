@@ -16,6 +16,7 @@ from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.projection import OrientedCameras
 from photogram.survey import Block, ControlPoints
 from photogram.triangulation import consensus_intersections
 
@@ -64,7 +65,7 @@ def _check_points(
         points.mark_sigma_px[order],
     )
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
-    X = intersect_weighted(observations, cameras, state, len(index))
+    X = intersect_weighted(observations, cameras, state.cameras, len(index))
     linear = linearise(observations, state.cameras, X)
     first = first_observations(number, len(index))
     for n, g in enumerate(index.tolist()):
@@ -93,12 +94,14 @@ def _intersection_covariance(
     return np.asarray(G @ (np.eye(len(G.T)) + rows @ cameras @ rows.T) @ G.T)
 
 
-def intersect_weighted(observations: Observations, cameras: Sequence[Camera], state: State, count: int) -> FloatArray:
+def intersect_weighted(
+    observations: Observations, cameras: Sequence[Camera], oriented: OrientedCameras, count: int
+) -> FloatArray:
     """Intersect ``count`` points from observations sorted by point with fixed cameras: Gauss–Newton from the best two
     rays; returns positions (count, 3) in the world, NaN where rays do not meet in front of all their photographs."""
     o = observations
     ideal = np.empty_like(o.pixel)
-    camera = state.cameras.camera[o.photograph]
+    camera = oriented.camera[o.photograph]
     for c in np.unique(camera):
         ideal[camera == c] = image_plane_or_nan(cameras[c], o.pixel[camera == c])
     everything = np.full(len(o), 1e6)
@@ -108,11 +111,11 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         o.pixel,
         ideal,
         everything,
-        state.cameras,
+        oriented,
     )
     met = np.isfinite(X).all(axis=1)
     for _ in range(20):
-        linear = linearise(o, state.cameras, np.nan_to_num(X))
+        linear = linearise(o, oriented, np.nan_to_num(X))
         V, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
         np.add.at(V, o.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
         np.add.at(g, o.point, np.einsum("nri,nr->ni", linear.point, linear.residual))
@@ -123,7 +126,7 @@ def intersect_weighted(observations: Observations, cameras: Sequence[Camera], st
         X = X - step
         if np.abs(step).max(initial=0.0) < 1e-9:
             break
-    left = residuals(o, state.cameras, np.nan_to_num(X))
+    left = residuals(o, oriented, np.nan_to_num(X))
     met &= np.bincount(o.point, ~np.isfinite(left).all(axis=1), minlength=count) == 0
     return np.where(met[:, None], X, np.nan)
 

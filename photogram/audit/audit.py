@@ -7,7 +7,7 @@ covariances of the second; two adjustments of the same measurements with the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,20 +15,19 @@ from numpy.typing import NDArray
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import BoolArray, FloatArray
-from photogram.audit.foreign_block import ForeignBlock, similarity_of_poses
-from photogram.errors import AdjustmentError, OrientationError
-from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.arrays import FloatArray
+from photogram.audit.beside import Beside, check_shared, laid_beside
+from photogram.audit.differences import PoseDifference, brought, calibration_differences, pose_differences
+from photogram.audit.fits import Fit, fit_of_adjustment, fit_of_solution, known_rows
+from photogram.audit.foreign_block import ForeignBlock, with_their_model
+from photogram.errors import AdjustmentError
 from photogram.files.exchange.solution import ForeignSolution
-from photogram.quality.accuracy import CheckAccuracy, check_accuracy
 from photogram.quality.deformation import DOME, height_modes
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
-from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, TiePoints
-from photogram.triangulation import intersect
 
 FEWEST_POINTS = 20
 """Tie points in both results from which a bend is looked for."""
@@ -41,34 +40,12 @@ STEADY, MOST_REWEIGHTED = 1.1, 5
 AWAY = 10.0
 """Median distances from the median height difference beyond which a tie point is another one."""
 
+LEAST_SQUARES = AdjustmentSettings(
+    robust_loss="none", outlier_threshold=1e3, first_outlier_threshold_px=1e4, estimate_sigmas=False
+)
+"""Of programs that reject nothing."""
+
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """How a result fits its measurements."""
-
-    tie_rms_px: float
-    """Root mean square of a tie point's residual, its length."""
-    mark_rms_px: float
-    """The same of marks; NaN without."""
-    control: CheckAccuracy
-    """Adjusted minus surveyed, of control: how well they were fitted, no accuracy."""
-    check: CheckAccuracy
-    """The same of check points: accuracy."""
-
-
-@dataclass(frozen=True, eq=False)
-class PoseDifference:
-    """A photograph's exterior orientation, theirs minus ours."""
-
-    photograph: str
-    position_m: FloatArray
-    """Of the projection centre (3,) in the world."""
-    rotation_rad: FloatArray
-    """About the camera's axes (3,)."""
-    sigmas: float
-    """Root of the mean square of the six over their predicted covariance: 1 where they differ by chance alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +66,7 @@ class Audit:
     start: ForeignBlock
     theirs: Fit
     same: Adjustment | None
-    """With the weights of theirs, nothing rejected but mismatches; None where that has no solution."""
+    """With the weights of theirs and what it held, nothing rejected but mismatches; None where that has no solution."""
     same_fit: Fit | None
     ours: Verdict
     """With blunders rejected and sigmas estimated."""
@@ -103,18 +80,28 @@ class Audit:
     """None with too few tie points to tell."""
     mark_factor: float
     """By what the stated sigmas of marks were multiplied for ours."""
+    beside: tuple[Beside, ...] = ()
+    """Further solutions of the photographs, by other programs."""
 
 
-def audited(solution: ForeignSolution, start: ForeignBlock, progress: Progress = lambda _: None) -> Audit:
-    """Adjust the measurements of a foreign solution anew and compare.
+def audited(
+    solution: ForeignSolution,
+    start: ForeignBlock,
+    progress: Progress = lambda _: None,
+    beside: Sequence[tuple[ForeignSolution, ForeignBlock]] = (),
+) -> Audit:
+    """Adjust the measurements of a foreign solution anew and compare, with further solutions of its photographs
+    ``beside`` it.
 
-    Raises AdjustmentError where they do not determine the block even without what contradicts the rest.
+    Raises AdjustmentError where the measurements do not determine the block even without what contradicts the rest,
+    ExchangeError where a further solution shares no photograph with it.
     """
+    for other, _ in beside:
+        check_shared(solution, other)
     block = start.block
-    held = replace(start.theirs, cameras=solution.cameras)
     progress("their result")
-    theirs = _fit(held, _their_points(held), intersected_marks(held)[0])
-    same, same_fit = _with_their_weights(start, progress)
+    theirs = fit_of_solution(solution, start.theirs)
+    same, same_fit = _with_their_weights(solution, start, progress)
     progress("blunders and sigmas")
     block, mark_factor = _with_scatter_of_marks(start, progress)
     ours = adjust_and_judge(block, AdjustmentSettings(), start.parameters, progress)
@@ -122,14 +109,26 @@ def audited(solution: ForeignSolution, start: ForeignBlock, progress: Progress =
     known_before = [camera.parameters for camera in block.cameras]
     bent = block_deformation(ours.result, AdjustmentSettings(), known_before)
     ours = replace(ours, result=with_model_error(replace(ours.result, deformation=bent)))
-    result, moved = ours.result, _brought(start, ours.result)
-    off = np.array([c.parameters for c in solution.cameras]) - np.array([c.parameters for c in result.block.cameras])
-    sigma = np.sqrt(np.einsum("ckk->ck", result.calibration_covariance))
+    result = ours.result
+    every = np.arange(len(solution.photographs))
+    moved = brought(start, every, result) or start.theirs
+    off, sigmas = calibration_differences(solution.cameras, result)
+    progress("differences")
     return Audit(
-        solution, start, theirs, same, same_fit, ours, _fit_of(result), tuple(_pose_differences(moved, result)), off,
-        np.divide(off, sigma, out=np.full(off.shape, np.nan), where=sigma > 0.0), _bend(moved, result),
-        mark_factor,
-    )  # fmt: skip
+        solution=solution,
+        start=start,
+        theirs=theirs,
+        same=same,
+        same_fit=same_fit,
+        ours=ours,
+        ours_fit=fit_of_adjustment(result),
+        poses=tuple(pose_differences(moved.poses, result)),
+        parameters=off,
+        parameter_sigmas=sigmas,
+        bend=_bend(moved, result),
+        mark_factor=mark_factor,
+        beside=tuple(laid_beside(other, placed, solution, result) for other, placed in beside),
+    )
 
 
 def _with_scatter_of_marks(start: ForeignBlock, progress: Progress) -> tuple[Block, float]:
@@ -159,90 +158,17 @@ def _with_scatter_of_marks(start: ForeignBlock, progress: Progress) -> tuple[Blo
     return block, factor
 
 
-def _their_points(held: Block) -> FloatArray:
-    """Return their tie points (P, 3); what the files leave out is intersected from their cameras."""
-    given = held.tie_points.position_world_m
-    return np.where(np.isfinite(given), given, intersect(held))
-
-
-def _with_their_weights(start: ForeignBlock, progress: Progress) -> tuple[Adjustment | None, Fit | None]:
+def _with_their_weights(
+    solution: ForeignSolution, start: ForeignBlock, progress: Progress
+) -> tuple[Adjustment | None, Fit | None]:
+    """Return the adjustment as the program made it, as far as its files say how, and how it fits."""
     progress("their weights")
+    settings = LEAST_SQUARES if solution.stated.is_least_squares else AdjustmentSettings(estimate_sigmas=False)
     try:
-        same = adjust(start.block, AdjustmentSettings(estimate_sigmas=False), progress, start=start.parameters)
+        same = adjust(with_their_model(start, solution), settings, progress, start=start.parameters)
     except AdjustmentError:
         return None, None
-    return same, _fit_of(same)
-
-
-def _known(rows: FloatArray) -> BoolArray:
-    return ~np.asarray(np.isnan(rows).any(axis=1), dtype=bool)
-
-
-def _rms(residual_px: FloatArray) -> float:
-    squares = np.sum(residual_px[_known(residual_px)] ** 2, axis=1)
-    return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
-
-
-def _differences(block: Block, ground_world_m: FloatArray) -> tuple[CheckAccuracy, CheckAccuracy]:
-    """Return ground points minus their survey along the map's axes, of control and of check coordinates."""
-    points, frame = block.control_points, block.frame
-    off = np.full((len(points), 3), np.nan)
-    known = _known(ground_world_m)
-    off[known] = frame.map_from_world(ground_world_m[known]) - frame.map_from_world(points.position_world_m[known])
-    control = np.where(points.controlled, off, np.nan)
-    return check_accuracy(control), check_accuracy(np.where(points.controlled, np.nan, off))
-
-
-def _fit(block: Block, tie_world_m: FloatArray, ground_world_m: FloatArray) -> Fit:
-    ties, points, cameras = block.tie_points, block.control_points, block.oriented_cameras()
-    unit = np.ones(len(ties.photograph)), np.ones(len(points.mark_point))
-    seen = _known(cameras.position)
-    of_ties, of_marks = seen[ties.photograph], seen[points.mark_photograph]
-    tie = residuals(Observations(ties.photograph, ties.point, ties.pixel, unit[0]), cameras, np.nan_to_num(tie_world_m))
-    mark = residuals(
-        Observations(points.mark_photograph, points.mark_point, points.mark_pixel, unit[1]),
-        cameras, np.nan_to_num(ground_world_m),
-    )  # fmt: skip
-    of_ties &= _known(tie_world_m)[ties.point]
-    of_marks &= _known(ground_world_m)[points.mark_point]
-    return Fit(_rms(tie[of_ties]), _rms(mark[of_marks]), *_differences(block, ground_world_m))
-
-
-def _fit_of(result: Adjustment) -> Fit:
-    return Fit(
-        _rms(result.residual_px), _rms(result.mark_residual_px), *_differences(result.block, result.ground_world_m)
-    )
-
-
-def _brought(start: ForeignBlock, result: Adjustment) -> Block:
-    """Return their block as its files place it, else brought to ours by the similarity of the projection centres."""
-    if start.is_placed:
-        return start.theirs
-    try:
-        fit = similarity_of_poses(start.theirs.poses, result.block.poses)
-    except OrientationError:
-        return start.theirs  # in one line, where a turn about it is open
-    ties = start.theirs.tie_points
-    return replace(
-        start.theirs,
-        poses=tuple(None if pose is None else fit.pose(pose) for pose in start.theirs.poses),
-        tie_points=replace(ties, position_world_m=fit.points(ties.position_world_m)),
-    )
-
-
-def _pose_differences(theirs: Block, result: Adjustment) -> list[PoseDifference]:
-    found = []
-    for i, (a, b) in enumerate(zip(theirs.poses, result.block.poses, strict=True)):
-        if a is None or b is None:
-            continue
-        position = a.position_world_m - b.position_world_m
-        turn = b.rotation_world_from_camera.T @ a.rotation_world_from_camera
-        rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        squares = position @ np.linalg.pinv(result.position_covariance_m2[i]) @ position
-        squares += rotation @ np.linalg.pinv(result.rotation_covariance_rad2[i]) @ rotation
-        sigmas = float(np.sqrt(squares / 6.0))
-        found.append(PoseDifference(theirs.photographs[i].name, position, rotation, sigmas))
-    return found
+    return same, fit_of_adjustment(same)
 
 
 def _observed(ties: TiePoints) -> NDArray[np.void]:
@@ -260,7 +186,7 @@ def _bend(theirs: Block, result: Adjustment) -> Bend | None:
     numbers = np.full(len(own), -1, dtype=np.int64)
     _, mine, its = np.intersect1d(_observed(own), _observed(other), return_indices=True)
     numbers[own.point[mine]] = other.point[its]
-    known = (numbers >= 0) & _known(other.position_world_m)[numbers]
+    known = (numbers >= 0) & known_rows(other.position_world_m)[numbers]
     if np.count_nonzero(known) < FEWEST_POINTS:
         return None
     places = own.position_world_m[known]

@@ -23,7 +23,7 @@ def contradictions(audit: Audit) -> tuple[str, ...]:
     """Return what contradicts the rest of the measurements, or the result that was made of them, the gravest first."""
     found = [blunder.sentence for blunder in audit.ours.blunders]
     tested = predicted_against_achieved(audit.ours.result)
-    found += [suspect.sentence.capitalize() for suspect in (tested.suspects if tested else ())]
+    found += [_capital(suspect.sentence) for suspect in (tested.suspects if tested else ())]
     found += _calibration(audit)
     bend = audit.bend
     if bend is not None and abs(bend.dome_m) > SIGNIFICANT * bend.sigma_m:
@@ -60,7 +60,11 @@ def _calibration(audit: Audit) -> list[str]:
 def _begun(parameter: CameraParameter) -> str:
     """Return a parameter as a sentence begins with it: k1 stays k1."""
     words = parameter.words
-    return words if words == parameter.name else words[:1].upper() + words[1:]
+    return words if words == parameter.name else _capital(words)
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def left_out(audit: Audit) -> tuple[str, ...]:

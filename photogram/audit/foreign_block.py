@@ -27,7 +27,7 @@ from photogram.project.draft.sites import utm_crs
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
-from photogram.survey import Block, ControlPoints, Photograph, Role
+from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, Role, TiePoints
 from photogram.wording import shortened, some
 
 NOBODY = ControlPoints(
@@ -65,9 +65,47 @@ def foreign_block(solution: ForeignSolution, crs: str | None = None) -> ForeignB
     try:
         return _placed(_measured(solution, crs or solution.crs), solution)
     except FrameError as fault:
-        raise ExchangeError(f"{solution.program}: {fault}: give the CRS of the coordinates with --crs") from fault
+        raise _no_crs(solution, fault) from fault
     except OrientationError as fault:
         raise ExchangeError(f"{solution.program}: {fault}") from fault
+
+
+def with_their_model(start: ForeignBlock, solution: ForeignSolution) -> Block:
+    """Return the block as the program adjusted it, as far as its files say it: what it held of interior orientations
+    is held where they are, and marks of check points that it used are tie points."""
+    block, stated = start.block, solution.stated
+    if stated.held is not None:
+        block = replace(
+            block,
+            cameras=tuple(
+                replace(camera, sigmas=np.where(held, 0.0, camera.sigmas))
+                for camera, held in zip(block.cameras, stated.held, strict=True)
+            ),
+        )
+    return _with_check_marks(block) if stated.uses_check_marks else block
+
+
+def _with_check_marks(block: Block) -> Block:
+    """Return the block with the marks of its check points as tie points, behind the others and with the marks' sigmas;
+    points that are marked once add nothing."""
+    points, ties = block.control_points, block.tie_points
+    checked = ~points.controlled.any(axis=1) & (np.bincount(points.mark_point, minlength=len(points)) >= 2)
+    number = len(ties) + np.cumsum(checked) - 1
+    order = np.lexsort((points.mark_photograph, points.mark_point))
+    order = order[checked[points.mark_point[order]]]
+    further = int(checked.sum())
+    return replace(
+        block,
+        tie_points=TiePoints(
+            np.concatenate([ties.photograph, points.mark_photograph[order]]),
+            np.concatenate([ties.point, number[points.mark_point[order]]]).astype(np.int64),
+            np.concatenate([ties.feature, np.full(len(order), TRANSFERRED)]).astype(np.int64),
+            np.concatenate([ties.pixel, points.mark_pixel[order]]),
+            np.concatenate([ties.sigma_px, points.mark_sigma_px[order]]),
+            np.concatenate([ties.position_world_m, np.full((further, 3), np.nan)]),
+            np.concatenate([ties.colour, np.zeros((further, 3), dtype=np.uint8)]),
+        ),
+    )
 
 
 def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolution:
@@ -83,7 +121,26 @@ def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolut
     roles: list[Role] = [
         "check" if name in names else role for name, role in zip(points.name, points.role, strict=True)
     ]
-    return replace(solution, ground_points=points.with_roles(roles))
+    stated = solution.stated
+    fitted: BoolArray = np.asarray(points.controlled.any(axis=1) if stated.fitted is None else stated.fitted)
+    stated = replace(stated, fitted=fitted)
+    if stated.ground_m is not None:  # what was adjusted with its survey is no check of it
+        became = np.array([new != old for new, old in zip(roles, points.role, strict=True)])
+        stated = replace(stated, ground_m=np.where(became[:, None], np.nan, stated.ground_m))
+    return replace(solution, ground_points=points.with_roles(roles), stated=stated)
+
+
+def map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray]:
+    """Return the map of a solution and its ground points (G, 3) in it, NaN for those without a survey."""
+    try:
+        crs, _, ground = _map_points(solution, crs)
+    except FrameError as fault:
+        raise _no_crs(solution, fault) from fault
+    return crs, ground
+
+
+def _no_crs(solution: ForeignSolution, fault: FrameError) -> ExchangeError:
+    return ExchangeError(f"{solution.program}: {fault}: give the CRS of the coordinates with --crs")
 
 
 def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray, FloatArray]:

@@ -14,12 +14,18 @@ from photogram.report.page import PAGE_FONT, templates
 
 @dataclass(frozen=True)
 class FigureRow:
-    """A figure of theirs, of photogram with their weights, and of photogram with its own."""
+    """A figure of theirs, of further programs, of photogram with their weights, and of photogram with its own."""
 
     name: str
     theirs: str
     same: str
     ours: str
+    beside: tuple[str, ...] = ()
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Return the figures in the order of the columns."""
+        return self.theirs, *self.beside, self.same, self.ours
 
 
 @dataclass(frozen=True)
@@ -34,14 +40,23 @@ class CalibrationRow:
     sigma: str
     off_sigmas: str
     correlated: str
+    beside: tuple[str, ...] = ()
+    """Of further programs."""
+    beside_off_sigmas: tuple[str, ...] = ()
+
+    @property
+    def programs(self) -> tuple[tuple[str, str], ...]:
+        """Return value and difference of each program."""
+        return (self.theirs, self.off_sigmas), *zip(self.beside, self.beside_off_sigmas, strict=True)
 
 
 @dataclass(frozen=True)
 class PoseRow:
-    """A photograph's exterior orientation, theirs minus ours: position, m, rotation about the camera's axes, degrees,
-    and both over their predicted covariance."""
+    """A photograph's exterior orientation, a program's minus ours: position, m, rotation about the camera's axes,
+    degrees, and both over their predicted covariance."""
 
     photograph: str
+    program: str
     position: str
     rotation: str
     sigmas: str
@@ -56,11 +71,30 @@ class AuditTables:
     figures: tuple[FigureRow, ...]
     calibrations: tuple[CalibrationRow, ...]
     poses: tuple[PoseRow, ...]
-    """The one that differs most first."""
+    """The photograph that differs most first."""
     contradictions: tuple[str, ...]
     """What contradicts the rest, or the result that was made of it."""
     left_out: tuple[str, ...]
     """What the program's figures do not say."""
+    beside: tuple[str, ...] = ()
+    """Further programs, in the order of their columns."""
+    checks: tuple[FigureRow, ...] = ()
+    """Check points, adjusted minus surveyed: easting, northing, height."""
+    precision: tuple[FigureRow, ...] = ()
+    """Standard deviations, where a program states its own."""
+    precision_scaled: str = ""
+    """What those of the programs and of the columns are multiplied by."""
+
+    @property
+    def programs(self) -> tuple[str, ...]:
+        """Return the audited program and the further ones."""
+        return self.program, *self.beside
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return what the columns of figures are of."""
+        weights = f"weights of {self.program}" if self.beside else "their weights"
+        return *self.programs, f"photogram, {weights}", "photogram, blunders rejected, sigmas estimated"
 
 
 MOST_POSES = 60
@@ -72,4 +106,12 @@ def audit_page(found: AuditTables, version: str) -> str:
     environment = templates(StrictUndefined)
     environment.globals.update(page_font=PAGE_FONT)
     template = environment.get_template("audit.html.jinja")
-    return template.render(found=found, poses=found.poses[:MOST_POSES], version=version)
+    shown = dict.fromkeys(dict.fromkeys(row.photograph for row in found.poses))
+    most = set(list(shown)[:MOST_POSES])
+    return template.render(
+        found=found,
+        poses=[(name, [row for row in found.poses if row.photograph == name]) for name in shown if name in most],
+        photographs=len(shown),
+        precision=found.precision[: 2 * MOST_POSES],
+        version=version,
+    )

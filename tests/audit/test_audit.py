@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from audited_solutions import Fault, solution_with
 
-from photogram.audit.audit import Audit, audited
+from photogram.adjustment.adjustment import adjust
+from photogram.audit.audit import LEAST_SQUARES, Audit, audited
 from photogram.audit.findings import contradictions, left_out
-from photogram.audit.foreign_block import foreign_block, with_checks
+from photogram.audit.fits import fit_of_solution
+from photogram.audit.foreign_block import foreign_block, with_checks, with_their_model
 from photogram.audit.tables import tables
 from photogram.errors import ExchangeError
+from photogram.files.exchange.solution import StatedAdjustment
 from photogram.frames import geodetic_from_map, map_from_crs
 
 
@@ -78,6 +81,60 @@ def test_weights_are_said_where_the_scatter_is_another() -> None:
     assert any(
         sentence.startswith("Weights: tie points of camera simulated scatter by 0.49") for sentence in left_out(again)
     )
+
+
+def test_what_the_program_held_is_held_with_its_weights() -> None:
+    """A program that held a principal point that is 30 px off, and rejected nothing: with its weights and its model the
+    adjustment is its own, to the last digit."""
+    solution = solution_with("principal point")
+    stated = StatedAdjustment(held=np.ones((1, 11), dtype=bool), is_least_squares=True)
+    solution = replace(solution, stated=stated)
+    audit = audited(solution, foreign_block(solution))
+    assert audit.same is not None
+    assert audit.same_fit is not None
+    np.testing.assert_array_equal(audit.same.block.cameras[0].parameters, solution.cameras[0].parameters)
+    assert audit.same_fit.tie_rms_px == pytest.approx(audit.theirs.tie_rms_px, rel=1e-6)
+    assert audit.ours_fit.tie_rms_px < 0.99 * audit.same_fit.tie_rms_px
+    assert any(sentence.startswith("Principal point in x") for sentence in contradictions(audit))
+    about = tables(audit).about
+    assert "what they held of the calibration is held, nothing is rejected" in about
+
+
+def test_marks_of_check_points_take_part_where_the_program_used_them() -> None:
+    """Each adds its two coordinates and has three unknowns."""
+    solution = solution_with("none")
+    start = foreign_block(solution)
+    used = replace(solution, stated=StatedAdjustment(uses_check_marks=True))
+    plain, more = with_their_model(start, solution), with_their_model(start, used)
+    assert plain is start.block
+    points = start.block.control_points
+    checks = [g for g, role in enumerate(points.role) if role == "check"]
+    marks = int(np.isin(points.mark_point, checks).sum())
+    assert len(more.tie_points) == len(plain.tie_points) + 4
+    assert len(more.tie_points.point) == len(plain.tie_points.point) + marks
+    redundancy = [adjust(block, LEAST_SQUARES).redundancy for block in (plain, more)]
+    assert redundancy[1] - redundancy[0] == 2 * marks - 3 * len(checks)
+
+
+def test_stated_ground_points_are_theirs_but_those_that_were_fitted() -> None:
+    solution = solution_with("none")
+    points = solution.ground_points
+    assert points is not None
+    off = np.arange(36.0).reshape(12, 3) / 1000.0
+    stated = StatedAdjustment(ground_m=points.position_world_m + off)
+    placed = replace(solution, frame="map", stated=stated)
+    start = foreign_block(solution)
+    fit = fit_of_solution(placed, start.theirs)
+    np.testing.assert_allclose(fit.off_m, off, rtol=0, atol=1e-6)
+    control = points.name[points.role.index("control")]
+    checked = with_checks(placed, [control])
+    g = points.name.index(control)
+    assert checked.stated.ground_m is not None
+    assert checked.stated.fitted is not None
+    assert np.isnan(checked.stated.ground_m[g]).all()
+    assert checked.stated.fitted.tolist() == [role == "control" for role in points.role]
+    again = fit_of_solution(checked, start.theirs)
+    np.testing.assert_allclose(again.off_m[g], fit_of_solution(solution, start.theirs).off_m[g], rtol=0, atol=1e-9)
 
 
 def test_the_tables_hold_every_figure() -> None:
