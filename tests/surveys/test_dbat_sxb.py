@@ -12,12 +12,19 @@ from lib import dbat
 from makers import SharedData
 
 from photogram.arrays import FloatArray
+from photogram.audit.audit import audited
+from photogram.audit.foreign_block import foreign_block
+from photogram.audit.tables import tables
+from photogram.files.exchange.recognition import read_solution
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.report.record.report import oriented
 from photogram.results import Adjustment
 
-CHECK = {"B4.6": (0.167, 0.008, -0.459), "B3.11": (0.096, -0.296, 0.136)}  # adjusted − surveyed, dbat_report.txt
+CHECK = {"410 (B3.11)": (0.096, -0.296, 0.136), "351 (B4.6)": (0.167, 0.008, -0.459)}
+"""Adjusted − surveyed, dbat_report.txt."""
+LABELLED = {"B3.11": (0.096, -0.296, 0.136), "B4.6": (0.167, 0.008, -0.459)}
+"""The same as points.csv calls them."""
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +47,12 @@ def test_the_report_of_dbat_is_read(compared: tuple[dbat.Published, Adjustment])
     assert theirs.deviation[0].tolist() == [0.0209, 0.0146, 0.00234, 0.465, 0.657, 0.097]
     assert {name: tuple(off) for name, off in theirs.check_m.items()} == CHECK
     assert len(theirs.control_deviation_m) == 14
-    assert theirs.control_deviation_m["B3.13"].tolist() == [0.0188, 0.0184, 0.0453]
+    assert theirs.control_deviation_m["422 (B3.13)"].tolist() == [0.0188, 0.0184, 0.0453]
 
 
 def test_the_same_observations_give_the_same_adjustment(compared: tuple[dbat.Published, Adjustment]) -> None:
     """sigma0 1.1786, redundancy 1261, exterior orientation to the last digit, standard deviations of every element
-    and of the control points to the printed digits, check points to the millimetre."""
+    and of the control and check points to the printed digits, check points to the millimetre."""
     theirs, ours = compared
     assert (round(ours.sigma0, 4), ours.redundancy, ours.discarded_observations) == (theirs.sigma0, 1261, 0)
     off = np.abs(dbat.exterior(ours) - theirs.exterior)
@@ -55,7 +62,8 @@ def test_the_same_observations_give_the_same_adjustment(compared: tuple[dbat.Pub
     names = list(theirs.control_deviation_m)
     _, sigma_m = dbat.ground(ours, names)
     assert_printed_digits(sigma_m, np.array([theirs.control_deviation_m[name] for name in names]))
-    off_m, _ = dbat.ground(ours, list(theirs.check_m))
+    off_m, sigma_m = dbat.ground(ours, list(theirs.check_m))
+    assert_printed_digits(sigma_m, np.array(list(theirs.check_deviation_m.values())))
     np.testing.assert_allclose(off_m, np.array(list(theirs.check_m.values())), rtol=0, atol=6e-4)
     assert ours.warnings == ()
 
@@ -66,10 +74,29 @@ def test_the_suspicious_check_point_is_named(compared: tuple[dbat.Published, Adj
     found = predicted_against_achieved(compared[1])
     assert found is not None
     (suspect,) = found.suspects
-    assert (suspect.name, suspect.axis) == ("B3.11", "northing")
+    assert (suspect.name, suspect.axis) == ("410 (B3.11)", "northing")
     assert suspect.off_m == pytest.approx(-0.296, abs=6e-4)
     assert suspect.z == pytest.approx(-8.2, abs=0.1)
-    assert "check point B3.11 fits neither the block nor the other check points" in found.sentence
+    assert "check point 410 (B3.11) fits neither the block nor the other check points" in found.sentence
+
+
+def test_the_audit_reproduces_every_printed_digit(shared_data: SharedData) -> None:
+    """With DBAT's weights and model photogram's column has DBAT's figures, and check point 410 is named."""
+    solution = read_solution(shared_data("dbat_sxb/dbat_report.txt"))
+    audit = audited(solution, foreign_block(solution))
+    found = tables(audit)
+    figures = {row.name: row for row in found.figures}
+    assert (figures["sigma0"].theirs, figures["sigma0"].same) == ("1.1786", "1.1786")
+    assert (figures["Redundancy"].theirs, figures["Redundancy"].same) == ("1261", "1261")
+    assert len(found.precision) == 2 * 5 + 16
+    for row in (*found.precision, *found.checks):
+        assert row.theirs == row.same, row.name
+    assert found.precision_scaled.endswith("and so are those with their weights.")
+    checks = {row.name: row.theirs for row in found.checks}
+    assert checks == {name: ", ".join(f"{value:+.3f}" for value in off) for name, off in CHECK.items()}
+    (named,) = [sentence for sentence in found.contradictions if sentence.startswith("Check point")]
+    assert named.startswith("Check point 410 (B3.11) fits neither the block nor the other check points: northing")
+    assert not any("351" in sentence for sentence in found.contradictions)
 
 
 @pytest.mark.survey
@@ -102,9 +129,9 @@ def test_a_survey_from_tables_and_frames_runs_to_the_report(
         off = np.array(oriented(report["photographs"])[name]["position_map_m"]) - expected
         np.testing.assert_allclose(off, [0.0, 0.0, higher_m], rtol=0, atol=3.0)
     checks = {p["name"]: p for p in report["control_points"] if p["role"] == "check"}
-    assert checks.keys() == CHECK.keys()
+    assert checks.keys() == LABELLED.keys()
     off_m = {name: np.array(p["residual_m"], dtype=float) for name, p in checks.items()}
-    for name, expected in CHECK.items():
+    for name, expected in LABELLED.items():
         np.testing.assert_allclose(off_m[name], np.array(expected), rtol=0, atol=0.3)
     assert np.sqrt(np.mean([np.square(v[:2]).sum() for v in off_m.values()])) < 0.3
     # the one that no report of others names: northing, 7 sigma
