@@ -70,6 +70,8 @@ def _capital(words: str) -> str:
 def left_out(audit: Audit) -> tuple[str, ...]:
     """Return what the program's figures do not say and the measurements tell."""
     said = [sentence.removesuffix(".") for sentence in audit.solution.left_out]
+    for beside in audit.beside:
+        said += [f"Of {beside.solution.program}: {sentence.removesuffix('.')}" for sentence in beside.solution.left_out]
     result = audit.ours.result
     sigma = np.sqrt(np.einsum("nkk->nk", result.position_covariance_m2))
     known = np.isfinite(sigma).all(axis=1)

@@ -178,5 +178,6 @@ def test_photoscan_dbat_and_photogram_side_by_side(shared_data: SharedData) -> N
     accuracy = rows["Check points: RMSE in plan, height"]
     assert accuracy.theirs.endswith(" m (2), fitted")
     assert accuracy.beside == ("0.250, 0.339 m (2)",)
+    assert any(sentence.startswith("Of DBAT 0.9.2.0: The positions of tie points") for sentence in found.left_out)
     precision = {row.name: row for row in found.precision}
     assert precision["8811.jpg: projection centre, m"].beside == ("0.465, 0.657, 0.0970",)
