@@ -241,7 +241,7 @@ def plan_of(name: str) -> str:
 def same_plan(first: str, second: str) -> bool:
     """Return whether two CRS are the same map grid, whatever they say of heights and of the order of the axes. Raises
     FrameError where one is none."""
-    a, b = (CRS.from_user_input(plan_of(name)) for name in (first, second))
+    a, b = (CRS.from_user_input(plan_of(name)).to_2d() for name in (first, second))
     return a == b or bool(a.equals(b, ignore_axis_order=True))
 
 

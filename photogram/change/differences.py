@@ -9,7 +9,7 @@ import numpy as np
 from photogram.arrays import BoolArray, ByteArray, FloatArray
 from photogram.change.correlation import gathered, reach_cells
 from photogram.change.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
-from photogram.crs import height_system_of, plan_of, same_plan
+from photogram.crs import crs_label, height_system_of, same_plan
 from photogram.errors import FrameError
 from photogram.grid import MapGrid, Window
 
@@ -165,8 +165,8 @@ def difference_of(earlier: SurfaceFiles, later: SurfaceFiles) -> Difference:
     where = f"surfaces {b.path} and {a.path}"
     if not same_plan(a.crs, b.crs):
         raise FrameError(
-            f"{where}: their CRS differ, {plan_of(b.crs)} and {plan_of(a.crs)}: reproject one "
-            f"(gdalwarp -t_srs {plan_of(a.crs)} {b.path.name} OUT.tif)"
+            f"{where}: their CRS differ, {crs_label(b.crs)} and {crs_label(a.crs)}: reproject one to the other's "
+            "(gdalwarp -t_srs CRS IN.tif OUT.tif)"
         )
     systems = [height_system_of(raster.crs) for raster in (a, b)]
     if None not in (systems[0][0], systems[1][0]) and systems[0] != systems[1]:

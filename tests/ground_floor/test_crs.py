@@ -22,6 +22,7 @@ from photogram.crs import (
     metric_only,
     middle_deg,
     product_crs,
+    same_plan,
 )
 from photogram.errors import FrameError
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_crs, map_from_geodetic
@@ -222,3 +223,22 @@ def test_products_name_their_units() -> None:
     assert "in metres" in crs_in_metres("+proj=tmerc +lat_0=40 +lon_0=-74 +units=us-ft +datum=NAD83 +type=crs")
     with pytest.raises(FrameError, match="is in US survey foot: choose a map grid in metres"):
         metric_only("EPSG:2263")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ("EPSG:25832", "EPSG:25832+7837", True),
+        ("EPSG:25832", "ellipsoidal", True),  # three axes, as products carry it
+        ("EPSG:25832+7837", "ellipsoidal", True),
+        ("EPSG:25832", "EPSG:25833", False),
+        ("EPSG:25833", "ellipsoidal", False),
+        ("EPSG:32632", "EPSG:25832", False),
+    ],
+)
+def test_a_plan_is_the_same_whatever_is_said_of_heights(first: str, second: str, expected: bool) -> None:
+    if second == "ellipsoidal":
+        second = product_crs("EPSG:25832", DeclaredHeights("ellipsoidal", "ellipsoidal", "ellipsoidal", None))
+        assert "ellipsoidal height" in second
+    assert same_plan(first, second) is expected
+    assert same_plan(second, first) is expected
