@@ -73,7 +73,9 @@ def test_on_a_resampled_grid_it_does_too() -> None:
 
 
 def test_what_cannot_be_compared_is_refused() -> None:
-    with pytest.raises(FrameError, match=r"their CRS differ, EPSG:25833 and EPSG:25832: reproject one to the other's \(gdalwarp"):
+    with pytest.raises(
+        FrameError, match=r"their CRS differ, EPSG:25833 and EPSG:25832: reproject one to the other's \(gdalwarp"
+    ):
         difference_of(level(10.0, GRID), level(11.0, GRID, "EPSG:25833"))
     with pytest.raises(FrameError, match=r"their heights differ, orthometric \(EPSG:5799\) and orthometric"):
         difference_of(level(10.0, GRID, "EPSG:25832+5783"), level(11.0, GRID, "EPSG:25832+5799"))
