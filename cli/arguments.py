@@ -15,6 +15,10 @@ Photographs = Annotated[
 Pdf = Annotated[
     bool, typer.Option("--pdf", help="Also print report.pdf (needs an installed Chromium, Chrome or Edge).")
 ]
+SolutionCrs = Annotated[
+    str | None,
+    typer.Option("--crs", help="CRS of its ground points and positions, where its files do not say it."),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings, errors and the result in one line.")]
 AsJson = Annotated[
     bool,

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.arguments import SolutionCrs
 
 
 @app.command()
@@ -16,10 +17,7 @@ def audit(
         Path,
         typer.Argument(help="A finished project of another program: its file or folder.", show_default=False),
     ],
-    crs: Annotated[
-        str | None,
-        typer.Option(help="CRS of its ground points and positions, where the files do not say it.", show_default=False),
-    ] = None,
+    crs: SolutionCrs = None,
     check: Annotated[
         list[str] | None,
         typer.Option(help="A ground point that is taken as a check point here; may be repeated.", show_default=False),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from photogram.cli.app import app
+from photogram.cli.arguments import SolutionCrs
 
 
 @app.command(name="import")
@@ -23,10 +24,7 @@ def import_solution(
         Path | None,
         typer.Option(help="Folder of the photographs, where it is not the one of the solution.", show_default=False),
     ] = None,
-    crs: Annotated[
-        str | None,
-        typer.Option(help="CRS of its ground points and positions, where the files do not say it.", show_default=False),
-    ] = None,
+    crs: SolutionCrs = None,
     check: Annotated[
         list[str] | None,
         typer.Option(help="A ground point that is to be a check point; may be repeated.", show_default=False),

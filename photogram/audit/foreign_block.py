@@ -23,6 +23,7 @@ from photogram.frames import (
     map_from_geodetic,
 )
 from photogram.project.draft.imported import freed
+from photogram.project.draft.positions import AUTONOMOUS_M
 from photogram.project.draft.sites import utm_crs
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
@@ -34,8 +35,6 @@ NOBODY = ControlPoints(
     (), (), np.zeros((0, 3)), np.zeros((0, 3)), *(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 2)), np.zeros(0)
 )
 MOST_NAMED = 5
-WEAKEST_GNSS_M = (2.0, 2.0, 3.0)
-"""Standard deviations of measured positions for which the files state none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +202,7 @@ def _measured(solution: ForeignSolution, crs: str | None) -> Block:
     for photograph, position in zip(solution.photographs, measured, strict=True):
         there = bool(np.isfinite(position).all())
         stated = photograph.measured_sigma_m is not None and bool(np.all(np.isfinite(photograph.measured_sigma_m)))
-        sigma = photograph.measured_sigma_m if stated else np.array(WEAKEST_GNSS_M)
+        sigma = photograph.measured_sigma_m if stated else np.array(AUTONOMOUS_M)
         photographs.append(
             Photograph(
                 photograph.name,

@@ -18,15 +18,13 @@ from photogram.files.marks.actions import Mark
 from photogram.files.tables.control_files import FilePoint
 from photogram.gnss import Sigma3
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, flights_of, named
-from photogram.project.draft.positions import Gnss, gnss_of, offset_prior
+from photogram.project.draft.positions import AUTONOMOUS_M, Gnss, gnss_of, offset_prior
 from photogram.project.draft.sites import utm_crs
 from photogram.project.schema import Whose
 from photogram.projection import CAMERA_PARAMETERS, P1, P2
 from photogram.survey import ControlPoints, Role
 from photogram.wording import some, things
 
-ASSUMED_GNSS_M: Sigma3 = (2.0, 2.0, 3.0)
-"""Standard deviations of measured positions for which a solution states none."""
 _Cameras = tuple[tuple[Camera, ...], dict[int, int], tuple[str, ...]]
 """Cameras, the number of the camera of each photograph of the solution, and what was made of the program's cameras."""
 _OF_ITS_OWN = 2
@@ -180,7 +178,7 @@ def _gnss(photograph: TaggedPhotograph, measured: Mapping[str, tuple[FloatArray,
         return gnss_of(photograph.tags)
     sigma = measured[photograph.name][1]
     if sigma is None:
-        return Gnss("without stated accuracy", ASSUMED_GNSS_M, assumed=True)
+        return Gnss("without stated accuracy", AUTONOMOUS_M, assumed=True)
     east, north, up = sigma.tolist()
     return Gnss("with stated accuracy", (east, north, up))
 

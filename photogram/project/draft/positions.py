@@ -15,11 +15,13 @@ GnssKind = Literal["RTK fix", "RTK float", "single (autonomous)", "with stated a
 RTK_SIGMA_M = 0.1
 """Positions whose stated plan accuracy is this good come from RTK or PPK, whatever their tags call it."""
 
-_AUTONOMOUS: Sigma3 = (2.0, 2.0, 3.0)
+AUTONOMOUS_M: Sigma3 = (2.0, 2.0, 3.0)
+"""Standard deviations of a single position, taken where nothing states any."""
+
 _ASSUMED: Mapping[Solution, tuple[GnssKind, Sigma3]] = {
     "fix": ("RTK fix", (0.02, 0.02, 0.03)),
     "float": ("RTK float", (0.5, 0.5, 1.0)),
-    "single": ("single (autonomous)", _AUTONOMOUS),
+    "single": ("single (autonomous)", AUTONOMOUS_M),
 }
 
 
@@ -64,7 +66,7 @@ def gnss_of(tags: PhotographTags) -> Gnss | None:
         return Gnss("with stated accuracy", _rounded(at_least(sigma, FLOOR_M["fix"])))
     if error is not None:
         return Gnss("with stated accuracy", _rounded(at_least((error, error, 2.0 * error), FLOOR_M["fix"])))
-    return Gnss("without stated accuracy", _AUTONOMOUS, assumed=True)
+    return Gnss("without stated accuracy", AUTONOMOUS_M, assumed=True)
 
 
 def _is_precise(gnss: Gnss | None) -> bool:
