@@ -13,8 +13,8 @@ import numpy as np
 
 from photogram.camera import Camera
 from photogram.crs import NO_CRS, is_geographic
-from photogram.errors import ExchangeError, ImageError, ProjectError
-from photogram.files.atomic import replacing
+from photogram.errors import ExchangeError, ImageError, ProjectError, WorkspaceError
+from photogram.files.atomic import replacing, unwritable
 from photogram.files.exchange.colmap.database import is_database, read_colmap_database
 from photogram.files.exchange.recognition import read_solution
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
@@ -95,9 +95,7 @@ def import_solution(
     """
     path, source = Path(project), Path(solution)
     beside = {name: path.parent / name for name in (SOLUTION, POSITIONS, POINTS, MARKS)}
-    there = [file for file in (path, *beside.values()) if lexists(file)]
-    if there and not force:
-        raise ProjectError(f"{there[0]}: is there already: give another project with --project FILE, or --force")
+    _check_targets((path, *beside.values()), force=force)
     found = _read(source)
     folder, files = _photographs(source, found, None if photographs is None else Path(photographs))
     tagged, left_out = _inspected(folder, found, files, progress)
@@ -118,6 +116,22 @@ def import_solution(
     with replacing(path) as partial:
         partial.write_text(imported_text(draft, named), encoding="utf-8")
     return ImportedProject(path, draft, tuple(written), read_back(path), (*found.left_out, *draft.notes))
+
+
+def _check_targets(files: Sequence[Path], *, force: bool) -> None:
+    """Raise before anything is read where a file of one folder is there already, or cannot be written."""
+    there = [file for file in files if lexists(file)]
+    if there and not force:
+        raise ProjectError(f"{there[0]}: is there already: give another project with --project FILE, or --force")
+    for file in there:
+        if isdir(file):
+            raise ProjectError(f"{file}: is a folder: give another project with --project FILE")
+    folder = files[0].absolute().parent
+    if not isdir(folder):
+        raise WorkspaceError(f"{folder}: folder not found: make it, or give another project with --project FILE")
+    reason = unwritable(folder)
+    if reason:
+        raise WorkspaceError(f"{folder}: {reason}: allow it, or give another project with --project FILE")
 
 
 # ---- the solution ----------------------------------------------------------------------------------------------------

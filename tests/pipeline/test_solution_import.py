@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from photogram.errors import ExchangeError, ImageError, ProjectError
+from photogram.errors import ExchangeError, ImageError, ProjectError, WorkspaceError
 from photogram.files.exchange.recognition import read_solution
 from photogram.files.exchange.stored_solutions import read_stored, write_stored
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
@@ -91,6 +91,16 @@ def test_what_is_there_stays(adjusted_survey: Path, tmp_path: Path) -> None:
     assert listed[0]["name"].startswith("photographs/")
 
 
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_read(tmp_path: Path) -> None:
+    """The solution need not even be there; nothing is written beside a folder that bears the project's name."""
+    with pytest.raises(WorkspaceError, match=r"absent: folder not found: make it"):
+        import_solution(tmp_path / "none", project=tmp_path / "absent" / "project.yaml")
+    (tmp_path / "project.yaml").mkdir()
+    with pytest.raises(ProjectError, match=r"project.yaml: is a folder"):
+        import_solution(tmp_path / "none", project=tmp_path / "project.yaml", force=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["project.yaml"]
+
+
 def test_photographs_are_found_near_the_solution_or_asked_for(adjusted_survey: Path, tmp_path: Path) -> None:
     export_solution(adjusted_survey / "project.yaml", "colmap", tmp_path / "out" / "sparse" / "0")
     with pytest.raises(ImageError, match="give their folder with --photographs DIR"):
@@ -105,7 +115,7 @@ def test_photographs_are_found_near_the_solution_or_asked_for(adjusted_survey: P
     shutil.copytree(adjusted_survey / "photographs", tmp_path / "out" / "images" / "twice")
     with pytest.raises(ImageError, match="have the same file name"):
         import_solution(
-            tmp_path / "out" / "sparse", photographs=tmp_path / "out", project=tmp_path / "b" / "project.yaml"
+            tmp_path / "out" / "sparse", photographs=tmp_path / "out", project=tmp_path / "b.yaml", force=True
         )
 
 
