@@ -63,6 +63,8 @@ def show_surface_change(change: SurfaceChange) -> None:
         _say("The base of each polygon is the plane through the ground around it.")
     if change.resampled:
         _say(f"Interpolated on cells of {change.cell_m:g} m: {', '.join(change.resampled)}.")
+    for name in change.undeclared_heights:
+        _say(f"Heights of {name}: no height system is stated; they are taken to count from that of the other surface.")
     if change.interpolated_cells:
         _say(f"{change.interpolated_cells} cells are filled or without a sigma: they have no level of detection.")
     if change.registration is not None:

@@ -103,6 +103,13 @@ class Difference:
         return tuple(s.heights.path.name for s in surfaces if not same_cells(s.heights.grid, self.grid))
 
     @property
+    def undeclared_heights(self) -> tuple[str, ...]:
+        """Return the name of the surface that does not say what its heights count from, where the other one does."""
+        surfaces = (self.earlier, self.later)
+        undeclared = [s.heights.path.name for s in surfaces if height_system_of(s.heights.crs)[0] is None]
+        return tuple(undeclared) if len(undeclared) == 1 else ()
+
+    @property
     def correlation_m(self) -> tuple[float, float]:
         """Return the widths over which errors of the earlier and the later surface correlate."""
         return self.earlier.correlation_m, self.later.correlation_m

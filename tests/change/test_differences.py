@@ -53,6 +53,14 @@ def test_the_grid_is_that_of_the_finer_one_over_what_both_cover(
     np.testing.assert_allclose(inner.difference_m, 1.0)
 
 
+def test_a_surface_that_does_not_state_its_height_system_is_named() -> None:
+    stated, silent = level(10.0, GRID, "EPSG:25832+7837"), level(11.0, GRID)
+    assert difference_of(stated, silent).undeclared_heights == ("11.tif",)
+    assert difference_of(silent, stated).undeclared_heights == ("11.tif",)
+    assert difference_of(stated, stated).undeclared_heights == ()
+    assert difference_of(silent, silent).undeclared_heights == ()
+
+
 def test_simulated_unchanged_ground_lies_within_the_level_of_detection() -> None:
     rng = np.random.default_rng(1)
     shares, grid = [], grid_at(20.0, 30.0, 12.0, 0.2)
