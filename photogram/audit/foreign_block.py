@@ -28,13 +28,12 @@ from photogram.project.draft.sites import utm_crs
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
-from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, Role, TiePoints
-from photogram.wording import shortened, some
+from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, TiePoints
+from photogram.wording import shortened
 
 NOBODY = ControlPoints(
     (), (), np.zeros((0, 3)), np.zeros((0, 3)), *(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 2)), np.zeros(0)
 )
-MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,28 +104,6 @@ def _with_check_marks(block: Block) -> Block:
             np.concatenate([ties.colour, np.zeros((further, 3), dtype=np.uint8)]),
         ),
     )
-
-
-def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolution:
-    """Return a solution whose ground points of these names are check points. Raises ExchangeError where one is not
-    there."""
-    points = solution.ground_points or NOBODY
-    missing = [name for name in names if name not in points.name]
-    if missing:
-        there = some(points.name, MOST_NAMED) if points.name else "none"
-        raise ExchangeError(f"{missing[0]}: no such ground point in the solution; it has {there}")
-    if not names:
-        return solution
-    roles: list[Role] = [
-        "check" if name in names else role for name, role in zip(points.name, points.role, strict=True)
-    ]
-    stated = solution.stated
-    fitted: BoolArray = np.asarray(points.controlled.any(axis=1) if stated.fitted is None else stated.fitted)
-    stated = replace(stated, fitted=fitted)
-    if stated.ground_m is not None:  # what was adjusted with its survey is no check of it
-        became = np.array([new != old for new, old in zip(roles, points.role, strict=True)])
-        stated = replace(stated, ground_m=np.where(became[:, None], np.nan, stated.ground_m))
-    return replace(solution, ground_points=points.with_roles(roles), stated=stated)
 
 
 def map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray]:

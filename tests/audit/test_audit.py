@@ -13,10 +13,10 @@ from photogram.adjustment.adjustment import adjust
 from photogram.audit.audit import LEAST_SQUARES, Audit, audited
 from photogram.audit.findings import contradictions, left_out
 from photogram.audit.fits import fit_of_solution
-from photogram.audit.foreign_block import foreign_block, with_checks, with_their_model
+from photogram.audit.foreign_block import foreign_block, with_their_model
 from photogram.audit.tables import tables
 from photogram.errors import ExchangeError
-from photogram.files.exchange.solution import StatedAdjustment
+from photogram.files.exchange.solution import StatedAdjustment, with_checks
 from photogram.frames import geodetic_from_map, map_from_crs
 
 

@@ -14,12 +14,12 @@ from makers import SharedData
 from photogram.arrays import FloatArray
 from photogram.audit.audit import Audit, audited
 from photogram.audit.beside import check_shared, checks_of, meant_by, same_points, shared_photographs
-from photogram.audit.foreign_block import foreign_block, with_checks
+from photogram.audit.foreign_block import foreign_block
 from photogram.audit.tables import tables
 from photogram.camera import Similarity
 from photogram.errors import ExchangeError
 from photogram.files.exchange.recognition import read_solution
-from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.solution import ForeignSolution, with_checks
 from photogram.report.audit_page import audit_page
 
 

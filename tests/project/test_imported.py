@@ -10,7 +10,7 @@ import yaml
 from foreign import small_solution
 
 from photogram.camera import Camera
-from photogram.errors import ProjectError
+from photogram.errors import ExchangeError, ProjectError
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph
@@ -159,7 +159,7 @@ def test_marks_that_the_program_does_not_use_are_left_out() -> None:
 @pytest.mark.parametrize("checks", [["Z"], ["A", "Z"]])
 def test_a_check_point_that_is_not_there_is_named(checks: list[str]) -> None:
     solution = placed(small_solution())
-    with pytest.raises(ProjectError, match="Z: no such ground point in the solution; it has A, B"):
+    with pytest.raises(ExchangeError, match="Z: no such ground point in the solution; it has A, B"):
         draft_import(solution, there(solution), [], None, checks)
 
 

@@ -12,11 +12,12 @@ from rich.table import Table
 from photogram import __version__
 from photogram.audit.audit import audited
 from photogram.audit.beside import check_shared, checks_of
-from photogram.audit.foreign_block import foreign_block, with_checks
+from photogram.audit.foreign_block import foreign_block
 from photogram.audit.tables import tables
 from photogram.cli.screen.terminal import console, steps
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.exchange.recognition import read_solution
+from photogram.files.exchange.solution import with_checks
 from photogram.files.npz_json import write_json
 from photogram.report.audit_page import AuditTables, FigureRow, audit_page
 

@@ -7,7 +7,8 @@ the right and y down, rotations are world from camera. What a file holds and thi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from typing import Literal
 
@@ -15,9 +16,12 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, check_shape
 from photogram.camera import Camera, Pose, oriented_by
+from photogram.errors import ExchangeError
 from photogram.projection import PARAMETERS, OrientedCameras
-from photogram.survey import ControlPoints, TiePoints
-from photogram.wording import things
+from photogram.survey import ControlPoints, Role, TiePoints
+from photogram.wording import some, things
+
+_MOST_NAMED = 5
 
 Frame = Literal["local", "topocentric", "geocentric", "map"]
 """What the coordinates of a solution are: those of a free network in a unit of its own, east, north and up at
@@ -143,3 +147,26 @@ class ForeignSolution:
         """Return the photographs as compiled code takes them; NaN for those that have no pose."""
         camera_of = np.array([photograph.camera for photograph in self.photographs], dtype=np.int64)
         return oriented_by(self.cameras, camera_of, [photograph.pose for photograph in self.photographs])
+
+
+def with_checks(solution: ForeignSolution, names: Sequence[str]) -> ForeignSolution:
+    """Return a solution whose ground points of these names are check points. Raises ExchangeError where one is not
+    there."""
+    points = solution.ground_points
+    there = () if points is None else points.name
+    missing = [name for name in names if name not in there]
+    if missing:
+        known = some(there, _MOST_NAMED) if there else "none"
+        raise ExchangeError(f"{missing[0]}: no such ground point in the solution; it has {known}")
+    if not names or points is None:
+        return solution
+    roles: list[Role] = [
+        "check" if name in names else role for name, role in zip(points.name, points.role, strict=True)
+    ]
+    stated = solution.stated
+    fitted: BoolArray = np.asarray(points.controlled.any(axis=1) if stated.fitted is None else stated.fitted)
+    stated = replace(stated, fitted=fitted)
+    if stated.ground_m is not None:  # what was adjusted with its survey is no check of it
+        became = np.array([new != old for new, old in zip(roles, points.role, strict=True)])
+        stated = replace(stated, ground_m=np.where(became[:, None], np.nan, stated.ground_m))
+    return replace(solution, ground_points=points.with_roles(roles), stated=stated)

@@ -13,7 +13,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.crs import NO_CRS, is_geographic, short_name
 from photogram.errors import ProjectError
-from photogram.files.exchange.solution import ForeignSolution
+from photogram.files.exchange.solution import ForeignSolution, with_checks
 from photogram.files.marks.actions import Mark
 from photogram.files.tables.control_files import FilePoint
 from photogram.gnss import Sigma3
@@ -100,15 +100,16 @@ def draft_import(
     """Return the draft of a project of the photographs of a solution that are ``found``, by their names in it.
 
     ``crs`` is that of its ground points and measured positions, where its files do not say it; points of the names
-    ``checks`` are check points. Raises ProjectError where no photograph is left, the CRS is not known, or a point is
-    not there; FrameError where PROJ does not know the CRS.
+    ``checks`` are check points. Raises ProjectError where no photograph is left or the CRS is not known, ExchangeError
+    where a point is not there, FrameError where PROJ does not know the CRS.
     """
+    solution = with_checks(solution, checks)
     index = [i for i, p in enumerate(solution.photographs) if p.name in found]
     if not index:
         raise ProjectError(f"none of the {len(solution.photographs)} photographs of the solution is there")
     tagged = [found[solution.photographs[i].name] for i in index]
     names = {solution.photographs[i].name: t.name for i, t in zip(index, tagged, strict=True)}
-    points, marks, notes = _ground(solution, names, checks)
+    points, marks, notes = _ground(solution, names)
     measured = {
         t.name: (position, solution.photographs[i].measured_sigma_m)
         for i, t in zip(index, tagged, strict=True)
@@ -242,19 +243,15 @@ def freed(camera: Camera) -> Camera:
 
 
 def _ground(
-    solution: ForeignSolution, names: Mapping[str, str], checks: Sequence[str]
+    solution: ForeignSolution, names: Mapping[str, str]
 ) -> tuple[tuple[FilePoint, ...], tuple[Mark, ...], list[str]]:
     """Return surveyed points, their marks, and sentences on what is left out; ``names`` are those of photographs in the
     project by those in the solution."""
     ground = solution.ground_points
-    missing = [name for name in checks if ground is None or name not in ground.name]
-    if missing:
-        there = some(ground.name) if ground is not None and ground.name else "none"
-        raise ProjectError(f"{missing[0]}: no such ground point in the solution; it has {there}")
     if ground is None:
         return (), (), []
     surveyed: BoolArray = np.asarray(np.isfinite(ground.position_world_m).all(axis=1))
-    points = tuple(_point(ground, g, checks) for g in np.flatnonzero(surveyed).tolist())
+    points = tuple(_point(ground, g) for g in np.flatnonzero(surveyed).tolist())
     notes, marks, strange, rejected = list[str](), list[Mark](), 0, 0
     for i, g, pixel, sigma in zip(
         ground.mark_photograph.tolist(), ground.mark_point.tolist(), ground.mark_pixel.tolist(),
@@ -277,9 +274,9 @@ def _ground(
     return points, tuple(marks), notes
 
 
-def _point(ground: ControlPoints, g: int, checks: Sequence[str]) -> FilePoint:
+def _point(ground: ControlPoints, g: int) -> FilePoint:
     x, y, z = ground.position_world_m[g].tolist()
     east, north, up = (s if np.isfinite(s) else None for s in ground.sigma_m[g].tolist())
-    plan: Role = "control" if ground.controlled[g, :2].any() and ground.name[g] not in checks else "check"
-    height: Role = "control" if ground.controlled[g, 2] and ground.name[g] not in checks else "check"
+    plan: Role = "control" if ground.controlled[g, :2].any() else "check"
+    height: Role = "control" if ground.controlled[g, 2] else "check"
     return FilePoint(ground.name[g], (x, y, z), (east, north, up), (plan, height), 0)
