@@ -45,7 +45,7 @@ def read_bal(path: Path) -> tuple[Observations, BundleState]:
     position = -np.einsum("nji,nj->ni", turn, cameras[:, 3:6])
     models = np.full(photographs, PROJECTIVE, dtype=np.int64)
     no_edge = np.full(photographs, np.inf), np.zeros((photographs, 2), dtype=np.int64)
-    oriented = OrientedCameras(np.arange(photographs), rotation, position, models, q, *no_edge)
+    oriented = OrientedCameras(np.arange(photographs), rotation, position, np.zeros_like(position), models, q, *no_edge)
     return Observations(photograph, point, pixel, np.ones(count)), BundleState(oriented, X)
 
 

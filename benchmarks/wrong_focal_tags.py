@@ -85,6 +85,8 @@ def with_tags(values: dict[str, Any], folder: Path, off_percent: int) -> dict[st
     if tagged is None:
         raise SystemExit(f"{folder}: the tags give no focal length")
     sigmas = {k: float(s) for k, s in zip(SIGMA_NAMES, tagged.sigmas, strict=True) if s > 0.0}
+    if tagged.shutter is not None and tagged.shutter.sigma_s > 0.0:
+        sigmas["readout_s"] = tagged.shutter.sigma_s
     changed = {"focal_px": float(tagged.focal_px), "sigmas": sigmas, "focal_readings_px": list(tagged.readings_px)}
     return {**values, "cameras": {name: {**camera, **changed}}}
 

@@ -72,22 +72,27 @@ def _times_s(photographs: Sequence[Photograph]) -> FloatArray:
     return np.array([np.nan if p.time is None else p.time.timestamp() - first for p in photographs])
 
 
-def velocities(photographs: Sequence[Photograph]) -> FloatArray:
-    """Return the velocities (N, 3) in the world, m/s, from the measured positions before and after in a flight.
+def velocities(photographs: Sequence[Photograph], position_world_m: FloatArray | None = None) -> FloatArray:
+    """Return the velocities (N, 3) in the world, m/s, from the positions before and after in a flight: the measured
+    ones, or ``position_world_m`` (N, 3), NaN where there is none.
 
     NaN where there is no neighbour within GAP intervals, no time, or none fine enough. At the end of a strip the
     nearer neighbour in time counts alone.
     """
     velocity, time_s = np.full((len(photographs), 3), np.nan), _times_s(photographs)
-    has = np.array([p.gnss_world_m is not None for p in photographs]) & np.isfinite(time_s)
+    if position_world_m is None:
+        measured = [np.full(3, np.nan) if p.gnss_world_m is None else p.gnss_world_m for p in photographs]
+        position_world_m = np.array(measured).reshape(-1, 3)
+    has = np.isfinite(position_world_m).all(axis=1) & np.isfinite(time_s)
     flights = np.array([p.flight for p in photographs])
     for flight in np.unique(flights[has]):
         own = np.flatnonzero(has & (flights == flight))
         own = own[np.argsort(time_s[own], kind="stable")]
-        position = np.array([photographs[i].gnss_world_m for i in own.tolist()])
         times = [photographs[i].time for i in own.tolist()]
         whole = all(time is not None and time.microsecond == 0 for time in times)
-        velocity[own] = _velocities_of_flight(time_s[own], position, WHOLE_SECONDS_SIGMA_S if whole else 0.0)
+        velocity[own] = _velocities_of_flight(
+            time_s[own], position_world_m[own], WHOLE_SECONDS_SIGMA_S if whole else 0.0
+        )
     return velocity
 
 

@@ -77,7 +77,7 @@ class Covariances:
         return np.asarray(self.border[np.ix_(columns, columns)])
 
     def calibration(self, camera: int) -> FloatArray:
-        """Return the covariance (11, 11) of a camera's parameters, zero where they are held."""
+        """Return the covariance (12, 12) of a camera's parameters, zero where they are held."""
         owner, parameter = self.layout.free_parameters
         columns = np.flatnonzero(owner == camera)
         unit, free = self.layout.border_unit[columns], parameter[columns]

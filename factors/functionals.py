@@ -221,7 +221,7 @@ def functions_of_attitudes(layout: Layout, weight: FloatArray) -> Functions:
 
 
 def functions_of_border(layout: Layout) -> Functions:
-    """Return every parameter (cameras, 11) of all calibrations in natural units, zero where held, then the GNSS offsets
+    """Return every parameter (cameras, 12) of all calibrations in natural units, zero where held, then the GNSS offsets
     (flights, 3), each flattened."""
     cameras, parameters = layout.unit.shape
     offsets = layout.common_column - layout.offset_column

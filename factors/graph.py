@@ -94,7 +94,7 @@ class Problem:
 
     @property
     def scale(self) -> FloatArray:
-        """Return per camera the units (cameras, 11) of its calibration variable."""
+        """Return per camera the units (cameras, 12) of its calibration variable."""
         return np.array([calibration_scale(camera.focal_px) for camera in self.block.cameras])
 
     def with_tie_observations(self, tie: Observations) -> Problem:

@@ -24,6 +24,7 @@ from photogram.projection import (
     PARAMETERS,
     RADIAL,
     RADIAL_TERMS,
+    READOUT,
     TANGENTIAL,
     Model,
     OrientedCameras,
@@ -50,8 +51,10 @@ def _zeros(n: int) -> FloatArray:
 class Camera:
     """Interior orientation of one camera.
 
-    ``principal_point_px`` (2,), ``radial`` (4,) k1 k2 k3 k4, ``tangential`` (2,) p1 p2, ``affinity`` (2,) b1 b2.
-    ``sigmas`` (11,) in the order of PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard
+    ``principal_point_px`` (2,), ``radial`` (4,) k1 k2 k3 k4, ``tangential`` (2,) p1 p2, ``affinity`` (2,) b1 b2,
+    ``readout_s`` the time in which a rolling shutter reads a picture from the first row to the last, 0 for a global or
+    mechanical one, negative where the picture is read upwards.
+    ``sigmas`` (12,) in the order of PARAMETER_NAMES: 0 holds a parameter fixed, a positive value is its prior standard
     deviation, infinity leaves it free.
     ``considered_focal_sigma_px`` is that of a focal length which the adjustment does not change but which counts in
     every covariance all the same (a consider parameter: Tapley, Schutz & Born 2004, sec. 6.2); 0 for any other.
@@ -68,6 +71,7 @@ class Camera:
     affinity: FloatArray = field(default_factory=lambda: _zeros(2))
     model: Model = "brown"
     considered_focal_sigma_px: float = 0.0
+    readout_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -87,11 +91,13 @@ class Camera:
 
     @property
     def parameters(self) -> FloatArray:
-        """Return the interior orientation (11,) in the order of PARAMETER_NAMES."""
-        return np.array([self.focal_px, *self.principal_point_px, *self.radial, *self.tangential, *self.affinity])
+        """Return the interior orientation (12,) in the order of PARAMETER_NAMES."""
+        return np.array(
+            [self.focal_px, *self.principal_point_px, *self.radial, *self.tangential, *self.affinity, self.readout_s]
+        )
 
     def with_parameters(self, parameters: FloatArray) -> Camera:
-        """Return the same camera with the interior orientation ``parameters`` (11,)."""
+        """Return the same camera with the interior orientation ``parameters`` (12,)."""
         q = np.asarray(parameters, dtype=np.float64)
         if q.shape != (PARAMETERS,):
             raise ValueError(f"camera {self.name}: parameters of shape {q.shape}, expected ({PARAMETERS},)")
@@ -102,6 +108,7 @@ class Camera:
             radial=q[RADIAL].copy(),
             tangential=q[TANGENTIAL].copy(),
             affinity=q[AFFINITY].copy(),
+            readout_s=float(q[READOUT]),
         )
 
     @property
@@ -151,15 +158,17 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Exterior orientation: ``rotation_world_from_camera`` (3, 3) and the projection centre ``position_world_m``
-    (3,)."""
+    """Exterior orientation: ``rotation_world_from_camera`` (3, 3) and the projection centre ``position_world_m`` (3,),
+    for a rolling shutter that of the middle row, and its ``velocity_world_m_s`` (3,), zero where it is not known."""
 
     rotation_world_from_camera: FloatArray
     position_world_m: FloatArray
+    velocity_world_m_s: FloatArray = field(default_factory=lambda: _zeros(3))
 
     def __post_init__(self) -> None:
-        if self.rotation_world_from_camera.shape != (3, 3) or self.position_world_m.shape != (3,):
-            raise ValueError("a pose is a rotation (3, 3) and a position (3,)")
+        vectors = (self.position_world_m, self.velocity_world_m_s)
+        if self.rotation_world_from_camera.shape != (3, 3) or any(vector.shape != (3,) for vector in vectors):
+            raise ValueError("a pose is a rotation (3, 3), a position (3,) and a velocity (3,)")
 
     def __repr__(self) -> str:
         east, north, up = self.position_world_m
@@ -188,21 +197,31 @@ class Similarity:
 
     def pose(self, pose: Pose) -> Pose:
         """Transform the exterior orientation of a photograph."""
-        return Pose(self.rotation @ pose.rotation_world_from_camera, self.points(pose.position_world_m[None])[0])
+        return Pose(
+            self.rotation @ pose.rotation_world_from_camera,
+            self.points(pose.position_world_m[None])[0],
+            self.scale * self.rotation @ pose.velocity_world_m_s,
+        )
 
 
 def oriented_cameras(
-    cameras: Sequence[Camera], camera_of: IntArray, rotation: FloatArray, position: FloatArray
+    cameras: Sequence[Camera],
+    camera_of: IntArray,
+    rotation: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray | None = None,
 ) -> OrientedCameras:
     """Return photographs and their cameras as compiled code takes them.
 
-    ``camera_of`` (N,) are the numbers of the photographs' cameras, ``rotation`` (N, 3, 3) world from camera and
-    ``position`` (N, 3) in the world, m.
+    ``camera_of`` (N,) are the numbers of the photographs' cameras, ``rotation`` (N, 3, 3) world from camera,
+    ``position`` (N, 3) in the world, m, ``velocity`` (N, 3), m/s, zero without.
     """
+    velocity = np.zeros_like(position) if velocity is None else velocity
     return OrientedCameras(
         np.ascontiguousarray(camera_of, dtype=np.int64),
         np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3),
         np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3),
+        np.ascontiguousarray(velocity, dtype=np.float64).reshape(-1, 3),
         np.array([camera.kind for camera in cameras], dtype=np.int64),
         np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
         np.array([camera.largest_radius for camera in cameras]),
@@ -218,6 +237,7 @@ def oriented_by(cameras: Sequence[Camera], camera_of: IntArray, poses: Sequence[
         camera_of,
         np.array([nowhere if pose is None else pose.rotation_world_from_camera for pose in poses]),
         np.array([nowhere[0] if pose is None else pose.position_world_m for pose in poses]),
+        np.array([np.zeros(3) if pose is None else pose.velocity_world_m_s for pose in poses]),
     )
 
 

@@ -12,6 +12,13 @@ and then for both, with r² = x² + y²,
     y_d = y (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + p1 (r² + 2 y²) + 2 p2 x y
     u = f x_d + cx + b1 x_d + b2 y_d,  v = f y_d + cy
 
+A rolling shutter reads a picture of h rows from the first to the last within ``readout_s`` T, while the projection
+centre moves on at the velocity w. At row v it stands at
+
+    C(v) = C + w T (v / (h − 1) − 1/2)
+
+C is that of the middle row. Where the row is not measured it follows from the projection itself, see ``at_its_row``.
+
 A point must lie in front of the camera, Z > 0, in both models: the field of view of a fisheye is below 180°. Ideal
 coordinates are (X/Z, Y/Z), whatever the model. Pixel frame: the centre of the top-left pixel is (0, 0). The project
 owns its projection because GTSAM's has no k3.
@@ -87,6 +94,8 @@ CAMERA_PARAMETERS: tuple[CameraParameter, ...] = (
                     weakest=0.01, unknown=0.003, ordinary=0.0, usual=False),
     CameraParameter("b2", "b2", "px", 3, "affinity", 1, "b2", "focal length",
                     weakest=0.01, unknown=0.001, ordinary=0.0, usual=False),
+    CameraParameter("readout_s", "read-out time", "s", 5, "readout_s", None, "readout_s", "itself",
+                    weakest=0.1, unknown=0.0, ordinary=0.0, usual=False),
 )  # fmt: skip
 """Interior orientation, in the order of every parameter vector of photogram."""
 
@@ -97,7 +106,7 @@ SIGMA_KEYS = tuple(dict.fromkeys(p.sigma_key for p in CAMERA_PARAMETERS))
 
 PARAMETERS = len(PARAMETER_NAMES)
 
-FOCAL, CX, CY, K1, K2, K3, K4, P1, P2, B1, B2 = range(PARAMETERS)
+FOCAL, CX, CY, K1, K2, K3, K4, P1, P2, B1, B2, READOUT = range(PARAMETERS)
 """Where each parameter stands in such a vector."""
 
 CENTRE, RADIAL, TANGENTIAL, AFFINITY = slice(CX, CY + 1), slice(K1, K4 + 1), slice(P1, P2 + 1), slice(B1, B2 + 1)
@@ -121,7 +130,7 @@ NEAR_AXIS = 1e-3
 Six = tuple[float, float, float, float, float, float]
 
 Lens = tuple[float, ...]
-"""The parameters (11,) of one camera, in the order of PARAMETER_NAMES."""
+"""The parameters (12,) of one camera, in the order of PARAMETER_NAMES."""
 
 
 _ONES: Lens = (1.0,) * PARAMETERS
@@ -131,16 +140,17 @@ class OrientedCameras(NamedTuple):
     """Photographs with their exterior orientation, and their cameras: the one form in which compiled code takes them.
 
     Of photographs: ``camera`` (N,) the number of its camera; ``rotation`` (N, 3, 3) world from camera; ``position``
-    (N, 3) of the projection centre in the world, m. Of cameras: ``model`` (C,) its number in MODELS; ``parameters``
-    (C, 11) in the order of PARAMETER_NAMES; ``largest_radius`` (C,) the ideal radius beyond which the distortion folds
-    back; ``size_px`` (C, 2) width and height. The last two are those of the cameras as they were given; an adjustment,
-    which changes the parameters, reads neither. ``Block.oriented_cameras`` and ``photogram.camera.oriented_by`` make
-    them.
+    (N, 3) of the projection centre in the world, m, and ``velocity`` (N, 3) of it, m/s, zero where it is not known. Of
+    cameras: ``model`` (C,) its number in MODELS; ``parameters`` (C, 12) in the order of PARAMETER_NAMES;
+    ``largest_radius`` (C,) the ideal radius beyond which the distortion folds back; ``size_px`` (C, 2) width and
+    height. ``largest_radius`` is that of the cameras as they were given; an adjustment, which changes the parameters,
+    does not read it. ``Block.oriented_cameras`` and ``photogram.camera.oriented_by`` make them.
     """
 
     camera: IntArray
     rotation: FloatArray
     position: FloatArray
+    velocity: FloatArray
     model: IntArray
     parameters: FloatArray
     largest_radius: FloatArray
@@ -183,6 +193,20 @@ def in_camera(cameras: OrientedCameras, p: int, x: float, y: float, z: float) ->
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
+def share_at_row(v: float, height_px: float) -> float:
+    """Return how far the read-out is at row ``v``, from −1/2 at the first row to 1/2 at the last."""
+    return v / (height_px - 1.0) - 0.5
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def drift_at_row(cameras: OrientedCameras, p: int, height_px: float, v: float) -> tuple[float, float, float]:
+    """Return by how much the world drifts through the frame of photograph ``p`` until row ``v``, m per second of
+    read-out: −Rᵀ w (v / (h − 1) − 1/2), the derivative of a place in that frame by the read-out time."""
+    w, share = cameras.velocity, share_at_row(v, height_px)
+    return turned(cameras, p, -share * w[p, 0], -share * w[p, 1], -share * w[p, 2])  # type: ignore[no-any-return]
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def image_plane_of(model: int, px: float, py: float, pz: float) -> tuple[float, float, float, float, float]:
     """Return the image-plane coordinates (x, y) of a point in front of the camera, and s, t and e of ``stretch_of``."""
     s, t, e = 1.0 / pz, 0.0, 1.0 / (pz * pz)
@@ -216,6 +240,7 @@ def lens_of(parameters: FloatArray, c: int) -> Lens:
     q = parameters
     return (
         q[c, FOCAL], q[c, CX], q[c, CY], q[c, K1], q[c, K2], q[c, K3], q[c, K4], q[c, P1], q[c, P2], q[c, B1], q[c, B2],
+        q[c, READOUT],
     )  # fmt: skip
 
 
@@ -290,8 +315,8 @@ def fill_parameter_slopes(
     row: int, column: int,
 ) -> None:  # fmt: skip
     """Fill two rows of J, from ``row`` and ``column`` on, with the derivatives of (u, v) by those parameters of
-    a camera whose ``unit`` is not zero, in these units, times ``weight``; (x, y) before, (xd, yd) after the
-    distortion."""
+    a camera whose ``unit`` is not zero, in these units, times ``weight``, all but the last one, the read-out time, of
+    which ``drift_at_row`` tells; (x, y) before, (xd, yd) after the distortion."""
     a, k, one = np.uint64(row), np.uint64(column), np.uint64(1)
     d, r2, sv = a + one, x * x + y * y, weight * q[FOCAL]
     su, sb = weight * (q[FOCAL] + q[B1]), weight * q[B2]
@@ -336,14 +361,68 @@ def pixel_in_front(model: int, q: Lens, px: float, py: float, pz: float) -> tupl
     return pixel_of(q, xd, yd)  # type: ignore[no-any-return]
 
 
+ROWS_TRIED = 3
+"""Projections after which the row that shows a point is known: each takes the error of the row down to the part of it
+that the picture moves on meanwhile, some hundredths."""
+
+
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
-def project_offset(cameras: OrientedCameras, p: int, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
-    """Project what lies at an offset, in the world, from the projection centre of photograph ``p``; as
-    ``project_point``."""
+def at_its_row(
+    model: int, q: Lens, height_px: float, px: float, py: float, pz: float, wx: float, wy: float, wz: float
+) -> tuple[float, float, float]:
+    """Return a place in the camera frame of the middle row as that of the row which shows it, the camera moving at
+    (wx, wy, wz) m/s along its own axes; rows before the first and after the last count as these."""
+    T, x, y, z = q[READOUT], px, py, pz
+    for _ in range(ROWS_TRIED):
+        if z <= 0.0:
+            break
+        _, v = pixel_in_front(model, q, x, y, z)
+        way = T * min(max(share_at_row(v, height_px), -0.5), 0.5)
+        x, y, z = px - way * wx, py - way * wy, pz - way * wz
+    return x, y, z
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def in_camera_at_its_row(
+    cameras: OrientedCameras, p: int, model: int, q: Lens, height_px: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return a place of the world in the frame of photograph ``p`` when it reads the row that shows it."""
+    w = cameras.velocity
+    vx, vy, vz = w[p, 0], w[p, 1], w[p, 2]
+    px, py, pz = in_camera(cameras, p, x, y, z)
+    if q[READOUT] != 0.0 and (vx != 0.0 or vy != 0.0 or vz != 0.0):
+        wx, wy, wz = turned(cameras, p, vx, vy, vz)
+        px, py, pz = at_its_row(model, q, height_px, px, py, pz, wx, wy, wz)
+    return px, py, pz
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def in_camera_at_row(
+    cameras: OrientedCameras, p: int, readout_s: float, height_px: float, v: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return a place of the world in the frame of photograph ``p`` when it reads row ``v``."""
+    px, py, pz = in_camera(cameras, p, x, y, z)
+    if readout_s != 0.0:
+        mx, my, mz = drift_at_row(cameras, p, height_px, v)
+        px, py, pz = px + readout_s * mx, py + readout_s * my, pz + readout_s * mz
+    return px, py, pz
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def centre_at_row(cameras: OrientedCameras, p: int, v: float) -> tuple[float, float, float]:
+    """Return where in the world the projection centre of photograph ``p`` stands when it reads row ``v``."""
+    C, w, c = cameras.position, cameras.velocity, cameras.camera[p]
+    way = cameras.parameters[c, READOUT] * share_at_row(v, cameras.size_px[c, 1])
+    return C[p, 0] + way * w[p, 0], C[p, 1] + way * w[p, 1], C[p, 2] + way * w[p, 2]
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def project_at_row(cameras: OrientedCameras, p: int, X: FloatArray, v: float) -> tuple[float, float, float]:
+    """Project X (3,) as ``project_point``, with the projection centre of row ``v``, where the point was measured."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    model, q = cameras.model[c], lens_of(cameras.parameters, c)
-    px, py, pz = turned(cameras, i, dx, dy, dz)
+    model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
+    px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, v, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     u, v = pixel_in_front(model, q, px, py, pz)
@@ -358,8 +437,8 @@ def project_point(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[floa
     """
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    model, q = cameras.model[c], lens_of(cameras.parameters, c)
-    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
+    px, py, pz = in_camera_at_its_row(cameras, i, model, q, height_px, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     u, v = pixel_in_front(model, q, px, py, pz)
@@ -373,7 +452,7 @@ def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, flo
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
     model, q, largest_radius = cameras.model[c], lens_of(cameras.parameters, c), cameras.largest_radius[c]
-    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    px, py, pz = in_camera_at_its_row(cameras, i, model, q, cameras.size_px[c, 1], X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     if np.isfinite(largest_radius) and px * px + py * py > (largest_radius * pz) ** 2:
@@ -387,16 +466,18 @@ def project_point_jacobians(
     cameras: OrientedCameras,
     p: int,
     X: FloatArray,
+    row_px: float,
     J_pose: FloatArray,
     J_camera: FloatArray,
     J_point: FloatArray,
 ) -> tuple[float, float, float]:
-    """Project as project_point and fill the Jacobians of (u, v): pose (2, 6), see ``slopes_of_pose``, interior
-    orientation (2, 11) and point (2, 3)."""
+    """Project as project_at_row and fill the Jacobians of (u, v): pose (2, 6), see ``slopes_of_pose``, interior
+    orientation (2, 12) and point (2, 3)."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    model, q = cameras.model[c], lens_of(cameras.parameters, c)
-    px, py, pz = in_camera(cameras, i, X[0], X[1], X[2])
+    model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
+    px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, row_px, X[0], X[1], X[2])
+    mx, my, mz = drift_at_row(cameras, i, height_px, row_px)
     if pz <= 0.0:
         J_pose[:] = 0.0
         J_camera[:] = 0.0
@@ -412,6 +493,7 @@ def project_point_jacobians(
             g0, g1, g2, px, py, pz
         )
         J_point[row, 0], J_point[row, 1], J_point[row, 2] = slopes_in_world(cameras, i, g0, g1, g2)
+        J_camera[row, READOUT] = g0 * mx + g1 * my + g2 * mz
     fill_parameter_slopes(q, _ONES, 1.0, x, y, xd, yd, J_camera, 0, 0)
     u, v = pixel_of(q, xd, yd)
     return u, v, pz

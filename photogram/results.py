@@ -167,21 +167,21 @@ class Deformation:
     covariance: FloatArray
     """Joint covariance (K, K) of the mean error of the ground (east, north, up), b, c, d, the mean error of the
     projection centres (east, north, up), all m; per camera the mean rotations of its photographs about its x and y
-    axes, rad; per camera its 11 parameters, zero where fixed; per flight the GNSS offset (east, north, up), m."""
+    axes, rad; per camera its 12 parameters, zero where fixed; per flight the GNSS offset (east, north, up), m."""
     intersection_sigma_m: FloatArray
     """Median sigma (3,) of tie points with the cameras taken as known."""
     height_sigma_m: FloatArray
     """The cameras' share of the height sigma (Q,) at places over the block."""
     given_parameters: FloatArray
-    """Interior orientations (cameras, 11) before the adjustment."""
+    """Interior orientations (cameras, 12) before the adjustment."""
     remedy: NDArray[np.str_]
     """Names (R,) of the design options evaluated by covariance."""
     remedy_sigma_m: FloatArray
     """Before and after each (R, 2, 3): sigma in height in the middle, root mean square over the block, sigma of d."""
     freed_prior: FloatArray
-    """Sigmas (cameras, 11) with which fixed parameters were released, 0 for the others."""
+    """Sigmas (cameras, 12) with which fixed parameters were released, 0 for the others."""
     freed_sigma: FloatArray
-    """Their sigmas (cameras, 11) after an adjustment with them released, 0 for the others."""
+    """Their sigmas (cameras, 12) after an adjustment with them released, 0 for the others."""
     freed_height_sigma_m: FloatArray
     """Sigmas (3,) of the heights with them released, as in ``remedy_sigma_m``."""
     pattern_sigma_m: FloatArray
@@ -272,7 +272,7 @@ class Adjustment:
     rotation_covariance_rad2: FloatArray
     """Covariances (N, 3, 3) of the rotations about the camera's axes."""
     calibration_covariance: FloatArray
-    """Covariances (cameras, 11, 11) of the calibrations."""
+    """Covariances (cameras, 12, 12) of the calibrations."""
     tie_point_covariance_m2: FloatArray
     """Covariances (P, 3, 3) of the tie points."""
     ground_world_m: FloatArray
@@ -318,6 +318,11 @@ class Adjustment:
     """Its standard deviations (3,)."""
     left_arm_p: float = float("nan")
     """Probability of a residual lever arm this large by chance."""
+    readout_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Read-out times (cameras,) as estimated, before those that are not significant were held at zero; NaN where none
+    was looked for."""
+    readout_sigma_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their standard deviations (cameras,)."""
     common_errors: tuple[CommonErrorEstimate, ...] = ()
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     deformation: Deformation = field(default_factory=Deformation.unknown)

@@ -59,6 +59,8 @@ class Photograph:
     applied."""
     gnss_sigma_assumed: bool = False
     """Whether nobody has stated the standard deviations of the position: they are then estimated."""
+    velocity_world_m_s: FloatArray | None = None
+    """Measured velocity (3,) at the exposure, None without one."""
 
     def __repr__(self) -> str:
         measured = [
@@ -84,6 +86,8 @@ class Photograph:
             check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
         if self.lever_arm_camera_m is not None:
             check_shape("lever_arm_camera_m", self.lever_arm_camera_m, (3,))
+        if self.velocity_world_m_s is not None:
+            check_shape("velocity_world_m_s", self.velocity_world_m_s, (3,))
         if self.attitude_world_from_camera is not None:
             check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
 

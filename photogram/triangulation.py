@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.projection import OrientedCameras, project_point
+from photogram.projection import OrientedCameras, centre_at_row, project_at_row
 from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
@@ -166,7 +166,7 @@ def _consensus(
     best_inlier: NDArray[np.bool_],
 ) -> int:
     """The best two-ray intersection of one point by number of supporting rays, then by their residuals."""
-    X, R, C = np.empty(3), cameras.rotation, cameras.position
+    X, R, Cp, Cs = np.empty(3), cameras.rotation, np.empty(3), np.empty(3)
     inlier = np.zeros(end - begin, dtype=np.bool_)
     best, best_cost, pair = 0, np.inf, -1
     stride = 1 + (end - begin) * (end - begin - 1) // 2 // MANY_PAIRS
@@ -176,11 +176,13 @@ def _consensus(
             if pair % stride:
                 continue
             p, s = photograph[i], photograph[j]
-            if not _intersect_two(R[p], C[p], ideal[i], R[s], C[s], ideal[j], X):
+            Cp[0], Cp[1], Cp[2] = centre_at_row(cameras, p, pixel[i, 1])
+            Cs[0], Cs[1], Cs[2] = centre_at_row(cameras, s, pixel[j, 1])
+            if not _intersect_two(R[p], Cp, ideal[i], R[s], Cs, ideal[j], X):
                 continue
             support, cost = 0, 0.0
             for k in range(begin, end):
-                u, v, depth = project_point(cameras, photograph[k], X)
+                u, v, depth = project_at_row(cameras, photograph[k], X, pixel[k, 1])
                 error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
                 inlier[k - begin] = error < 1.0
                 if error < 1.0:

@@ -27,7 +27,7 @@ Fault = Literal["none", "swapped", "principal point", "bent"]
 
 def with_fault(block: Block, true: Camera, fault: Fault) -> Block:
     """A block as a program adjusts it that holds the calibration, or has its control points wrong."""
-    held = replace(true, sigmas=np.zeros(11))
+    held = replace(true, sigmas=np.zeros(12))
     if fault == "principal point":
         held = replace(held, principal_point_px=held.principal_point_px + np.array([30.0, 0.0]))
     if fault == "bent":
@@ -53,7 +53,7 @@ def solution_of(block: Block, result: Adjustment) -> ForeignSolution:
     ties = result.block.tie_points
     return ForeignSolution(
         "Another program",
-        tuple(replace(camera, sigmas=np.zeros(11)) for camera in result.block.cameras),
+        tuple(replace(camera, sigmas=np.zeros(12)) for camera in result.block.cameras),
         photographs,
         replace(ties, position_world_m=model.points(ties.position_world_m)),
         replace(points, position_world_m=frame.map_from_world(points.position_world_m)),

@@ -242,8 +242,8 @@ def adjust_bundle(
 ) -> BundleState:
     """Adjust poses, points and free calibration parameters of a block from image observations alone.
 
-    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 11) are the parameters that move, with
-    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 11), infinite for none. Observations sorted by point, of
+    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 12) are the parameters that move, with
+    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 12), infinite for none. Observations sorted by point, of
     points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
     the damping does. A result that could not move has ``converged`` False.
     """

@@ -7,7 +7,7 @@ the damped V.
 
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
 elimination (36–41), the right-hand side (42–47), then six for every border column. Parameters have their units
-(cameras, 11) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of, measurements as
+(cameras, 12) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of, measurements as
 u, v and 1 / sigma.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
@@ -26,11 +26,14 @@ from photogram.compilation import njit
 from photogram.projection import (
     PARAMETERS,
     PROJECTIVE,
+    READOUT,
     Lens,
     OrientedCameras,
     distorted,
+    drift_at_row,
     fill_parameter_slopes,
     in_camera,
+    in_camera_at_row,
     lens_of,
     misfit,
     pixel_slopes,
@@ -87,8 +90,12 @@ def linearise_point(
     for i in range(begin, end):
         o, p = 2 * (i - begin), np.uint64(photograph[i])
         c = np.uint64(cameras.camera[p])
-        model, q = cameras.model[c], lens_of(cameras.parameters, c)
+        model, q, moving = cameras.model[c], lens_of(cameras.parameters, c), unit[c, READOUT]
         px, py, pz = in_camera(cameras, p, X[number, 0], X[number, 1], X[number, 2])
+        m0, m1, m2 = 0.0, 0.0, 0.0
+        if moving > 0.0 or q[READOUT] != 0.0:
+            m0, m1, m2 = drift_at_row(cameras, p, cameras.size_px[c, 1], measured[i, 1])
+            px, py, pz = px + q[READOUT] * m0, py + q[READOUT] * m1, pz + q[READOUT] * m2
         if not pz > 0.0 and (model != PROJECTIVE or pz == 0.0):
             J[o], J[o + 1] = 0.0, 0.0
             behind += 1
@@ -134,6 +141,12 @@ def linearise_point(
                     t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
                     J[o, k] -= n0 * t0
                     J[o + 1, k] -= n1 * t0
+            if moving > 0.0:
+                last = np.uint64(CALIBRATION + free_of[c, 1] - 1)
+                J[o, last], J[d, last] = (
+                    moving * (g0 * m0 + g1 * m1 + g2 * m2),
+                    moving * (h0 * m0 + h1 * m1 + h2 * m2),
+                )
     V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
     V[9], V[10], V[11] = b0, b1, b2
     return behind
@@ -150,7 +163,9 @@ def point_cost(
         p = np.uint64(photograph[i])
         c = np.uint64(cameras.camera[p])
         model, q = cameras.model[c], lens_of(cameras.parameters, c)
-        px, py, pz = in_camera(cameras, p, X[number, 0], X[number, 1], X[number, 2])
+        px, py, pz = in_camera_at_row(
+            cameras, p, q[READOUT], cameras.size_px[c, 1], measured[i, 1], X[number, 0], X[number, 1], X[number, 2]
+        )
         if not pz > 0.0 and (model != PROJECTIVE or pz == 0.0):
             cost += robust((measured[i, 2] * BEHIND_PX) ** 2, loss, threshold)[0]
             bad += 1
@@ -287,7 +302,7 @@ def add_border(
 ) -> int:  # fmt: skip
     """Add a point's share to the border: H holds its matrix, then the undamped diagonal, then the right-hand side.
 
-    Fills Yc (cameras, 3, 11) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``slot_of`` with their
+    Fills Yc (cameras, 3, 12) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``slot_of`` with their
     first border columns and numbers of columns, ``own`` with each ray's slot, −1 for none; returns the number of slots.
     """
     border, slots = H.shape[1], 0

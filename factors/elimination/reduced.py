@@ -43,7 +43,7 @@ class Layout:
 
     ``place`` (N,) of each photograph in the band, −1 for one that is held; ``photograph_at`` its inverse; ``reach`` how
     many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
-    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 11) units of its parameters, 0 where held:
+    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 12) units of its parameters, 0 where held:
     each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
     number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
     because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
@@ -163,7 +163,7 @@ def make_layout(
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
-    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 11) the units of free parameters, 0 where
+    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 12) the units of free parameters, 0 where
     held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
     eliminated; ``common`` (E,) the numbers of unknowns of other common errors.
     """

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.variables import CALIBRATION, POSE, key
-from photogram.projection import PARAMETERS, RADIAL, TANGENTIAL, OrientedCameras, project_point, project_point_jacobians
+from photogram.projection import (
+    PARAMETERS,
+    RADIAL,
+    READOUT,
+    TANGENTIAL,
+    OrientedCameras,
+    project_at_row,
+    project_point_jacobians,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +62,7 @@ def _residuals(
 ) -> FloatArray:
     residual = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
-        u, v, depth = project_point(cameras, photograph[i], X[point[i]])
+        u, v, depth = project_at_row(cameras, photograph[i], X[point[i]], pixel[i, 1])
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -70,7 +78,9 @@ def _linearise(
     residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
     J_camera, J_point = np.empty((count, 2, PARAMETERS)), np.empty((count, 2, 3))
     for i in range(count):
-        u, v, depth = project_point_jacobians(cameras, photograph[i], X[point[i]], J_pose[i], J_camera[i], J_point[i])
+        u, v, depth = project_point_jacobians(
+            cameras, photograph[i], X[point[i]], pixel[i, 1], J_pose[i], J_camera[i], J_point[i]
+        )
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -100,10 +110,11 @@ def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArra
 
 
 def calibration_scale(focal_px: float) -> FloatArray:
-    """Return the units (11,) in which calibration variables are solved: 1 px, also of the affinity, and 1/f for the
-    distortion coefficients."""
+    """Return the units (12,) in which calibration variables are solved: 1 px, also of the affinity, 1/f for the
+    distortion coefficients, and 1 ms for the read-out time."""
     unit = np.ones(PARAMETERS)
     unit[RADIAL] = unit[TANGENTIAL] = 1.0 / focal_px
+    unit[READOUT] = 1e-3
     return unit
 
 
@@ -118,7 +129,7 @@ def reprojection_factors(
     """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
 
     ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free
-    parameters; ``scale`` (cameras, 11) their units.
+    parameters; ``scale`` (cameras, 12) their units.
     """
     root = np.sqrt(weight)[:, None]
     b = -linear.residual * root

@@ -26,8 +26,13 @@ class OfCameras:
         return self.cameras.position
 
     @property
+    def velocity(self) -> FloatArray:
+        """Return the velocities (N, 3) of the projection centres in the world, m/s."""
+        return self.cameras.velocity
+
+    @property
     def parameters(self) -> FloatArray:
-        """Return the interior orientations (cameras, 11)."""
+        """Return the interior orientations (cameras, 12)."""
         return self.cameras.parameters
 
 

@@ -20,6 +20,7 @@ from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
+from photogram.adjustment.rolling_shutter import Readouts, looked_for, readouts, shown, with_readouts, without_rolling
 from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.solvability import UnheldError, undetermined, weak_parts
 from photogram.adjustment.stochastic_model.assumed_gnss import gnss_steady, gnss_table, with_gnss_factors
@@ -31,12 +32,13 @@ from photogram.adjustment.stochastic_model.estimated_sigmas import (
     weighted,
     with_gnss_sigmas,
 )
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.free_network import relative_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
+from photogram.projection import PARAMETERS, READOUT
 from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Block
 
@@ -109,7 +111,7 @@ def adjust(
     """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
-    orientation (11,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
+    orientation (12,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
     what is held stays as given. ``sigmas`` are those of another adjustment of these observations: they are used as
     they are, and none are estimated. A single photograph or mark that keeps the rest from a solution is left out,
     with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it
@@ -153,6 +155,17 @@ def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
     return np.flatnonzero(marks & np.isin(block.control_points.mark_photograph, kept))
 
 
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """The end of an adjustment of a ``block``: the problem as stated, its solution, and what that is worth."""
+
+    block: Block
+    whole: Problem
+    solved: Solved
+    assessment: Assessed
+    unknowns: _Unknowns
+
+
 def _adjust_oriented(
     block: Block,
     settings: AdjustmentSettings,
@@ -160,7 +173,39 @@ def _adjust_oriented(
     start: Sequence[FloatArray],
     sigmas: EstimatedSigmas | None,
 ) -> Adjustment:
-    """Adjust a block whose photographs all have a pose to start from."""
+    """Adjust a block whose photographs all have a pose to start from: read-out times that nobody states are held at
+    zero until the photographs show one, and again where it comes out as none."""
+    asked = looked_for(block.cameras)
+    ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked)
+    if asked.any():
+        there, found = _shown(ended.assessment, asked)
+        if not there.any():
+            return with_readouts(_judged(ended, settings), found)
+        progress("rolling shutter: the read-out time is estimated")
+        again = replace(without_rolling(block, asked & ~there), poses=ended.assessment.block.poses)
+        ended = _adjust_block(again, settings, progress, ended.assessment.state.parameters, sigmas)
+    found = readouts(ended.assessment.problem, ended.assessment.state, ended.assessment.held)
+    none = np.isfinite(found.estimate_s) & ~found.significant
+    if none.any():
+        progress("no rolling shutter: the read-out time is held at zero")
+        again = replace(without_rolling(ended.block, none), poses=ended.assessment.block.poses)
+        parameters = np.where(
+            none[:, None] & (np.arange(PARAMETERS) == READOUT), 0.0, ended.assessment.state.parameters
+        )
+        ended = _adjust_block(again, settings, progress, parameters, sigmas)
+    return with_readouts(_judged(ended, settings), found)
+
+
+def _adjust_block(
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    start: Sequence[FloatArray] | FloatArray,
+    sigmas: EstimatedSigmas | None,
+    asked: BoolArray | None = None,
+) -> _Ended:
+    """Adjust a block with the unknowns that it has, and find its common errors and sigmas; these are not looked for
+    where one of the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done again with it."""
     estimating = settings.estimate_sigmas and sigmas is None
     used = None if estimating else sigmas or EstimatedSigmas.none()
     whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
@@ -172,18 +217,32 @@ def _adjust_oriented(
             first = replace(first, cameras=first.cameras._replace(parameters=moved))
         solved = solve_rounds(whole, first, settings, progress, used)
         progress("covariances")
-        solved, assessment, unknowns = _settled(solved, whole, block, settings, progress, estimating=estimating)
-        return _result(solved, assessment, unknowns, block, settings)
+        assessment = assessed(solved, block, settings)
+        if asked is not None and asked.any() and _shown(assessment, asked)[0].any():
+            return _Ended(block, whole, solved, assessment, _Unknowns())
+        ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
+        return _Ended(block, whole, *ended)
     except IndeterminateError as fault:
         raise undetermined(whole, fault) from fault
 
 
+def _shown(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
+    return shown(assessment.problem, assessment.state, assessment.held, asked)
+
+
 def _settled(
-    solved: Solved, whole: Problem, block: Block, settings: AdjustmentSettings, progress: Progress, *, estimating: bool
+    solved: Solved,
+    assessment: Assessed,
+    whole: Problem,
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    *,
+    estimating: bool,
 ) -> tuple[Solved, Assessed, _Unknowns]:
     """Adjust again until the common errors among the unknowns are right and, where they are ``estimating``, the sigmas
     stay; ``whole`` is the problem as stated of the ``block``."""
-    assessment, unknowns = assessed(solved, block, settings), _Unknowns()
+    unknowns = _Unknowns()
     reweighted = 0 if estimating else MOST_REWEIGHTED
     while True:
         changed = _with_common_error(solved, assessment, settings, unknowns, progress)
@@ -197,10 +256,16 @@ def _settled(
         assessment = assessed(solved, block, settings)
 
 
-def _result(
-    solved: Solved, assessment: Assessed, unknowns: _Unknowns, block: Block, settings: AdjustmentSettings
-) -> Adjustment:
-    """Return the result of a solved ``block``, with what it is worth."""
+def _judged(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
+    try:
+        return _result(ended, settings)
+    except IndeterminateError as fault:
+        raise undetermined(ended.whole, fault) from fault
+
+
+def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
+    """Return the result of an adjustment, with what it is worth."""
+    block, solved, assessment, unknowns = ended.block, ended.solved, ended.assessment, ended.unknowns
     final, final_state, state, tie = (
         assessment.problem,
         assessment.state,

@@ -71,7 +71,7 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
     mine = kept[whole.tie_points.point] & solved.used
     tie = replace(whole.tie_points, position_world_m=state.tie_point).select(kept, solved.used)
     cameras = tuple(c.with_parameters(q) for c, q in zip(whole.cameras, state.parameters, strict=True))
-    poses = tuple(Pose(R, C) for R, C in zip(state.rotation, state.position, strict=True))
+    poses = tuple(Pose(R, C, v) for R, C, v in zip(state.rotation, state.position, state.velocity, strict=True))
     common = with_values(whole, state.common)
     adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common)
     state = replace(state, tie_point=tie.position_world_m)

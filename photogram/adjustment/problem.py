@@ -10,6 +10,7 @@ import numpy as np
 
 from photogram.adjustment.common_errors import with_attitude_errors
 from photogram.adjustment.partial_control import control_positions
+from photogram.adjustment.rolling_shutter import in_motion
 from photogram.errors import AdjustmentError, check_range
 from photogram.factors.common_errors import values_of
 from photogram.factors.elimination.levenberg_marquardt import Minimum
@@ -70,7 +71,7 @@ def minimise(
 def start_state(block: Block, flights: tuple[str, ...]) -> State:
     """Return the starting values of a block whose photographs are all oriented."""
     return State(
-        block.oriented_cameras(),
+        in_motion(block, block.oriented_cameras()),
         block.tie_points.position_world_m.copy(),
         control_positions(block)[0],
         np.zeros((len(flights), 3)),

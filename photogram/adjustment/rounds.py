@@ -18,6 +18,7 @@ from photogram.adjustment.outliers import (
     without_narrow,
 )
 from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
+from photogram.adjustment.rolling_shutter import in_motion
 from photogram.adjustment.solvability import check_determined, check_in_front
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     Factors,
@@ -88,7 +89,7 @@ def solve_rounds(
         iterations += minimum.iterations
         if last:
             break
-        state = minimum.state
+        state = replace(minimum.state, cameras=in_motion(whole.block, minimum.state.cameras))
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
             found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
             better = factors if found is None else improved(found, factors, groups)

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.camera import Camera
-from photogram.projection import CAMERA_PARAMETERS, FOCAL, PARAMETER_NAMES, USUAL
+from photogram.projection import CAMERA_PARAMETERS, FOCAL, PARAMETER_NAMES, READOUT, USUAL
 from photogram.results import Adjustment, FocalDecision
 from photogram.survey import Block
 
@@ -66,6 +66,13 @@ def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: flo
     return told
 
 
+def _not_rolling(result: Adjustment, camera: int) -> str:
+    if not len(result.readout_s) or not np.isfinite(result.readout_s[camera]):
+        return "the photographs do not move"
+    estimate, sigma = 1000.0 * result.readout_s[camera], 1000.0 * result.readout_sigma_s[camera]
+    return f"estimated at {estimate:.1f} ± {sigma:.1f} ms, which is no rolling shutter: held at 0"
+
+
 def held_parameters(
     given: Sequence[Camera], result: Adjustment, focal_lengths: Mapping[str, FocalDecision] = MappingProxyType({})
 ) -> Held:
@@ -84,6 +91,9 @@ def held_parameters(
         sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
         reasons = {}
         for k, name in enumerate(PARAMETER_NAMES):
+            if k == READOUT and camera.sigmas[k] > 0.0 and sigma[k] == 0.0:
+                reasons[name] = _not_rolling(result, c)
+                continue
             if camera.sigmas[k] == 0.0 and not USUAL[k] and camera.parameters[k] == 0.0:
                 continue  # a term that the camera does without
             if camera.sigmas[k] == 0.0:

@@ -73,9 +73,9 @@ class Audit:
     ours_fit: Fit
     poses: tuple[PoseDifference, ...]
     parameters: FloatArray
-    """Interior orientations (cameras, 11), theirs minus ours."""
+    """Interior orientations (cameras, 12), theirs minus ours."""
     parameter_sigmas: FloatArray
-    """The same over the standard deviations (cameras, 11) of ours, NaN where it has none."""
+    """The same over the standard deviations (cameras, 12) of ours, NaN where it has none."""
     bend: Bend | None
     """None with too few tie points to tell."""
     mark_factor: float

@@ -53,7 +53,7 @@ class Beside:
     """Its cameras by those of the audited solution, None without."""
     poses: tuple[PoseDifference, ...]
     parameter_sigmas: FloatArray
-    """Interior orientations (cameras, 11), theirs minus ours, over the standard deviations of ours; NaN without."""
+    """Interior orientations (cameras, 12), theirs minus ours, over the standard deviations of ours; NaN without."""
 
 
 def check_shared(solution: ForeignSolution, other: ForeignSolution) -> None:

@@ -112,10 +112,10 @@ def cameras_of(solution: ForeignSolution, of: IntArray, block: Block) -> list[Ca
 
 
 def calibration_differences(cameras: Sequence[Camera | None], result: Adjustment) -> tuple[FloatArray, FloatArray]:
-    """Return interior orientations (cameras, 11), theirs minus ours, and the same over the standard deviations of ours;
+    """Return interior orientations (cameras, 12), theirs minus ours, and the same over the standard deviations of ours;
     NaN where there is none."""
     own = np.array([camera.parameters for camera in result.block.cameras])
-    given = np.array([np.full(11, np.nan) if camera is None else camera.parameters for camera in cameras])
+    given = np.array([np.full(12, np.nan) if camera is None else camera.parameters for camera in cameras])
     off = given.reshape(own.shape) - own
     sigma = np.sqrt(np.einsum("ckk->ck", result.calibration_covariance))
     return off, np.divide(off, sigma, out=np.full(off.shape, np.nan), where=sigma > 0.0)

@@ -49,7 +49,7 @@ class ForeignBlock:
     """Whether the files say where the solution lies, so that its poses can be compared as they are; otherwise it was
     brought to its control points or positions by a similarity, or lies nowhere."""
     parameters: tuple[FloatArray, ...] = ()
-    """Interior orientation (11,) of each camera to start from, where it is not theirs."""
+    """Interior orientation (12,) of each camera to start from, where it is not theirs."""
 
 
 def foreign_block(solution: ForeignSolution, crs: str | None = None) -> ForeignBlock:

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
-from photogram.camera import Pose
 from photogram.marking.tagged_block import RELIEF_SHARE
 from photogram.survey import Block
 
@@ -42,7 +41,7 @@ def levelled(block: Block) -> Block:
             p if p.gnss_world_m is None else replace(p, gnss_world_m=p.gnss_world_m + measured_up)
             for p in block.photographs
         ),
-        poses=tuple(pose and Pose(pose.rotation_world_from_camera, pose.position_world_m + up) for pose in block.poses),
+        poses=tuple(pose and replace(pose, position_world_m=pose.position_world_m + up) for pose in block.poses),
         tie_points=replace(block.tie_points, position_world_m=block.tie_points.position_world_m + up),
         gnss_offset_sigma_m=np.array([*block.gnss_offset_sigma_m[:2], found[1]]),
     )

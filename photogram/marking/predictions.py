@@ -79,7 +79,7 @@ def predicted_places(block: Block, settings: AdjustmentSettings | None = None) -
     except IndeterminateError as fault:
         raise undetermined(problem, fault) from fault
     cameras = [c.with_parameters(q) for c, q in zip(known.cameras, state.parameters, strict=True)]
-    poses = [Pose(R, C) for R, C in zip(state.cameras.rotation, state.cameras.position, strict=True)]
+    poses = [Pose(R, C, v) for R, C, v in zip(state.rotation, state.position, state.velocity, strict=True)]
     photograph, point, inside = _pairs(known, cameras, poses, state.control)
     pixel, covariance = np.empty((len(point), 2)), np.empty((len(point), 2, 2))
     for first in range(0, len(point), AT_ONCE):

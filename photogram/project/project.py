@@ -468,8 +468,11 @@ def _camera(
             np.pad(entry.radial or (), (0, RADIAL_TERMS - len(entry.radial or ()))),
             np.array(entry.tangential or (0.0, 0.0)),
             affinity=np.array(entry.affinity or (0.0, 0.0)),
+            readout_s=entry.readout_s or 0.0,
             model=entry.model or "brown",
         )
+    if entry.matlab is not None:
+        camera = replace(camera, readout_s=entry.readout_s or 0.0)
     if not camera.focal_px + camera.affinity[0] > 0:
         document.fault((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
     if not camera.contains(camera.principal_point_px):

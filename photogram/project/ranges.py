@@ -69,6 +69,9 @@ LENGTH_M = Within(1e-4, 1e5, "m")
 FREEDOM = Within(1e-12, 1e6)
 """Prior standard deviations of camera parameters, in px or without unit."""
 
+READOUT_S = Within(-2, 2, "s")
+"""Time in which a camera reads a picture, negative upwards; no shutter that flies takes a second."""
+
 _CELL_M = Within(0.001, 1000, "m")
 _COUNT = Within(1, 1000)
 

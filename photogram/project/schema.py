@@ -30,6 +30,7 @@ from photogram.project.ranges import (
     PLACE_PX,
     POSITION,
     POSITION_M,
+    READOUT_S,
     SIGMA_M,
     SIGMA_PX,
     Within,
@@ -142,6 +143,7 @@ Size = Annotated[int, PIXELS]
 Angle = Annotated[float, ANGLE_DEG]
 AngleSigma = Annotated[float, ANGLE_SIGMA_DEG]
 FocalLength = Annotated[float, FOCAL_PX]
+ReadoutTime = Annotated[float, READOUT_S]
 FlyingHeight = Annotated[float, FLYING_HEIGHT_M]
 MarkSigma = Annotated[float, SIGMA_PX]
 _MAP = ("easting", "northing", "height")
@@ -193,6 +195,7 @@ class CameraEntry(Entry):
     radial: Annotated[tuple[float, ...], _vector(*_names_in("radial"), within=DISTORTION, fewest=2)] | None = None
     tangential: Annotated[tuple[float, float], _vector(*_names_in("tangential"), within=DISTORTION)] | None = None
     affinity: Annotated[tuple[float, float], _vector(*_names_in("affinity"), within=PLACE_PX)] | None = None
+    readout_s: ReadoutTime | None = None
     pixel_origin: PixelOrigin | None = None
     sigmas: CameraSigmas = CameraSigmas()
     calibration: Calibration = "given"

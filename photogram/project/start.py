@@ -44,7 +44,7 @@ class Start:
     poses: tuple[Pose | None, ...]
     """Poses in the frame of the solution, None where it has none."""
     parameters: tuple[FloatArray | None, ...]
-    """Interior orientation (11,) of each camera, None where the solution has it not."""
+    """Interior orientation (12,) of each camera, None where the solution has it not."""
 
     def calibrated(self, cameras: Sequence[Camera]) -> tuple[Camera, ...]:
         """Return the cameras as the solution has them, but for parameters that the project holds fixed."""

@@ -257,5 +257,5 @@ def shape_covariances(problem: Problem, state: State, found: Solvable, places: P
 
 
 def given_parameters(problem: Problem) -> FloatArray:
-    """Return the interior orientations (cameras, 11) before the adjustment."""
+    """Return the interior orientations (cameras, 12) before the adjustment."""
     return np.array([camera.parameters for camera in problem.block.cameras]).reshape(-1, PARAMETERS)

@@ -22,7 +22,7 @@ from photogram.results import Deformation
 
 
 def ordinary_sigmas(camera: Camera) -> FloatArray:
-    """Return the sigmas (11,) with which a camera's fixed parameters are released, 0 for the others and for terms that
+    """Return the sigmas (12,) with which a camera's fixed parameters are released, 0 for the others and for terms that
     it does without."""
     ordinary = np.array([p.in_its_unit(p.ordinary, camera.focal_px, camera.width_px) for p in CAMERA_PARAMETERS])
     return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)

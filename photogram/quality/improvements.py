@@ -176,6 +176,7 @@ def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem,
         camera=np.append(state.cameras.camera, np.full(len(R), camera)),
         rotation=np.concatenate([state.rotation, R]),
         position=np.concatenate([state.position, C]),
+        velocity=np.concatenate([state.velocity, np.zeros_like(C)]),
     )
     moved = replace(state, cameras=cameras)
     ties = _joined(tie, photograph + old, point, pixel)
@@ -213,7 +214,7 @@ def block_deformation(
 ) -> Deformation:
     """Return how a finished block may be deformed as a whole, and what would help, on its final linearisation.
 
-    ``given_parameters`` are the interior orientations (11,) of its cameras before the adjustment.
+    ``given_parameters`` are the interior orientations (12,) of its cameras before the adjustment.
     """
     part, _ = registered_block(result.block)
     problem = make_problem(part, settings)

@@ -276,6 +276,7 @@ def _parameters(camera: CameraRecord) -> list[Row]:
         "radial": camera["radial"],
         "tangential": camera["tangential"],
         "affinity": camera["affinity"],
+        "readout_s": [camera.get("readout_s", 0.0)],
     }
     rows = list[Row]()
     for p in CAMERA_PARAMETERS:
@@ -284,7 +285,7 @@ def _parameters(camera: CameraRecord) -> list[Row]:
             continue  # a report of an earlier version
         value = values[p.key][place]
         sigma = camera["sigma"].get(p.name)
-        if value == 0 and sigma is None:
+        if value == 0 and sigma is None and p.name not in held:
             continue  # a parameter that this camera has not
         rows.append(
             {

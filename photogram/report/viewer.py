@@ -220,6 +220,7 @@ def reported_camera(camera: CameraRecord) -> Camera:
         radial=np.pad(camera["radial"], (0, RADIAL_TERMS - len(camera["radial"]))),
         tangential=np.array(camera["tangential"]),
         affinity=np.array(camera["affinity"]),
+        readout_s=camera.get("readout_s", 0.0),
         model=camera["model"],
     )
 

@@ -73,7 +73,7 @@ class Orientation:
     reason: tuple[str, ...]
     """Why a photograph is not registered, empty if it is."""
     parameters: tuple[FloatArray, ...] = field(default=())
-    """Interior orientation (11,) of each camera from the orientation; () if unchanged."""
+    """Interior orientation (12,) of each camera from the orientation; () if unchanged."""
 
     def __repr__(self) -> str:
         return f"<Orientation by {self.method}: {int(self.registered.sum())} of {len(self.poses)} photographs>"

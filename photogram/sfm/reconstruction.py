@@ -66,7 +66,7 @@ class Structure:
     registered: BoolArray
     """Photographs with a pose (N,)."""
     parameters: FloatArray
-    """Interior orientations (cameras, 11)."""
+    """Interior orientations (cameras, 12)."""
     point: FloatArray
     """Tie points (P, 3), NaN while unknown."""
     good: BoolArray
@@ -242,7 +242,10 @@ class Structure:
         enough = calibrate and active is None and len(photographs) >= PHOTOGRAPHS_FOR_CALIBRATION
         free = (sigma > 0) & FIRST_FREE & enough
         moving = self.as_oriented._replace(
-            camera=self.camera_of[photographs], rotation=self.rotation[photographs], position=self.position[photographs]
+            camera=self.camera_of[photographs],
+            rotation=self.rotation[photographs],
+            position=self.position[photographs],
+            velocity=np.zeros((len(photographs), 3)),
         )
         start = BundleState(moving, self.point[points], 0.0, 0)
         # residuals that are large yet must not outweigh what is known of the calibration
@@ -300,7 +303,7 @@ class Structure:
 
 
 def _believable(given: Camera, parameters: FloatArray) -> bool:
-    """Return whether a calibration (11,) is near the given one, and its distortion can be undone up to the corners."""
+    """Return whether a calibration (12,) is near the given one, and its distortion can be undone up to the corners."""
     if not 1.0 / LARGEST_FOCAL_CHANGE < parameters[0] / given.focal_px < LARGEST_FOCAL_CHANGE:
         return False
     if np.any(np.abs(parameters - given.parameters)[FIRST_FREE] > LARGEST_CHANGE * given.sigmas[FIRST_FREE]):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
 from photogram.frames import LocalFrame
-from photogram.projection import PARAMETERS
+from photogram.projection import PARAMETERS, READOUT
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
 from photogram.survey import Block, ControlPoints, Distance, Photograph, Role, TiePoints
@@ -82,7 +82,7 @@ def simulate_close_range(
     X = rng.uniform(-1.0, 1.0, (tie_points, 3))
     sigmas = np.pad(_SIGMAS, (0, PARAMETERS - len(_SIGMAS)))
     given = Camera("camera", 3000, 2000, 2600.0, np.array([1499.5, 999.5]), np.zeros(4), np.zeros(2), sigmas=sigmas)
-    true = given.with_parameters(given.parameters + sigmas * rng.standard_normal(PARAMETERS))
+    true = given.with_parameters(given.parameters + sigmas * np.append(rng.standard_normal(READOUT), 0.0))
 
     def seen(points: FloatArray, sigma_px: float) -> tuple[IntArray, IntArray, FloatArray]:
         point, photograph = np.divmod(np.arange(photographs * len(points)), photographs)

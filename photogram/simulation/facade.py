@@ -65,7 +65,12 @@ def turned_survey(
         truth=replace(
             truth,
             poses=tuple(
-                Pose(rotation @ pose.rotation_world_from_camera, place(pose.position_world_m)) for pose in truth.poses
+                Pose(
+                    rotation @ pose.rotation_world_from_camera,
+                    place(pose.position_world_m),
+                    scale * rotation @ pose.velocity_world_m_s,
+                )
+                for pose in truth.poses
             ),
             control_position_world_m=place(truth.control_position_world_m),
             gnss_offset_world_m={

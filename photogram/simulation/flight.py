@@ -18,9 +18,9 @@ from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, image_plane, oriented_cameras
+from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
-from photogram.projection import PARAMETERS, USUAL, OrientedCameras, project_offset, project_point
+from photogram.projection import PARAMETERS, READOUT, USUAL, OrientedCameras, project_point
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene
 from photogram.simulation.survey_plan import SurveyPlan
@@ -28,25 +28,21 @@ from photogram.survey import ControlPoints, Photograph, Role
 
 _START = datetime(2024, 6, 12, 10, 0, tzinfo=UTC)
 _POINTS_AT_ONCE = 20_000
-_READOUT_STEPS = 3  # each takes the error of the row down by the part of its way that the picture moves on
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a simulated survey tried to find out, in the world frame; ``gnss_offset_world_m`` by flight,
-    ``readout_world_m`` (N, 3) as of a Flight."""
+    """What a simulated survey tried to find out, in the world frame; ``gnss_offset_world_m`` by flight."""
 
     camera: Camera
     poses: tuple[Pose, ...]
     control_position_world_m: FloatArray
     gnss_offset_world_m: dict[str, FloatArray]
-    readout_world_m: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A plan as it was flown: the true camera and poses, and what the surveyor has of them. ``readout_world_m`` (N, 3)
-    is the way of each projection centre while its photograph is read out; its pose is that of the middle row."""
+    """A plan as it was flown: the true camera and poses, and what the surveyor has of them."""
 
     plan: SurveyPlan
     camera: Camera
@@ -54,7 +50,6 @@ class Flight:
     poses: tuple[Pose, ...]
     photographs: tuple[Photograph, ...]
     gnss_offset: dict[str, FloatArray]
-    readout_world_m: FloatArray
 
     @property
     def rotations(self) -> FloatArray:
@@ -74,7 +69,7 @@ class Flight:
 
     def truth(self, control_position_world_m: FloatArray) -> Truth:
         """Return the truth, with ground points (G, 3)."""
-        return Truth(self.camera, self.poses, control_position_world_m, self.gnss_offset, self.readout_world_m)
+        return Truth(self.camera, self.poses, control_position_world_m, self.gnss_offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +98,15 @@ def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera
     middle = np.array([(w - 1) / 2, (h - 1) / 2])
     camera = Camera(
         "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential,
-        affinity=np.array(plan.affinity_px), model=plan.camera_model,
+        affinity=np.array(plan.affinity_px), model=plan.camera_model, readout_s=plan.readout_s,
     )  # fmt: skip
-    sigmas = np.array(plan.calibration_sigmas)
-    drawn = np.zeros(PARAMETERS)
+    sigmas = np.array([*plan.calibration_sigmas, plan.readout_sigma_s])
+    drawn, unusual = np.zeros(PARAMETERS), np.flatnonzero(~USUAL & (np.arange(PARAMETERS) != READOUT))
     drawn[USUAL] = rng.standard_normal(np.count_nonzero(USUAL))
-    if np.any(sigmas[~USUAL] > 0):
-        drawn[~USUAL] = rng.standard_normal(np.count_nonzero(~USUAL))
+    if np.any(sigmas[unusual] > 0):
+        drawn[unusual] = rng.standard_normal(len(unusual))
     error = np.where(np.isfinite(sigmas), sigmas, 0.0) * drawn
+    error[READOUT] = -plan.readout_s
     if plan.calibration_source == "exif":
         focal_px = plan.focal_px * plan.focal_35mm_mm / plan.exact_focal_35mm_mm
         undistorted = np.zeros(PARAMETERS)
@@ -195,13 +191,13 @@ def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
             attitude_world_from_camera=attitude[i], attitude_sigma_rad=sigma_rad,
             # a barometer above the place of take-off, whose height is that of the terrain on average
             height_above_ground_m=round(float(centres[i, 2]), 1),
+            velocity_world_m_s=np.round(velocities[i], 1) if plan.velocity_tags else None,
         )
         for i, photograph in enumerate(bare)
     )  # fmt: skip
-    poses = tuple(Pose(R, C) for R, C in zip(rotations, centres, strict=True))
+    poses = tuple(Pose(R, C, v) for R, C, v in zip(rotations, centres, velocities, strict=True))
     offsets = {str(f + 1): v for f, v in enumerate(offset)}
-    readout = plan.readout_s * velocities
-    return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets, readout)
+    return Flight(plan, camera, approximate, poses, photographs if plan.gnss_tags else tuple(bare), offsets)
 
 
 def footprints(flight: Flight, height_m: float) -> FloatArray:
@@ -215,11 +211,9 @@ def footprints(flight: Flight, height_m: float) -> FloatArray:
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
 def _sight(
-    cameras: OrientedCameras, D: FloatArray, X: FloatArray, i: IntArray, p: IntArray,
-    reach: float, limits: FloatArray, height_px: int,
+    cameras: OrientedCameras, X: FloatArray, i: IntArray, p: IntArray, reach: float, limits: FloatArray
 ) -> tuple[FloatArray, BoolArray]:  # fmt: skip
-    """Project points p by photographs i, whose centres move on by D from the first to the last row; points are seen
-    within ``limits`` (left, top, right, bottom) in px.
+    """Project points p by photographs i; points are seen within ``limits`` (left, top, right, bottom) in px.
 
     ``reach`` bounds the ideal radius: far outside of a photograph the distortion polynomial folds back, so that the
     pixel alone says nothing.
@@ -229,11 +223,6 @@ def _sight(
     seen = np.zeros(len(p), dtype=np.bool_)
     for n in range(len(p)):
         u, v, depth = project_point(cameras, i[n], X[p[n]])
-        if depth > 0.0 and np.any(D[i[n]] != 0.0):
-            for _ in range(_READOUT_STEPS):
-                way = min(max(v / (height_px - 1.0), 0.0), 1.0) - 0.5
-                offset = X[p[n]] - (C[i[n]] + way * D[i[n]])
-                u, v, depth = project_offset(cameras, i[n], offset[0], offset[1], offset[2])
         pixel[n, 0], pixel[n, 1] = u, v
         if depth > 0.0:
             distance2 = np.sum((X[p[n]] - C[i[n]]) ** 2)
@@ -251,9 +240,8 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
     centre = corners.mean(axis=1)
     widening = height / max(height - relief, 0.2 * height)
     near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
-    tree, D = cKDTree(centre), flight.readout_world_m
-    one = np.zeros(len(flight.centres), dtype=np.int64)
-    cameras = oriented_cameras([flight.camera], one, flight.rotations, flight.centres)
+    tree = cKDTree(centre)
+    cameras = oriented_by([flight.camera], np.zeros(len(flight.poses), dtype=np.int64), flight.poses)
     last = np.array([flight.plan.width_px, flight.plan.height_px]) - 1 - margin_px
     limits = np.array([margin_px, margin_px, *last])
     reach = 1.02 * float(np.linalg.norm(flight.corners, axis=1).max())
@@ -263,7 +251,7 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
         pairs = cKDTree(chunk[:, :2]).sparse_distance_matrix(tree, near_m, output_type="ndarray")
         order = np.lexsort((pairs["j"], pairs["i"]))
         point, photograph = pairs["i"][order].astype(np.int64), pairs["j"][order].astype(np.int64)
-        pixel, seen = _sight(cameras, D, chunk, photograph, point, reach, limits, flight.plan.height_px)
+        pixel, seen = _sight(cameras, chunk, photograph, point, reach, limits)
         parts.append(Sightings(photograph, point + start, pixel).select(seen))
     photograph, point, pixel = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")

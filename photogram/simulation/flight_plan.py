@@ -18,7 +18,7 @@ from photogram.camera import Camera, Pose
 from photogram.errors import check_range
 from photogram.frames import LocalFrame
 from photogram.gnss import RTK_OFFSET_SIGMA_M
-from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, PARAMETERS
+from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, READOUT
 from photogram.quality.flight_lines import Course, flown
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
 from photogram.simulation.scene import terrain_height
@@ -63,7 +63,7 @@ class Calibration:
 
     @property
     def sigmas(self) -> FloatArray:
-        """Return the sigmas (11,) in the order of PARAMETER_NAMES."""
+        """Return the sigmas (12,) in the order of PARAMETER_NAMES."""
         return np.array([getattr(self, p.sigma_key, 0.0) for p in CAMERA_PARAMETERS])
 
 
@@ -316,7 +316,7 @@ def survey_of(plan: FlightPlan, seed: int, *, errors: bool, extra: FloatArray | 
 def _flight(plan: FlightPlan, R: FloatArray, C: FloatArray, rng: np.random.Generator, errors: bool) -> Flight:
     """Return the flight with what is measured of it."""
     camera, sigma = plan.camera, plan.gnss_sigmas_m
-    wrong = np.where(np.isfinite(camera.sigmas), camera.sigmas, 0.0) * rng.standard_normal(PARAMETERS)
+    wrong = np.where(np.isfinite(camera.sigmas), camera.sigmas, 0.0) * np.append(rng.standard_normal(READOUT), 0.0)
     approximate = camera.with_parameters(camera.parameters + wrong)
     offset = errors * np.array(plan.offset_sigmas_m) * rng.standard_normal(3)
     noise = errors * rng.standard_normal(C.shape)
@@ -331,7 +331,7 @@ def _flight(plan: FlightPlan, R: FloatArray, C: FloatArray, rng: np.random.Gener
         relief_m=plan.relief_m, oblique_angle_deg=plan.oblique_angle_deg,
     )  # fmt: skip
     poses = tuple(Pose(r, c) for r, c in zip(R, C, strict=True))
-    return Flight(drawn, camera, approximate, poses, photographs, {"1": offset}, np.zeros((len(poses), 3)))
+    return Flight(drawn, camera, approximate, poses, photographs, {"1": offset})
 
 
 def _control(

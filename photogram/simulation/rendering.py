@@ -401,22 +401,21 @@ def render(
     noise_dn: float = 2.0,
     blur_px: float = 0.45,
     vignetting: float = 0.5,
-    readout_world_m: FloatArray | None = None,
     threads: int | None = None,
     exposure: int = REST,
 ) -> ByteArray:
     """Take a photograph of a scene: (height_px, width_px, 3) uint8 red, green, blue.
 
     ``noise_dn`` is the standard deviation of the sensor's noise in digital numbers, ``blur_px`` that of the lens's
-    point spread, ``vignetting`` the loss of light at 45° off the axis; ``readout_world_m`` (3,) is how far the
-    projection centre moves from the first to the last row, none with a global shutter; ``threads`` (default one per
+    point spread, ``vignetting`` the loss of light at 45° off the axis; with the read-out time of the camera
+    the projection centre moves on from row to row at the velocity of the pose; ``threads`` (default one per
     processor) do not change the result; ``exposure`` is the number by which what moves in a scene with cover has moved.
     Raises ImageError where the camera's distortion cannot be undone within the photograph.
     """
     corners = np.array([[u, v] for u in (0.0, camera.width_px - 1.0) for v in (0.0, camera.height_px - 1.0)])
     image_plane(camera, corners)
     field, one = _field(scene), oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
-    readout = np.zeros(3) if readout_world_m is None else np.ascontiguousarray(readout_world_m)
+    readout = camera.readout_s * pose.velocity_world_m_s
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
     fill: Callable[[int, NDArray[np.float32]], None]
     if scene.cover is None:

@@ -103,7 +103,6 @@ def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Ite
     """Yield the name and the pixels (height_px, width_px, 3), red, green, blue, of each photograph of a survey."""
     for number, (photograph, pose) in enumerate(zip(survey.photographs, survey.truth.poses, strict=True)):
         noise = survey.seed * 100_003 + number
-        readout = survey.truth.readout_world_m[number]
         yield (
             photograph.name,
             render(
@@ -112,7 +111,6 @@ def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Ite
                 pose,
                 seed=noise,
                 noise_dn=noise_dn,
-                readout_world_m=readout,
                 exposure=number,
             ),
         )

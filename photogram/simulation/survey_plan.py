@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from photogram.frames import LocalFrame
-from photogram.projection import PARAMETERS, Model
+from photogram.projection import READOUT, Model
 from photogram.simulation.cover.leaves import CoverPlan
 
 CalibrationSource = Literal["laboratory", "maker", "exif"]
@@ -49,8 +49,8 @@ class SurveyPlan:
     focal_tag_factor: float = 1.0
     """Factor by which the EXIF focal length is wrong; 1.1: a tenth too long."""
     calibration_sigmas: tuple[float, ...] = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
-    """Stated sigmas of the approximate camera, and its errors but for exif, in the order of PARAMETER_NAMES; zero:
-    known, infinity: free and without error."""
+    """Stated sigmas of the approximate camera, and its errors but for exif, in the order of PARAMETER_NAMES but
+    for the read-out time; zero: known, infinity: free and without error."""
     flying_height_m: float = 80.0
     """Flying height above mean ground."""
     forward_overlap: float = 0.7
@@ -70,7 +70,11 @@ class SurveyPlan:
     speed_m_s: float = 5.0
     """Ground speed."""
     readout_s: float = 0.0
-    """Readout time from first to last row of a rolling shutter; 0: global shutter."""
+    """Read-out time from first to last row of a rolling shutter; 0: global shutter."""
+    velocity_tags: bool = False
+    """Whether photographs know their velocity at the exposure, to 0.1 m/s as makers write it."""
+    readout_sigma_s: float = 0.0
+    """Prior standard deviation of the read-out time, which the surveyor believes to be 0; 0: held there."""
     attitude_noise_deg: float = 1.5
     """Standard deviation of the flown attitudes about the plan."""
     position_noise_m: float = 0.5
@@ -139,8 +143,8 @@ class SurveyPlan:
             raise ValueError("a survey has at least one photograph, one strip, and one strip per flight")
         if self.oblique_photographs is not None and self.oblique_photographs < 1:
             raise ValueError("oblique_photographs: an oblique strip has at least one photograph")
-        if len(self.calibration_sigmas) != PARAMETERS:
-            raise ValueError(f"calibration_sigmas: {PARAMETERS} values, not {len(self.calibration_sigmas)}")
+        if len(self.calibration_sigmas) != READOUT:
+            raise ValueError(f"calibration_sigmas: {READOUT} values, not {len(self.calibration_sigmas)}")
         beyond_tags = any(self.radial[3:]) or any(self.affinity_px) or self.camera_model != "brown"
         if self.calibration_source == "maker" and beyond_tags:
             raise ValueError("a maker's tags hold k1 k2 k3 p1 p2 of a Brown camera, neither k4, affinity nor a fisheye")

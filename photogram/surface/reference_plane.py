@@ -215,7 +215,11 @@ def block_on_plane(block: Block, plane: ReferencePlane) -> Block:
         poses=tuple(
             None
             if pose is None
-            else Pose(R.T @ pose.rotation_world_from_camera, plane.plane_from_world(pose.position_world_m))
+            else Pose(
+                R.T @ pose.rotation_world_from_camera,
+                plane.plane_from_world(pose.position_world_m),
+                R.T @ pose.velocity_world_m_s,
+            )
             for pose in block.poses
         ),
         tie_points=replace(

@@ -80,7 +80,7 @@ def test_oblique_photographs_tell_a_camera_that_was_hardly_known() -> None:
         assert result.converged
         # k3 is small beside k1 and k2: that the photographs hardly tell it is so
         assert set(held["simulated"]) <= {"k3"}
-        assert np.all(sigma[[0, 1, 2, 3, 6, 7]] < 0.3 * np.array(WIDE)[USUAL][[0, 1, 2, 3, 6, 7]])
+        assert np.all(sigma[[0, 1, 2, 3, 6, 7]] < 0.3 * np.array([*WIDE, 0.0])[USUAL][[0, 1, 2, 3, 6, 7]])
         assert abs(error[0]) < 0.01 * OBLIQUE.focal_px
         assert abs(error[3]) < 0.02
         normalised.append(error / sigma)
@@ -94,7 +94,7 @@ def test_an_exif_focal_length_without_distortion_is_enough() -> None:
     for seed in (1, 2, 3):
         plan = replace(OBLIQUE, calibration_source="exif", calibration_sigmas=whole_survey_plan(800).calibration_sigmas)
         block = simulated(plan, seed)
-        assert block.block.cameras[0].parameters[3:].tolist() == [0.0] * 8
+        assert block.block.cameras[0].parameters[3:].tolist() == [0.0] * 9
         result, _ = calibrated(plan, seed)
         sigma, error = sigma_of(result), error_of(plan, seed)
         assert np.abs(error / sigma).max() < 4.0
@@ -135,7 +135,7 @@ def test_what_is_held_stays_in_the_predicted_height() -> None:
     share = sigma_of(result)[0] / LEVEL.focal_px
     assert sigma > 0.8 * share * LEVEL.flying_height_m
     block = simulated(LEVEL, 1).block
-    camera = replace(block.cameras[0], sigmas=np.zeros(11))
+    camera = replace(block.cameras[0], sigmas=np.zeros(12))
     known, _ = calibrate(replace(block, cameras=(camera,)), SETTINGS, ("auto",))
     assert len(tie) > 100
     assert np.sqrt(np.median(known.tie_point_covariance_m2[:, 2, 2])) < 0.8 * sigma
@@ -160,7 +160,7 @@ def test_parallel_strips_hold_what_they_cannot_tell() -> None:
 
 
 def test_priors_take_the_place_of_none() -> None:
-    sigmas = np.array([np.inf, 3.0, np.inf, np.inf, 0.0, np.inf, 0.0, 0.001, np.inf, 0.0, 0.0])
+    sigmas = np.array([np.inf, 3.0, np.inf, np.inf, 0.0, np.inf, 0.0, 0.001, np.inf, 0.0, 0.0, 0.0])
     camera = Camera("c", 4000, 3000, 3500.0, np.array([2000.0, 1500.0]), sigmas=sigmas)
     np.testing.assert_allclose(with_priors(camera).sigmas[USUAL], [350.0, 3.0, 200.0, 0.3, 0.0, 0.3, 0.001, 0.01])
     np.testing.assert_array_equal(with_priors(camera).parameters, camera.parameters)
@@ -181,7 +181,7 @@ def test_given_sigmas_are_taken_as_they_are() -> None:
     # information of the photographs and of the prior add up
     for k in (5,):
         assert sigma_of(auto)[k] ** -2 == pytest.approx(sigma_of(given)[k] ** -2 + prior[k] ** -2, rel=0.3)
-    fixed = replace(block, cameras=(replace(block.cameras[0], sigmas=np.zeros(11)),))
+    fixed = replace(block, cameras=(replace(block.cameras[0], sigmas=np.zeros(12)),))
     result, held = calibrate(fixed, SETTINGS, ("auto",))
     assert set(held["simulated"]) == set(np.array(PARAMETER_NAMES)[USUAL]), "k4, b1 and b2 take no part at all"
     np.testing.assert_array_equal(result.block.cameras[0].parameters, block.cameras[0].parameters)
@@ -191,7 +191,7 @@ def test_given_sigmas_are_taken_as_they_are() -> None:
 def test_where_it_starts_does_not_matter_what_is_known_does(plan: SurveyPlan) -> None:
     """The prior stays that of the given camera, not of what growth made of it."""
     block, (plain, _) = simulated(plan, 3), calibrated(plan, 3)
-    start = block.truth.camera.parameters * [1.02, 1, 1, 0.8, *[1] * 7]
+    start = block.truth.camera.parameters * [1.02, 1, 1, 0.8, *[1] * 8]
     result, held = calibrate(block.block, SETTINGS, ("auto",), (start,))
     assert result.converged
     difference = (result.block.cameras[0].parameters - plain.block.cameras[0].parameters)[USUAL]

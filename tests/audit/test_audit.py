@@ -87,7 +87,7 @@ def test_what_the_program_held_is_held_with_its_weights() -> None:
     """A program that held a principal point that is 30 px off, and rejected nothing: with its weights and its model the
     adjustment is its own, to the last digit."""
     solution = solution_with("principal point")
-    stated = StatedAdjustment(held=np.ones((1, 11), dtype=bool), is_least_squares=True)
+    stated = StatedAdjustment(held=np.ones((1, 12), dtype=bool), is_least_squares=True)
     solution = replace(solution, stated=stated)
     audit = audited(solution, foreign_block(solution))
     assert audit.same is not None

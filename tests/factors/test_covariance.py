@@ -91,7 +91,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
         start_position_sigma_m=0.02, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.02,
     )  # fmt: skip
     problem, state = problem_of(made.block)
-    f, cx, cy, k1, k2, _, _, p1, p2, _, _ = state.parameters[0]
+    f, cx, cy, k1, k2, _, _, p1, p2, _, _, _ = state.parameters[0]
     calibration = gtsam.Cal3DS2(f, f, 0.0, cx, cy, k1, k2, p1, p2)
     graph = ground_graph(problem)
     for marks, kind in ((problem.tie, TIE_POINT), (problem.marks, CONTROL_POINT)):
@@ -175,7 +175,7 @@ def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
 
 def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
     problem, state = small_problem()
-    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 10))
+    unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 11))
     two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
     cameras = state.cameras._replace(model=np.zeros(2, np.int64), parameters=np.tile(state.parameters, (2, 1)))
     both_name(two, replace(state, cameras=cameras), (CALIBRATION, 1))

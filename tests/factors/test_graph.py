@@ -207,7 +207,7 @@ def test_residuals_are_projected_minus_measured_over_sigma() -> None:
 
 def test_observations_use_the_camera_they_are_of() -> None:
     problem, state = small_problem()
-    two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, *[0.0] * 7])])
+    two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, *[0.0] * 8])])
     camera_of = np.arange(len(state.position)) % 2
     mixed = state.cameras._replace(camera=camera_of, model=np.zeros(2, np.int64), parameters=two)
     found = residuals(problem.tie, mixed, state.tie_point)
@@ -245,7 +245,7 @@ def test_linearised_observations_agree_with_differences() -> None:
         "calibration": of(
             lambda t: replace(state, cameras=state.cameras._replace(parameters=state.parameters + t)),
             PARAMETERS,
-            np.array([1.0] * 3 + [1e-2] * 8),
+            np.array([1.0] * 3 + [1e-2] * 9),
         ),
     }
     for name, numerical in expected.items():
@@ -258,7 +258,7 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
     # GTSAM's Cal3DS2 has no k3 and its own order: fx fy s u0 v0 k1 k2 p1 p2.
     made = simulate_block(replace(SMALL, radial=(-0.08, 0.06, 0.0, 0.0)), 2, tie_points=40)
     problem, state = problem_of(made.block)
-    f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2 = state.parameters[0]
+    f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2, _ = state.parameters[0]
     assert k3 == k4 == b1 == b2 == 0.0
     tie = replace(problem.tie, sigma_px=np.linspace(0.3, 1.2, len(problem.tie)))
     linear = linearise(tie, state.cameras, state.tie_point)

@@ -28,6 +28,7 @@ from photogram.factors.graph import (
 from photogram.factors.ground_terms import GroundTerms, bundle_of, variable_at
 from photogram.factors.joint_covariance import joint_ground_covariance
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, GNSS_OFFSET, POSE, TIE_POINT, key
+from photogram.projection import PARAMETERS
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(
@@ -151,8 +152,8 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(making: Making, 
     calibration, where = found.calibration(0)[np.ix_(free, free)] / np.outer(unit, unit), place[key(CALIBRATION, 0)]
     assert_equal(calibration, expected[where, where])
     everything = functions_of_border(found.layout).covariance(factored(problem, state))
-    assert everything.shape == (11 + 3 * len(problem.flights),) * 2
-    np.testing.assert_allclose(everything[:11, :11], found.calibration(0), rtol=1e-6, atol=1e-18)
+    assert everything.shape == (PARAMETERS + 3 * len(problem.flights),) * 2
+    np.testing.assert_allclose(everything[:PARAMETERS, :PARAMETERS], found.calibration(0), rtol=1e-6, atol=1e-18)
 
 
 def test_marks_of_coupled_points_have_the_covariance_of_the_whole_normal_matrix() -> None:

@@ -66,7 +66,7 @@ def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
     for solver, found in fast.items():
         for name, unit in sigma.items():
             error = np.abs(getattr(found.state, name) - getattr(reference.state, name))
-            assert np.all(error <= 1e-6 * unit), (solver, name, float((error / np.maximum(unit, 1e-30)).max()))
+            assert np.all(error <= 2e-6 * unit), (solver, name, float((error / np.maximum(unit, 1e-30)).max()))
         expected, redundancy = sigma0_and_redundancy(problem, reference.state)
         sigma0, again = sigma0_and_redundancy(problem, found.state)
         assert sigma0 == pytest.approx(expected, rel=1e-6)
@@ -163,6 +163,6 @@ def state_of(focal_px: float) -> State:
     """One camera and nothing else."""
     none = np.zeros((0, 3))
     cameras = oriented_by([Camera("c", 10, 10, 1.0, np.zeros(2))], np.zeros(0, np.int64), [])
-    parameters = np.zeros((1, 11))
+    parameters = np.zeros((1, 12))
     parameters[0, 0] = focal_px
     return State(cameras._replace(parameters=parameters), none, none, none)

@@ -48,15 +48,16 @@ class Case:
             many = first[np.argmax(np.diff(first))]
             photograph[many + 1] = photograph[many]
         self.tie = replace(tie, photograph=photograph)
-        other = np.array([9.0, 2.0, -1.0, 0.001, *[0.0] * 7])
+        other = np.array([9.0, 2.0, -1.0, 0.001, *[0.0] * 8])
         self.cameras = state.cameras._replace(
             camera=np.arange(len(state.position)) % 2,
+            velocity=np.random.default_rng(3).normal(0.0, 5.0, state.position.shape),
             model=np.zeros(2, np.int64),
             parameters=np.vstack([state.parameters, state.parameters + other]),
         )
         self.points = Points.unknown(state.tie_point)
         self.unit = np.zeros((2, PARAMETERS))
-        self.unit[0] = [1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0]
+        self.unit[0] = [1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0, 1e-3]
         self.held = np.arange(8) == 3
         self.layout = self.lay(self.unit)
         self.rays = lay_out(self.tie, np.arange(tie_points), self.layout)
@@ -171,7 +172,7 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     np.testing.assert_allclose(X - case.points.position, step, rtol=0, atol=1e-6 * np.abs(step).max())
     normal = NormalEquations.zero(layout)
     eliminate(case.rays, case.cameras, case.points, normal, wide, damping)
-    normal.H[[8, 9, 10], [8, 9, 10]] = 1.0  # the offset, which no image point knows
+    normal.H[[9, 10, 11], [9, 10, 11]] = 1.0  # the offset, which no image point knows
     found = normal.factor(damping).solve(normal.g, normal.h)
     np.testing.assert_allclose(np.concatenate(found), expected[:edge], rtol=0, atol=1e-6 * np.abs(expected).max())
     saved = g @ expected - 0.5 * expected @ H @ expected
@@ -364,11 +365,11 @@ def test_held_photographs_and_fixed_cameras_have_no_columns() -> None:
     assert case.layout.place[3] == -1
     assert case.layout.camera_column.tolist() == [0, -1]
     camera, parameter = case.layout.free_parameters
-    assert camera.tolist() == [0] * 8
-    assert parameter.tolist() == [0, 1, 3, 4, 5, 7, 9, 10]
-    assert case.layout.border == 8 + 3
+    assert camera.tolist() == [0] * 9
+    assert parameter.tolist() == [0, 1, 3, 4, 5, 7, 9, 10, 11]
+    assert case.layout.border == 9 + 3
     assert case.layout.free_of.tolist() == [
-        [0, 8, 0, 1, 3, 4, 5, 7, 9, 10, 0, 0, 0], [-1, 0, *[0] * PARAMETERS]
+        [0, 9, 0, 1, 3, 4, 5, 7, 9, 10, 11, 0, 0, 0], [-1, 0, *[0] * PARAMETERS]
     ]  # fmt: skip
     empty = lay_out(case.tie.select(np.zeros(len(case.tie), bool)), np.arange(60), case.layout)
     assert isinstance(case.tie, Observations)

@@ -418,6 +418,7 @@ def test_rtk_tags_of_a_real_drone(shared_data: SharedData) -> None:
         flight_yaw_deg=17.0,
         flight_pitch_deg=4.6,
         flight_roll_deg=-1.1,
+        velocity_m_s=(0.0, 0.0, 0.0),
         dewarp=Dewarp(
             "2019-02-04",
             (1943.4300537, 1934.9899902),

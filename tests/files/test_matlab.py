@@ -26,7 +26,7 @@ def saved(tmp_path: Path, variables: Mapping[str, object]) -> Path:
     return path
 
 
-EXPECTED = np.array([3674.2, 2740.9, 1837.1, -0.26, 0.107, -0.0356, 0.0, -0.0011, 0.0008, 0.0, 0.0])
+EXPECTED = np.array([3674.2, 2740.9, 1837.1, -0.26, 0.107, -0.0356, 0.0, -0.0011, 0.0008, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_camera_from_variables_and_structs(tmp_path: Path, variables: dict[str, 
     camera = read_camera(saved(tmp_path, variables), "P4", 5472, 3648, "photogram")
     np.testing.assert_array_equal(camera.parameters, EXPECTED)
     assert (camera.name, camera.width_px, camera.height_px) == ("P4", 5472, 3648)
-    np.testing.assert_array_equal(camera.sigmas, np.zeros(11))
+    np.testing.assert_array_equal(camera.sigmas, np.zeros(12))
 
 
 def test_matlab_pixel_origin_moves_the_principal_point_by_one(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_real_camera_parameters_object(shared_data: SharedData) -> None:
     camera = read_camera(shared_data("dtu_phantom4/DJI_Phantom4_cam.mat"), "P4R", 5472, 3648, "photogram")
     np.testing.assert_allclose(
         camera.parameters,
-        [3674.19518, 2740.90153, 1837.13461, -0.261203, 0.107443, -0.0356483, 0, -0.00112104, 0.000839376, 0, 0],
+        [3674.19518, 2740.90153, 1837.13461, -0.261203, 0.107443, -0.0356483, 0, -0.00112104, 0.000839376, 0, 0, 0],
         rtol=2e-8,
     )
 

@@ -129,7 +129,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
 @settings(max_examples=50)
 def test_any_pose_and_calibration_come_back(turn: list[float], place: list[float], lens: list[float]) -> None:
     solution = small_solution()
-    camera = solution.cameras[0].with_parameters(np.array([500.0 + lens[0], 320.0 + lens[1], 240.0, *lens]))
+    camera = solution.cameras[0].with_parameters(np.array([500.0 + lens[0], 320.0 + lens[1], 240.0, *lens, 0.0]))
     pose = Pose(Rotation.from_rotvec(turn).as_matrix(), np.array(place))
     changed = replace(
         solution,
@@ -202,7 +202,7 @@ def test_a_fixed_calibration_is_held(tmp_path: Path) -> None:
         path.write_text(text, encoding="utf-8")
         stated = read_metashape_cameras(path).stated
         assert stated.held is not None
-        assert stated.held.tolist() == [[held] * 11]
+        assert stated.held.tolist() == [[held] * 12]
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -61,7 +61,7 @@ def adjusted(
     block = Block(frame, (CAMERA,), photographs, tuple(poses), ties, ground)
     position = np.array([np.full((3, 3), np.nan) if p is None else np.diag([1e-4, 4e-4, 9e-4]) for p in poses])
     return Adjustment(
-        block, 1.0, 1, np.zeros((4, 2)), np.zeros((0, 2)), position, 1e-4 * position, np.zeros((1, 11, 11)),
+        block, 1.0, 1, np.zeros((4, 2)), np.zeros((0, 2)), position, 1e-4 * position, np.zeros((1, 12, 12)),
         np.zeros((2, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), (), np.zeros((0, 3)), np.zeros((0, 3, 3)),
         1, 1, True, 0.0, 0, 0, Reliability.unknown(0, 0, n), np.zeros((0, 0)), np.zeros((2, 3, 3)),
         VarianceComponents.unknown(),

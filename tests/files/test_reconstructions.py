@@ -155,7 +155,7 @@ def test_simple_models_are_read(tmp_path: Path) -> None:
         changed(tmp_path, lambda part, held=held: part.update(cameras={"1": held}))
         camera = read_opensfm(tmp_path).cameras[0]
         assert camera.model == ("fisheye" if kind == "fisheye" else "brown")
-        assert np.allclose(camera.parameters, [360, 199.5, 150, -0.1, 0.01, 0, 0, 0, 0, 0, 0], atol=1e-12)
+        assert np.allclose(camera.parameters, [360, 199.5, 150, -0.1, 0.01, 0, 0, 0, 0, 0, 0, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["dual", "spherical", "equirectangular", "fisheye62", "fisheye624", "wooden\x1b[2J"])

@@ -42,7 +42,7 @@ def stating(solution: ForeignSolution) -> ForeignSolution:
     """The solution with what its program says of its own adjustment."""
     n = len(solution.photographs)
     stated = StatedAdjustment(
-        np.arange(22).reshape(2, 11) % 3 == 0, True, True, np.array([True, False, False]), 1.25, 17, True,
+        np.arange(24).reshape(2, 12) % 3 == 0, True, True, np.array([True, False, False]), 1.25, 17, True,
         np.full((n, 3), 0.01), np.arange(3.0 * n).reshape(n, 3), np.full((3, 3), np.nan), None,
     )  # fmt: skip
     return replace(solution, frame="map", stated=stated)

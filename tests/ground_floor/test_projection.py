@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,8 @@ from photogram.projection import (
     RADIAL,
     SIGMA_KEYS,
     TANGENTIAL,
+    centre_at_row,
+    project_at_row,
     project_point,
     seen_at,
 )
@@ -77,3 +81,38 @@ def test_each_photograph_is_projected_by_its_own_camera_and_pose() -> None:
     beyond = np.array([10.0 + 2.0 * 60.0, 5.0, 0.0])  # the distortion folds back at r = 1.15
     assert np.isfinite(project_point(cameras, 2, beyond)).all()
     assert np.isnan(seen_at(cameras, 2, beyond)[:2]).all()
+
+
+ROLLING = Camera(
+    "r", 4000, 3000, 3500.0, np.array([2001.0, 1502.0]), np.array([-0.03, 0.02, 0.0, 0.0]), np.array([5e-4, -3e-4]),
+    readout_s=0.05,
+)  # fmt: skip
+FAST = Pose(np.diag([1.0, -1.0, -1.0]), np.array([5.0, -3.0, 40.0]), np.array([9.0, 12.0, 1.5]))
+
+
+def test_a_rolling_shutter_shows_a_point_from_where_the_camera_is_when_it_reads_the_row() -> None:
+    cameras = oriented_by([ROLLING], np.zeros(1, np.int64), [FAST])
+    plain = replace(ROLLING, readout_s=0.0)
+    rng = np.random.default_rng(4)
+    points = FAST.position_world_m + np.column_stack([rng.uniform(-18, 18, (200, 2)), rng.uniform(-45, -30, 200)])
+    pixel = project(ROLLING, FAST, points)
+    inside = ROLLING.contains(pixel)
+    assert inside.sum() > 50
+    moved = np.linalg.norm(pixel - project(plain, FAST, points), axis=1)
+    assert moved[inside].max() > 30.0, "half of 0.05 s at 15 m/s, in pixels of 1 cm"
+    for X, (u, v) in zip(points[inside], pixel[inside], strict=True):
+        share = v / (ROLLING.height_px - 1.0) - 0.5
+        there = replace(FAST, position_world_m=FAST.position_world_m + 0.05 * share * FAST.velocity_world_m_s)
+        np.testing.assert_allclose(project(plain, there, X[None])[0], [u, v], atol=1e-3)
+        np.testing.assert_allclose(project_at_row(cameras, 0, X, v)[:2], [u, v], atol=1e-3)
+        np.testing.assert_allclose(centre_at_row(cameras, 0, v), there.position_world_m, rtol=1e-12)
+        np.testing.assert_array_equal(seen_at(cameras, 0, X)[:2], [u, v])
+
+
+def test_without_motion_or_read_out_time_nothing_changes_a_bit() -> None:
+    rng = np.random.default_rng(5)
+    points = FAST.position_world_m + np.column_stack([rng.uniform(-18, 18, (50, 2)), rng.uniform(-45, -30, 50)])
+    still = replace(FAST, velocity_world_m_s=np.zeros(3))
+    expected = project(replace(ROLLING, readout_s=0.0), still, points)
+    np.testing.assert_array_equal(project(ROLLING, still, points), expected)
+    np.testing.assert_array_equal(project(replace(ROLLING, readout_s=0.0), FAST, points), expected)

@@ -79,8 +79,8 @@ def test_every_parameter_of_a_camera_counts() -> None:
     plain = Camera("a", 30, 20, 25.0, np.array([14.5, 9.5]))
     others = [
         Camera("b", 30, 20, 25.0, np.array([14.5, 9.5])), Camera("a", 20, 30, 25.0, np.array([14.5, 9.5])),
-        plain.with_parameters(plain.parameters + 1e-9), replace(plain, sigmas=np.full(11, np.inf)),
-        replace(plain, sigmas=np.ones(11)),
+        plain.with_parameters(plain.parameters + 1e-9), replace(plain, sigmas=np.full(12, np.inf)),
+        replace(plain, sigmas=np.ones(12)),
     ]  # fmt: skip
     assert len({fingerprint(camera) for camera in [plain, *others]}) == 6
 

@@ -101,9 +101,9 @@ def test_a_plain_folder_becomes_a_project_that_can_be_read(folder: Path, photogr
     assert camera.focal_px == pytest.approx(20.0 / 43.2666 * 80.0, abs=1e-3)
     assert camera.principal_point_px.tolist() == [31.5, 23.5]
     f = camera.focal_px
-    # 3 %, and half of what the focal length by the width differs by; b1 and b2 for a shutter that is not known
+    # 3 %, and half of what the focal length by the width differs by; no affinity where the shutter is known
     focal = np.hypot(0.03 * f, 0.5 * (f - 20.0 / 36.0 * 64.0))
-    expected = [focal, 0.64, 0.64, 0.1, 0.1, 0.05, 0, 0.003, 0.003, 0.003 * f, 0.001 * f]
+    expected = [focal, 0.64, 0.64, 0.1, 0.1, 0.05, 0, 0.003, 0.003, 0, 0, 0.0116]
     assert camera.sigmas == pytest.approx(expected, rel=5e-3)
     assert project.focal_readings_px[0][0] == pytest.approx(20.0 / 36.0 * 64.0, abs=1e-3)
     assert project.calibration == ("auto",)
@@ -321,7 +321,9 @@ def test_cameras_are_listed_and_photographs_say_which(folder: Path, photogram: R
     assert calibrated.principal_point_px == pytest.approx([40.0, 29.25])
     assert calibrated.radial == pytest.approx([*dewarp.radial, 0.0])
     assert calibrated.tangential == pytest.approx(dewarp.tangential)
-    assert calibrated.sigmas == pytest.approx([0.1202, 0.08, 0.08, 0.01, 0.01, 0.01, 0, 0.001, 0.001, 0, 0], rel=5e-3)
+    assert calibrated.sigmas == pytest.approx(
+        [0.1202, 0.08, 0.08, 0.01, 0.01, 0.01, 0, 0.001, 0.001, 0, 0, 0], rel=5e-3
+    )
     assert project.camera_source[cameras[-1].name == "dji_fc300s_64x48"] == "DewarpData of 2020-01-02"
     assert {p.flight for p in project.photographs} == {"1", "2"}, "two bodies in the air"
 

@@ -185,7 +185,7 @@ def test_an_mrk_of_the_antenna_is_brought_to_the_camera(folder: Path) -> None:
     np.testing.assert_allclose(found.arm_enu_m, [-0.005, 0.01, -0.2])
     frame = LocalFrame.near(CRS, found.map_m[None])
     note: PhotographNote = {
-        "name": NAMES[0], "height_is_ellipsoidal": None, "attitude_deg": None, "time": None,
+        "name": NAMES[0], "height_is_ellipsoidal": None, "attitude_deg": None, "time": None, "velocity_m_s": None,
         "height_above_ground_m": None, **position_note(found),
     }  # fmt: skip
     photograph = measured_block(replace(project, photographs=project.photographs[:1]), [note]).photographs[0]

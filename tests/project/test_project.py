@@ -135,7 +135,7 @@ def test_every_value_of_a_good_file_arrives(survey: Path) -> None:
     np.testing.assert_allclose(phantom.principal_point_px, [2740.9, 1837.1], atol=1e-9)
     assert phantom.radial.tolist() == [-0.261203, 0.107443, -0.0356483, 0.0]
     assert phantom.tangential.tolist() == [-1.12104e-3, 8e-4]
-    assert phantom.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 7]
+    assert phantom.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 8]
     assert small.principal_point_px.tolist() == [499.5, 399.5]
     assert not small.radial.any()
     assert not small.sigmas.any()
@@ -219,7 +219,7 @@ def test_matlab_camera_comes_from_its_reader(survey: Path) -> None:
 
     camera = read_project(survey / "project.yaml", read_matlab_camera=reader).cameras[0]
     assert camera.focal_px == 3600.0
-    assert camera.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 7]
+    assert camera.sigmas.tolist() == [30.0, np.inf, np.inf, 1e-3, *[0.0] * 8]
 
 
 def test_matlab_reader_fault_gets_its_line(survey: Path) -> None:
@@ -326,7 +326,7 @@ def test_example_loads(tmp_path: Path) -> None:
         4,
         4,
     ]
-    assert project.cameras[0].sigmas.tolist() == [30.0, *[0.0] * 10]
+    assert project.cameras[0].sigmas.tolist() == [30.0, *[0.0] * 11]
 
 
 def test_example_agrees_with_the_data(shared_data: SharedData) -> None:

@@ -47,7 +47,7 @@ def test_photographs_are_found_by_name_and_tie_points_renumbered() -> None:
 
 
 def test_what_the_project_holds_fixed_stays() -> None:
-    sigmas = np.zeros(11)
+    sigmas = np.zeros(12)
     sigmas[3] = np.inf
     held = replace(CAMERAS[0], focal_px=500.0, sigmas=sigmas)
     start = start_of(NAMES, CAMERA_OF, (held, CAMERAS[1]), small_solution())

@@ -39,7 +39,7 @@ def block_of(points: FloatArray, poses: Sequence[Pose | None], camera: Camera = 
     block = Block(FRAME, (camera,), photographs, tuple(poses), ties, ground)
     count = len(poses)
     return Adjustment(
-        block, 1.0, 1, nothing(n, 2), nothing(0, 2), nothing(count, 3, 3), nothing(count, 3, 3), nothing(1, 11, 11),
+        block, 1.0, 1, nothing(n, 2), nothing(0, 2), nothing(count, 3, 3), nothing(count, 3, 3), nothing(1, 12, 12),
         nothing(len(points), 3, 3), nothing(0, 3), nothing(0, 3, 3), (), nothing(0, 3), nothing(0, 3, 3), 1, 1, True,
         0.0, 0, 0, Reliability.unknown(0, 0, count), nothing(0, 0), nothing(len(points), 3, 3),
         VarianceComponents.unknown(),

@@ -116,11 +116,11 @@ def test_check_points_resect_nothing() -> None:
 @pytest.mark.parametrize(
     ("sigmas", "expected"),
     [
-        ((0.0,) * 11, True),
-        ((2.0, 1.0, 1.0, 0.001, *(0.0,) * 7), True),
-        ((np.inf,) * 11, True),
-        ((110.0, 20.0, 20.0, *(0.0,) * 8), True),
-        ((0.0, 0.0, 0.0, 0.1, *(0.0,) * 7), False),
+        ((0.0,) * 12, True),
+        ((2.0, 1.0, 1.0, 0.001, *(0.0,) * 8), True),
+        ((np.inf,) * 12, True),
+        ((110.0, 20.0, 20.0, *(0.0,) * 9), True),
+        ((0.0, 0.0, 0.0, 0.1, *(0.0,) * 8), False),
     ],
 )
 def test_a_camera_that_is_hardly_known_is_not_resected_by_control(sigmas: tuple[float, ...], expected: bool) -> None:

@@ -204,7 +204,7 @@ def freed(block: SimulatedBlock, sigmas: tuple[float, ...], focal_error: float =
 
 
 def test_the_calibration_moves_only_where_it_is_free_and_the_block_large_enough() -> None:
-    free = (20.0, 0.0, 0.0, 0.05, *(0.0,) * 7)
+    free = (20.0, 0.0, 0.0, 0.05, *(0.0,) * 8)
     block = freed(simulated(), free, 0.002)
     start = block.block.cameras[0].parameters
     small = settled(structure_of(block, range(4)))
@@ -215,7 +215,7 @@ def test_the_calibration_moves_only_where_it_is_free_and_the_block_large_enough(
     np.testing.assert_array_equal(held.parameters[0], start)
     whole = settled(structure_of(block))
     assert np.flatnonzero(whole.parameters[0] != start).tolist() == [0, 3]
-    known = settled(structure_of(freed(simulated(), (0.0,) * 11)))
+    known = settled(structure_of(freed(simulated(), (0.0,) * 12)))
     np.testing.assert_array_equal(known.parameters[0], simulated().block.cameras[0].parameters)
 
 
@@ -224,7 +224,7 @@ def test_a_wrong_distortion_is_told_and_used_for_what_follows() -> None:
     camera = replace(
         block.block.cameras[0],
         radial=np.array([0.0, 0.0, -0.01, 0.0]),
-        sigmas=np.array([0, 0, 0, 0.2, 0.2, *[0.0] * 6]),
+        sigmas=np.array([0, 0, 0, 0.2, 0.2, *[0.0] * 7]),
     )
     structure = structure_of(replace(block, block=replace(block.block, cameras=(camera,))))
     for _ in range(3):
@@ -238,7 +238,7 @@ def test_a_wrong_distortion_is_told_and_used_for_what_follows() -> None:
 def test_a_calibration_that_no_camera_has_is_not_taken() -> None:
     """Attitudes of other photographs, as shuffled tags give them: a free calibration would follow them anywhere."""
     for seed in range(6):
-        block = freed(simulated(seed), (40.0, 0.0, 0.0, 0.1, 0.1, *(0.0,) * 6))
+        block = freed(simulated(seed), (40.0, 0.0, 0.0, 0.1, 0.1, *(0.0,) * 7))
         structure = structure_of(block)
         structure.point[:] = block.tie_point_position_world_m
         structure.rotation[:] = np.random.default_rng(seed).permutation(structure.rotation)

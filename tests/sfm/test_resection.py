@@ -165,11 +165,12 @@ def test_points_in_any_order_give_the_same_pose() -> None:
 def jacobian(points: np.ndarray) -> np.ndarray:
     rows = []
     for X in points:
-        J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 11)), np.empty((2, 3))
+        J, J_camera, J_point = np.empty((2, 6)), np.empty((2, 12)), np.empty((2, 3))
         project_point_jacobians(
             oriented_by([CAMERA], np.zeros(1, np.int64), [POSE]),
             0,
             X,
+            0.0,
             J,
             J_camera,
             J_point,

@@ -114,7 +114,7 @@ def test_positions_of_a_metre_nearly_in_one_line_are_a_weak_datum_with_its_sigma
         for i, p in enumerate(made.block.photographs)
     )  # fmt: skip
     block = replace(
-        made.block, cameras=(replace(made.truth.camera, sigmas=np.zeros(11)),), photographs=photographs,
+        made.block, cameras=(replace(made.truth.camera, sigmas=np.zeros(12)),), photographs=photographs,
         gnss_offset_sigma_m=np.zeros(3), control_points=made.block.control_points.with_role("check"),
     )  # fmt: skip
     result = adjust(block, SETTINGS)

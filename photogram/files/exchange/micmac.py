@@ -255,8 +255,9 @@ def _fitted(start: Camera, ideal: FloatArray, true: FloatArray) -> Camera:
 
 
 def _units(camera: Camera) -> FloatArray:
-    """Return steps (11,) of the parameters that move the corners by about a pixel."""
+    """Return steps (12,) of the parameters that move the corners by about a pixel; 0 for the read-out time, which moves
+    none."""
     r = np.hypot(camera.width_px, camera.height_px) / 2 / camera.focal_px
     f = camera.focal_px
     return np.array([1 / r, 1.0, 1.0, *(1 / (f * r ** (2 * i + 1)) for i in range(1, 5)), *[1 / (f * r**2)] * 2,
-                     1 / r, 1 / r])  # fmt: skip
+                     1 / r, 1 / r, 0.0])  # fmt: skip

@@ -52,7 +52,7 @@ class StatedAdjustment:
     """What a program says of its own adjustment; a field is None where its files do not say it."""
 
     held: BoolArray | None = None
-    """Parameters of interior orientation (cameras, 11) that it held for sure; others it may have estimated."""
+    """Parameters of interior orientation (cameras, 12) that it held for sure; others it may have estimated."""
     is_least_squares: bool = False
     """Whether all observations counted by their weights alone: no robust loss, and nothing rejected."""
     uses_check_marks: bool = False

@@ -20,7 +20,7 @@ from photogram.errors import ExchangeError
 from photogram.files.arrays import read_npz
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame, StatedAdjustment
 from photogram.files.npz_json import write_arrays
-from photogram.projection import PARAMETERS, Model
+from photogram.projection import PARAMETERS, READOUT, Model
 from photogram.survey import ControlPoints, Role, TiePoints
 
 FORMAT = 2
@@ -151,7 +151,9 @@ def read_stored(path: Path) -> ForeignSolution:
 
 def _solution(words: _Words, arrays: dict[str, NDArray[Any]]) -> ForeignSolution:
     cameras = tuple(
-        Camera(c["name"], c["width_px"], c["height_px"], 1.0, np.zeros(2), model=c["model"]).with_parameters(q)
+        Camera(c["name"], c["width_px"], c["height_px"], 1.0, np.zeros(2), model=c["model"]).with_parameters(
+            np.append(q, 0.0) if len(q) == READOUT else q  # files of earlier versions have no read-out time
+        )
         for c, q in zip(words["cameras"], arrays["camera_parameters"], strict=True)
     )
     photographs = tuple(

@@ -24,6 +24,7 @@ from PIL.TiffImagePlugin import IFDRational
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
 from photogram.errors import ImageError, PhotogramError
 from photogram.files.photographs.tag_packets import DAMAGE, exif_of, xmp_of
+from photogram.files.photographs.velocities import velocity_of
 from photogram.wording import printable, shortened
 
 Kind = Literal["frame", "thermal", "panorama", "fisheye"]
@@ -155,6 +156,8 @@ class PhotographTags:
     """Pitch of the aircraft."""
     flight_roll_deg: float | None = None
     """Roll of the aircraft."""
+    velocity_m_s: tuple[float, float, float] | None = None
+    """Velocity over ground at the exposure: north, east, down."""
     dewarp: Dewarp | None = None
     """DJI's DewarpData."""
     damage: tuple[str, ...] = ()
@@ -483,6 +486,7 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         time=_exif_time(exif),
         height_is_ellipsoidal=_is_ellipsoidal(xmp, gps, flag) if has_position else None,
         gnss_sigma_m=sigma,
+        velocity_m_s=velocity_of(xmp, exif.get(ExifTags.Base.MakerNote)),
         dewarp=_dewarp(xmp, path),
         damage=(*damage, *filter(None, (xmp_damage,)), *position_damage, *sigma_damage, *value_damage),
         **values,  # type: ignore[arg-type]

@@ -85,6 +85,7 @@ def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
         "attitude_sigma_rad": column("attitude_sigma_rad", _UNKNOWN),
         "height_above_ground_m": column("height_above_ground_m", _UNKNOWN),
         "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
+        "velocity_world_m_s": column("velocity_world_m_s", _NOWHERE),
         "gnss_sigma_assumed": np.array([p.gnss_sigma_assumed for p in photographs], dtype=bool),
     }
 
@@ -115,6 +116,7 @@ def measured_from(
             None if (above := known("height_above_ground_m", i)) is None else float(above),
             lever_arm_camera_m=known("lever_arm_camera_m", i),
             gnss_sigma_assumed=bool(arrays["gnss_sigma_assumed"][i]),
+            velocity_world_m_s=known("velocity_world_m_s", i),
         )
         for i, source in enumerate(project.photographs)
     )
@@ -196,7 +198,7 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 ADJUSTED, COVARIANCES, SIGMAS = "adjustment.npz", "covariances.npz", "sigmas.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
 _COMMON = "common_errors"
-_OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m")
+_OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m", "pose_velocity_world_m_s")
 
 
 def common_error_to(found: CommonErrorEstimate) -> dict[str, object]:
@@ -233,6 +235,7 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
+    arrays["pose_velocity_world_m_s"] = np.array([p.velocity_world_m_s for p in poses])
     return arrays
 
 
@@ -258,11 +261,11 @@ def adjusted_block_from(
 ) -> Block:
     """Return a measured block as it was adjusted, from the arrays in ADJUSTED; what was ``rejected`` took no part.
     ``tie_points`` have the sigmas that were used, GNSS positions get those that were estimated."""
-    parameters, rotation, position = (arrays[name] for name in _OF_BLOCK)
+    parameters, *exterior = (arrays[name] for name in _OF_BLOCK)
     adjusted = replace(
         block,
         cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
-        poses=tuple(Pose(R, C) if np.isfinite(C[0]) else None for R, C in zip(rotation, position, strict=True)),
+        poses=tuple(Pose(R, C, v) if np.isfinite(C[0]) else None for R, C, v in zip(*exterior, strict=True)),
         tie_points=tie_points,
         common_errors=tuple(common_error_from(json.loads(str(text))).error for text in arrays.get(_COMMON, ())),
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 from photogram.files.photographs.tags import Dewarp, PhotographTags
+from photogram.project.draft.shutters import Shutter, shutter_of
 from photogram.projection import CAMERA_PARAMETERS
 
 DIAGONAL_35MM_MM = 43.2666
@@ -52,7 +53,8 @@ class TaggedCamera:
     """One camera of a project to be written; pixels in photogram's frame, ``sigmas`` in the order of SIGMA_NAMES.
 
     ``source`` says where the figures come from, ``reason`` why they deserve these sigmas. ``readings_px`` are focal
-    lengths that the same tags would give read otherwise.
+    lengths that the same tags would give read otherwise. ``shutter`` is what is known of it; b1 and b2 stand for one of
+    which the photographs do not tell how they moved.
     """
 
     name: str
@@ -66,6 +68,7 @@ class TaggedCamera:
     source: str
     reason: str
     readings_px: tuple[float, ...] = ()
+    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True)
@@ -174,8 +177,7 @@ def _from_35mm(tags: PhotographTags, width: int, height: int) -> _Interior | Non
         focal_px,
         f"{lens}35 mm equivalent {equivalent:g} mm",
         f"{equivalent:g} / {DIAGONAL_35MM_MM:g} of the diagonal of {of} {diagonal:.0f} px; the equivalent is a whole "
-        f"number, so 3 %.{covers} The distortion is unknown: its sigmas are typical of lenses; those of b1 "
-        "and b2 cover a rolling shutter.",
+        f"number, so 3 %.{covers} The distortion is unknown: its sigmas are typical of lenses.",
         tuple(others.values()),
     )
 
@@ -296,6 +298,9 @@ def tagged_camera(name: str, tags: Sequence[PhotographTags], given_focal_px: flo
         return None
     focal_sigma, centre_sigma, *others = interior.sigmas
     distortion, affinity = others[:5], [sigma * interior.focal_px for sigma in others[5:] or (0.0, 0.0)]
+    shutter = shutter_of(tags)
+    if shutter is not None:
+        affinity = [0.0, 0.0]
     return TaggedCamera(
         name,
         width,
@@ -308,4 +313,5 @@ def tagged_camera(name: str, tags: Sequence[PhotographTags], given_focal_px: flo
         interior.source,
         interior.reason,
         interior.readings_px,
+        shutter,
     )

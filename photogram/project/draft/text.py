@@ -19,9 +19,16 @@ DEFAULT_MARK_SIGMA_PX = 1.0
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
     stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
     figures = [f"{name}: {sigma:.3g}" for name, sigma in stated]
+    shutter = camera.shutter
+    if shutter is None:
+        said = "How the photographs moved is not told: b1 and b2 stand for a rolling shutter."
+    else:
+        said = f"{shutter.source[0].upper()}{shutter.source[1:]}."
+        figures += [f"readout_s: {shutter.sigma_s:.3g}"] if shutter.sigma_s > 0.0 else []
+    readout = [f"    readout_s: {shutter.readout_s:g}"] if shutter is not None and shutter.readout_s else []
     readings = [f"    focal_readings_px: {numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
     return [
-        *comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]}", 2),
+        *comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]} {said}", 2),
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",
         f"    height_px: {camera.height_px}",
@@ -30,6 +37,7 @@ def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
         f"    principal_point_px: {numbers(camera.principal_point_px, '.3f')}",
         f"    radial: {numbers(camera.radial, '.9g')} # k1, k2, k3",
         f"    tangential: {numbers(camera.tangential, '.9g')} # p1, p2",
+        *readout,
         f"    source: {scalar(camera.source)}",
         "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed",
         *flow("    sigmas", figures),

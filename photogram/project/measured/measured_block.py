@@ -44,6 +44,8 @@ class PhotographNote(PositionNote):
     """Yaw, pitch and roll of the gimbal, None where one is missing."""
     time: str | None
     """Time of exposure in ISO 8601, None where the tags tell none."""
+    velocity_m_s: list[float] | None
+    """Velocity along true north, true east and down, m/s, None where the tags tell none."""
     height_above_ground_m: float | None
     """Flying height above ground, or above the place of take-off, None where it is not known."""
 
@@ -80,6 +82,7 @@ def photograph_note(
         "height_is_ellipsoidal": None if tags is None else tags.height_is_ellipsoidal,
         "attitude_deg": None if angles is None else list(angles),
         "time": None if tags is None or tags.time is None else tags.time.isoformat(),
+        "velocity_m_s": None if tags is None or tags.velocity_m_s is None else list(tags.velocity_m_s),
         "height_above_ground_m": photograph.height_above_ground_m
         or (None if tags is None else tags.height_above_take_off_m),
     }
@@ -152,7 +155,10 @@ def measured_photographs(
 def _photograph(
     source: ProjectPhotograph, frame: LocalFrame, gnss_world_m: FloatArray | None, note: PhotographNote
 ) -> Photograph:
-    gnss, attitude = gnss_world_m, None
+    gnss, attitude, velocity = gnss_world_m, None, None
+    if note["velocity_m_s"] is not None:
+        north, east, down = note["velocity_m_s"]
+        velocity = frame.rotation_world_from_true(np.zeros(3) if gnss is None else gnss) @ [east, north, -down]
     if note["attitude_deg"] is not None:
         place = np.zeros(3) if gnss is None else gnss
         attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*note["attitude_deg"])
@@ -172,6 +178,7 @@ def _photograph(
         note["height_above_ground_m"],
         lever_arm_camera_m=None if arm is None else np.array(arm),
         gnss_sigma_assumed=gnss is not None and note.get("gnss_sigma_assumed", False),
+        velocity_world_m_s=velocity,
     )
 
 

@@ -128,7 +128,7 @@ def _thinned(problem: Problem) -> Problem:
 
 
 def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Hypothesis]:
-    """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (11,) of the cameras
+    """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (12,) of the cameras
     to start from, where they are not the given ones.
 
     Raises AdjustmentError where the block cannot be adjusted whatever is left out.

@@ -267,7 +267,7 @@ def adjust_and_judge(
 ) -> Verdict:
     """Adjust a block by data snooping (Baarda 1968): reject blunders, and name them.
 
-    ``start`` holds the interior orientations (11,) of the cameras to start from, where they are not the given ones;
+    ``start`` holds the interior orientations (12,) of the cameras to start from, where they are not the given ones;
     ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
     too little is left, with what contradicts the rest by name.
     """

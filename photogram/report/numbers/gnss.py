@@ -355,6 +355,7 @@ def _unknown(name: str) -> PhotographNote:
         "height_is_ellipsoidal": None,
         "attitude_deg": None,
         "time": None,
+        "velocity_m_s": None,
         "height_above_ground_m": None,
     }
 

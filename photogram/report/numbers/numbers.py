@@ -220,6 +220,7 @@ def camera_numbers(
             "radial": camera.radial.tolist(),
             "tangential": camera.tangential.tolist(),
             "affinity": camera.affinity.tolist(),
+            "readout_s": camera.readout_s,
             "sigma": {n: float(s) if f else None for n, s, f in zip(PARAMETER_NAMES, sigma, free, strict=True)},
             "prior_sigma": {
                 n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)

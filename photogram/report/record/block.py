@@ -101,6 +101,7 @@ class CameraRecord(TypedDict):
     radial: Annotated[list[float], Field(min_length=3, max_length=4)]
     tangential: Annotated[list[float], Field(min_length=2, max_length=2)]
     affinity: Annotated[list[float], Field(min_length=2, max_length=2)]
+    readout_s: NotRequired[float]
     sigma: ParameterFigures
     prior_sigma: ParameterFigures
     held: dict[str, str]

@@ -82,7 +82,7 @@ def read_dbat(path: Path) -> ForeignSolution:
 
 
 def _camera(given: ScriptCamera, report: Report) -> tuple[Camera, BoolArray]:
-    """Return the camera, and which of its parameters (11,) were held: estimated values are those of the result file,
+    """Return the camera, and which of its parameters (12,) were held: estimated values are those of the result file,
     which has six digits, the others those of the script."""
     if len(report.cameras) != 1:
         raise ExchangeError(

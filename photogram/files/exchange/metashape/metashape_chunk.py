@@ -41,7 +41,7 @@ class Chunk:
 
     cameras: tuple[Camera, ...]
     held: BoolArray
-    """Parameters of interior orientation (cameras, 11) that were held: all of a sensor with a fixed calibration."""
+    """Parameters of interior orientation (cameras, 12) that were held: all of a sensor with a fixed calibration."""
     photographs: tuple[ForeignPhotograph, ...]
     photograph_of: dict[str, int]
     """Number of the photograph by Metashape's number of the camera."""

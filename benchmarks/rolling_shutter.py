@@ -1,0 +1,141 @@
+"""What a rolling shutter does to a survey, and what is left of it once its read-out time is estimated.
+
+    python benchmarks/rolling_shutter.py [--seeds 20] [--false 100] [--ties 1500]
+
+Simulated observations without rendering: 24 photographs straight down in four strips, every other one at right angles,
+60 m above ground at 8 m/s (a read-out of 33 ms moves the camera by 0.26 m, 6 GSD), positions and speeds that scatter
+(0.5 m about the plan), a camera known by its EXIF focal length; with six control points, and by RTK alone. Rows:
+
+    global       a global shutter: the aim
+    unmodelled   33 ms, of which the adjustment knows nothing
+    affinity     33 ms, b1 and b2 with priors in its place, as without times and velocities
+    stated       33 ms, estimated from a prior of 30 ± 12 ms, velocities from tags, to 0.1 m/s
+    neighbours   33 ms, found and estimated, velocities from the adjusted positions and times of the neighbours
+    tags         33 ms, found and estimated, velocities from tags
+    looked for   a global shutter whose read-out time is looked for
+
+Errors are of check points against the truth, in GSD, root mean square over all seeds; z their ratio to the predicted
+standard deviations; read-out: RMS error and largest, ms, and z. `found` is the share of surveys in which a read-out
+time was significant; the last line repeats it for a global shutter on `--false` surveys. `time` is that of the
+adjustment over that of the global shutter, in turn on the same machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.projection import B1, B2, READOUT
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+
+READOUT_S, PRIOR_S = 0.033, 0.03
+PLAN = SurveyPlan(
+    width_px=1600, height_px=1200, focal_px=1333.0, flying_height_m=60.0, forward_overlap=0.8, side_overlap=0.7,
+    strips=4, photographs_per_strip=6, crossing=True, control_points=6, check_points=10, speed_m_s=8.0,
+    gnss_offset_sigma_m=(0.0, 0.0, 0.0), calibration_source="exif",
+    calibration_sigmas=(40.0, 16.0, 16.0, 0.1, 0.1, 0.05, 0.0, 0.003, 0.003, 0.0, 0.0),
+)  # fmt: skip
+ROWS = {
+    "global": PLAN,
+    "unmodelled": replace(PLAN, readout_s=READOUT_S),
+    "affinity": replace(PLAN, readout_s=READOUT_S),
+    "stated": replace(PLAN, readout_s=READOUT_S, readout_sigma_s=PRIOR_S, velocity_tags=True),
+    "neighbours": replace(PLAN, readout_s=READOUT_S, readout_sigma_s=PRIOR_S),
+    "tags": replace(PLAN, readout_s=READOUT_S, readout_sigma_s=PRIOR_S, velocity_tags=True),
+    "looked for": replace(PLAN, readout_sigma_s=PRIOR_S),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One survey: errors of its check points (n, 3) in GSD and over their sigmas, the read-out time found, ms, its
+    sigma, whether it is significant, and the seconds of the adjustment."""
+
+    error_gsd: np.ndarray
+    z: np.ndarray
+    readout_ms: float
+    sigma_ms: float
+    significant: bool
+    seconds: float
+
+
+def run(row: str, plan: SurveyPlan, seed: int, ties: int) -> Outcome:
+    """Simulate and adjust one survey."""
+    made = simulate_block(plan, seed, tie_points=ties, sigma_px=0.4)
+    block = made.block
+    if row == "affinity":
+        camera = block.cameras[0]
+        sigmas = camera.sigmas.copy()
+        sigmas[[B1, B2]] = 0.003 * camera.focal_px, 0.001 * camera.focal_px
+        block = replace(block, cameras=(replace(camera, sigmas=sigmas),))
+    if row == "stated":
+        camera = block.cameras[0]
+        sigmas = camera.sigmas.copy()
+        sigmas[READOUT] = 0.012
+        block = replace(block, cameras=(replace(camera, readout_s=0.03, sigmas=sigmas),))
+    began = time.perf_counter()
+    result = adjust(block, AdjustmentSettings())
+    seconds = time.perf_counter() - began
+    check = np.array([role == "check" for role in result.block.control_points.role])
+    error = (result.ground_world_m - made.truth.control_position_world_m)[check]
+    sigma = np.sqrt(np.einsum("nii->ni", result.ground_covariance_m2[check]))
+    known = np.isfinite(error).all(axis=1)
+    found = float(result.readout_s[0]) if len(result.readout_s) else float("nan")
+    return Outcome(
+        error[known] / plan.gsd_m, error[known] / sigma[known], 1e3 * found,
+        1e3 * float(result.readout_sigma_s[0]) if len(result.readout_sigma_s) else float("nan"),
+        result.block.cameras[0].readout_s != 0.0, seconds,
+    )  # fmt: skip
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def table(title: str, control: int, seeds: range, ties: int) -> None:
+    """Run all rows on the same seeds, one seed after the other, and print them."""
+    outcomes: dict[str, list[Outcome]] = {row: [] for row in ROWS}
+    for row, plan in ROWS.items():
+        run(row, replace(plan, control_points=control), 0, 200)  # compiles what is compiled
+    for seed in seeds:
+        for row, plan in ROWS.items():
+            outcomes[row].append(run(row, replace(plan, control_points=control), seed, ties))
+    print(f"\n{title}: {len(seeds)} simulated surveys")
+    print("row          plan  height   z      read-out: RMS, largest, z   found  time")
+    base = sum(o.seconds for o in outcomes["global"])
+    for row, own in outcomes.items():
+        error, z = (np.concatenate([getattr(o, name) for o in own]) for name in ("error_gsd", "z"))
+        off = np.array([o.readout_ms - 1e3 * ROWS[row].readout_s for o in own])
+        told = ""
+        if np.isfinite(off).all():
+            told = f"{rms(off):5.2f} {np.abs(off).max():5.2f} ms {rms(off / np.array([o.sigma_ms for o in own])):5.2f}"
+        share = np.mean([o.significant for o in own])
+        print(
+            f"{row:<12}{rms(error[:, :2]):5.2f} {rms(error[:, 2]):7.2f} {rms(z):5.2f}      {told:<24}{share:8.0%}"
+            f"{sum(o.seconds for o in own) / base:6.2f}",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--false", type=int, default=100, help="surveys with a global shutter, for false alarms")
+    parser.add_argument("--ties", type=int, default=1500, help="tie points of a survey")
+    given = parser.parse_args()
+    table("six control points", 6, range(1, given.seeds + 1), given.ties)
+    table("RTK alone", 0, range(1, given.seeds + 1), given.ties)
+    plan = replace(ROWS["looked for"], control_points=0)
+    found = sum(run("looked for", plan, seed, 400).significant for seed in range(1001, 1001 + given.false))
+    print(f"\nglobal shutters with a significant read-out time: {found} of {given.false}")
+
+
+if __name__ == "__main__":
+    main()

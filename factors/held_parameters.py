@@ -1,0 +1,106 @@
+"""What a held parameter of a camera would become if it were free: its score at a solution without it.
+
+With the change J of the whitened residuals r by the parameter, every tie point following, and its product L = Aᵀ J with
+the rows A of poses and border, the score s = −Jᵀ r has the covariance K = JᵀJ − Lᵀ S⁻¹ L, S the reduced system, and one
+step would give the parameter s / K (Rao's score test; Förstner & Wrobel 2016, sec. 4.6.4). Only the rays of tie points
+are asked; those of marks are few.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from photogram.arrays import FloatArray, IntArray
+from photogram.compilation import njit
+from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.kernels import inverse_factor, robust
+from photogram.factors.elimination.loss import KINDS
+from photogram.factors.elimination.points import first_observations
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.projection import PARAMETERS, OrientedCameras, project_point_jacobians
+
+
+class Step(NamedTuple):
+    """What one step would give to a parameter, and its standard deviation; NaN where nothing tells it."""
+
+    value: float
+    sigma: float
+
+
+def one_step(problem: Problem, state: State, found: Covariances, camera: int, parameter: int) -> Step:
+    """Return what one step would give to a ``parameter`` of a camera that is held, at the solution ``state`` with its
+    covariances ``found``; in its own unit. The velocities that a read-out time needs are those of ``state``."""
+    layout, tie = found.layout, problem.tie
+    own: FloatArray = np.asarray(state.cameras.camera[tie.photograph] == camera).astype(np.float64)
+    L = np.zeros(layout.columns + layout.border)
+    information, score = _score(
+        first_observations(tie.point, len(state.tie_point)), tie.photograph, tie.pixel, tie.sigma_px, state.cameras,
+        state.tie_point, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns,
+        KINDS[problem.robust_loss], problem.robust_threshold, L,
+    )  # fmt: skip
+    left = information - float(L @ found.solve(L[:, None])[:, 0])
+    if not left > 1e-12 * max(information, 1e-300):
+        return Step(float("nan"), float("nan"))
+    return Step(score / left, float(1.0 / np.sqrt(left)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _score(
+    first: IntArray, photograph: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras,
+    X: FloatArray, own: FloatArray, parameter: int, place_of: IntArray, free_of: IntArray, unit: FloatArray,
+    columns: int, loss: int, threshold: float, L: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    """Add AᵀJ of all tie points to L (6 free + border); returns JᵀJ and −Jᵀ r. ``own`` (N,) is 1 for rays of the
+    camera, else 0."""
+    longest = 1
+    for p in range(len(first) - 1):
+        longest = max(longest, first[p + 1] - first[p])
+    A, C, B = np.zeros((longest, 2, 6)), np.zeros((longest, 2, PARAMETERS)), np.zeros((longest, 2, 3))
+    J, r, V, M = np.zeros((longest, 2)), np.zeros((longest, 2)), np.zeros(12), np.zeros(6)
+    information, score = 0.0, 0.0
+    for p in range(len(first) - 1):
+        V[:] = 0.0
+        count = first[p + 1] - first[p]
+        for n in range(count):
+            i = first[p] + n
+            u, v, depth = project_point_jacobians(cameras, photograph[i], X[p], pixel[i, 1], A[n], C[n], B[n])
+            J[n], r[n] = 0.0, 0.0
+            if not depth > 0.0:
+                B[n] = 0.0
+                continue
+            du, dv = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+            s = np.sqrt(robust(du * du + dv * dv, loss, threshold)[1])
+            for k in range(2):
+                r[n, k] = s * (du if k == 0 else dv)
+                for a in range(6):
+                    A[n, k, a] *= s / sigma[i]
+                for a in range(PARAMETERS):
+                    C[n, k, a] *= s / sigma[i]
+                for a in range(3):
+                    B[n, k, a] *= s / sigma[i]
+                J[n, k] = own[i] * C[n, k, parameter]
+                for a in range(3):
+                    V[9 + a] += B[n, k, a] * J[n, k]
+                    for b in range(3):
+                        V[3 * a + b] += B[n, k, a] * B[n, k, b]
+        if not inverse_factor(V, 0.0, M):
+            continue
+        y0, y1, y2 = M[0] * V[9], M[1] * V[9] + M[2] * V[10], M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
+        x0, x1, x2 = M[0] * y0 + M[1] * y1 + M[3] * y2, M[2] * y1 + M[4] * y2, M[5] * y2
+        for n in range(count):
+            i = photograph[first[p] + n]
+            at, c = 6 * place_of[i], cameras.camera[i]
+            for k in range(2):
+                j = J[n, k] - B[n, k, 0] * x0 - B[n, k, 1] * x1 - B[n, k, 2] * x2
+                information += j * j
+                score -= j * r[n, k]
+                if at >= 0:
+                    for a in range(6):
+                        L[at + a] += A[n, k, a] * j
+                for t in range(free_of[c, 1]):
+                    q = free_of[c, 2 + t]
+                    L[columns + free_of[c, 0] + t] += C[n, k, q] * unit[c, q] * j
+    return information, score

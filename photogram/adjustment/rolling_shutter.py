@@ -1,0 +1,155 @@
+"""Rolling shutters: how photographs moved while they were read, and whether a read-out time is there at all.
+
+The velocity of a photograph stands in its tags, or follows from the adjusted positions of its neighbours in time, so
+that neither the noise of GNSS nor its absence matters. Tags come first: many drones all but stop for an exposure. The
+read-out time of a camera is one more parameter of its interior orientation. In photographs that look straight down
+along the flight it is an affinity to within relief and changes of speed, so it is to be estimated in place of b1 and
+b2, not beside them.
+
+A global shutter has none. Where no source states a read-out time it is held at zero until one step from there would
+give it another value (photogram.factors.held_parameters); an estimate that is zero to within its standard deviation,
+T² / σ² below the quantile of χ² with one degree of freedom (Förstner & Wrobel 2016, sec. 4.6.4), is held there, and a
+source that claims otherwise is outvoted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from photogram.arrays import BoolArray, FloatArray
+from photogram.camera import Camera
+from photogram.factors.common_errors import velocities
+from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.reprojection import linearise
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem
+from photogram.factors.held_parameters import one_step
+from photogram.projection import PARAMETERS, READOUT, OrientedCameras
+from photogram.results import SIGNIFICANCE, Adjustment
+from photogram.survey import Block
+
+
+def rolling(cameras: Sequence[Camera]) -> BoolArray:
+    """Return which cameras (C,) have a read-out time, known or to be estimated."""
+    return np.array([c.readout_s != 0.0 or c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
+
+
+def in_motion(block: Block, cameras: OrientedCameras) -> OrientedCameras:
+    """Return the photographs of a block with their velocities: the measured ones, else those that positions and times
+    give; where neither does they keep what they had. As they are where no shutter rolls."""
+    return moving(block, cameras) if rolling(block.cameras).any() else cameras
+
+
+def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
+    """Return the photographs of a block with their velocities, as ``in_motion``, whatever their shutters."""
+    found = velocities(block.photographs, cameras.position)
+    if not block.is_free:  # its lengths may have a unit of their own, and its axes any direction
+        for i, photograph in enumerate(block.photographs):
+            if photograph.velocity_world_m_s is not None:
+                found[i] = photograph.velocity_world_m_s
+    return cameras._replace(velocity=np.where(np.isfinite(found), found, cameras.velocity))
+
+
+def looked_for(cameras: Sequence[Camera]) -> BoolArray:
+    """Return the cameras (C,) of which no source says that their shutter rolls, and none that it does not: read-out
+    times that begin at zero. They are held there until the photographs show one."""
+    return np.array([c.readout_s == 0.0 and c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
+
+
+def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) -> tuple[BoolArray, Readouts]:
+    """Return for which of the cameras ``asked`` (C,), whose read-out times are held at zero, the photographs show one,
+    and what one step would make of them."""
+    moved = replace(state, cameras=moving(problem.block, state.cameras))
+    estimate, sigma = np.full(len(asked), np.nan), np.full(len(asked), np.nan)
+    for c in np.flatnonzero(asked).tolist():
+        estimate[c], sigma[c] = one_step(problem, moved, found, c, READOUT)
+    significant = _significant(estimate, sigma)
+    return significant, Readouts(estimate, sigma, significant, np.ones(len(asked)))
+
+
+def _significant(estimate: FloatArray, sigma: FloatArray) -> BoolArray:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(estimate**2 > float(chi2.isf(SIGNIFICANCE, 1)) * sigma**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Readouts:
+    """Read-out times as they were estimated, before those that are zero to within their noise were held there:
+    ``estimate_s`` and ``sigma_s`` (cameras,), NaN where none was looked for, ``significant`` (cameras,);
+    ``inflation`` (cameras,) of their standard deviations, by what the velocities are off by."""
+
+    estimate_s: FloatArray
+    sigma_s: FloatArray
+    significant: BoolArray
+    inflation: FloatArray
+
+
+def inflation(problem: Problem, state: State, found: Covariances, camera: int) -> float:
+    """Return by how much the standard deviation of a camera's read-out time is larger than its covariance says, 1 at
+    least, because photographs flew at another velocity than their neighbours tell.
+
+    Such an error is common to all points of a photograph. A change of the read-out time by its unit changes residuals
+    by J, everything else following; the covariance takes the sum of Jᵀ r over a photograph for one of independent r,
+    of the variance Σ JᵀJ. What the sums of all photographs scatter by takes its place (the sandwich estimator with
+    clusters: Cameron & Miller 2015, eq. 11).
+    """
+    layout, tie = found.layout, problem.tie
+    owner, parameter = layout.free_parameters
+    column = layout.columns + int(np.flatnonzero((owner == camera) & (parameter == READOUT))[0])
+    unit = np.zeros((layout.columns + layout.border, 1))
+    unit[column] = 1.0
+    change = found.solve(unit)[:, 0]
+    change /= change[column]
+    linear = linearise(tie, state.cameras, state.tie_point)
+    place = layout.place[tie.photograph]
+    pose = np.where(place[:, None] >= 0, change[6 * place[:, None] + np.arange(6)], 0.0)
+    calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
+    calibration[owner, parameter] = (
+        change[layout.columns : layout.columns + len(owner)] * layout.border_unit[: len(owner)]
+    )
+    J = np.einsum("nij,nj->ni", linear.pose, pose)
+    J += np.einsum("nij,nj->ni", linear.calibration, calibration[linear.camera])
+    V, g = np.zeros((len(state.tie_point), 3, 3)), np.zeros((len(state.tie_point), 3))
+    np.add.at(V, tie.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
+    np.add.at(g, tie.point, np.einsum("nri,nr->ni", linear.point, J))
+    seen = np.bincount(tie.point, minlength=len(V)) > 0
+    follow = np.zeros_like(g)
+    follow[seen] = np.linalg.solve(V[seen], g[seen][..., None])[..., 0]
+    J -= np.einsum("nij,nj->ni", linear.point, follow[tie.point])
+    sums = np.bincount(tie.photograph, np.einsum("ni,ni->n", J, linear.residual))
+    sums = sums[np.bincount(tie.photograph) > 0]
+    expected = float(np.sum(J**2))
+    return max(1.0, float(np.sqrt(np.sum(sums**2) * len(sums) / (max(len(sums) - 1, 1) * expected))))
+
+
+def readouts(problem: Problem, state: State, found: Covariances) -> Readouts:
+    """Return the read-out times of the cameras that are free, at a solution with its covariances."""
+    cameras = problem.block.cameras
+    free = np.array([camera.sigmas[READOUT] > 0.0 for camera in cameras], dtype=bool)
+    larger = np.array([inflation(problem, state, found, c) if free[c] else 1.0 for c in range(len(cameras))])
+    sigma = larger * [np.sqrt(found.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))]
+    estimate = np.where(free, state.parameters[:, READOUT], np.nan)
+    return Readouts(estimate, np.where(free, sigma, np.nan), free & _significant(estimate, sigma), larger)
+
+
+def without_rolling(block: Block, none: BoolArray) -> Block:
+    """Return the block with the read-out times of the cameras ``none`` (C,) held at zero."""
+    cameras = list(block.cameras)
+    for c in np.flatnonzero(none).tolist():
+        sigmas = cameras[c].sigmas.copy()
+        sigmas[READOUT] = 0.0
+        cameras[c] = replace(cameras[c], readout_s=0.0, sigmas=sigmas)
+    return replace(block, cameras=tuple(cameras))
+
+
+def with_readouts(result: Adjustment, found: Readouts) -> Adjustment:
+    """Return an adjustment with what was found of the read-out times, and their standard deviations in its calibration
+    covariances."""
+    covariance = result.calibration_covariance.copy()
+    covariance[:, READOUT, :] *= found.inflation[:, None]
+    covariance[:, :, READOUT] *= found.inflation[:, None]
+    return replace(result, calibration_covariance=covariance, readout_s=found.estimate_s, readout_sigma_s=found.sigma_s)

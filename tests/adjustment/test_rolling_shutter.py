@@ -1,0 +1,137 @@
+"""Rolling shutters in the adjustment: read-out times against simulated truth, none where there is none, velocities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.rolling_shutter import in_motion, looked_for
+from photogram.adjustment.self_calibration import held_parameters
+from photogram.arrays import FloatArray
+from photogram.factors.graph import cost, ground_graph
+from photogram.projection import B1, B2, FOCAL, READOUT
+from photogram.results import Adjustment
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+
+SETTINGS = AdjustmentSettings()
+PLAN = SurveyPlan(
+    width_px=1600, height_px=1200, focal_px=1333.0, flying_height_m=60.0, forward_overlap=0.8, side_overlap=0.7,
+    strips=4, photographs_per_strip=5, crossing=True, control_points=6, check_points=8, speed_m_s=8.0,
+    gnss_offset_sigma_m=(0.0, 0.0, 0.0), velocity_tags=True, radial=(0.0, 0.0, 0.0, 0.0), tangential=(0.0, 0.0),
+    calibration_sigmas=(40.0, 16.0, 16.0, 0.1, 0.1, 0.05, 0.0, 0.003, 0.003, 0.0, 0.0),
+)  # fmt: skip
+ROLLING = replace(PLAN, readout_s=0.033, readout_sigma_s=0.05)
+GLOBAL = replace(PLAN, readout_sigma_s=0.05)
+SEEDS = range(1, 7)
+
+
+@cache
+def simulated(plan: SurveyPlan, seed: int) -> SimulatedBlock:
+    return simulate_block(plan, seed, tie_points=600, sigma_px=0.4)
+
+
+@cache
+def adjusted(plan: SurveyPlan, seed: int) -> Adjustment:
+    return adjust(simulated(plan, seed).block, SETTINGS)
+
+
+def check_error_m(plan: SurveyPlan, seed: int) -> FloatArray:
+    result, made = adjusted(plan, seed), simulated(plan, seed)
+    check = np.array([role == "check" for role in result.block.control_points.role])
+    error = (result.ground_world_m - made.truth.control_position_world_m)[check]
+    return np.asarray(error[np.isfinite(error).all(axis=1)])
+
+
+def test_the_read_out_time_comes_back_with_its_sigma() -> None:
+    normalised = []
+    for seed in SEEDS:
+        result = adjusted(ROLLING, seed)
+        camera, sigma = result.block.cameras[0], result.readout_sigma_s[0]
+        assert abs(camera.readout_s - 0.033) < 0.001
+        assert result.readout_s[0] == camera.readout_s
+        assert result.calibration_covariance[0, READOUT, READOUT] == pytest.approx(sigma**2)
+        normalised.append((camera.readout_s - 0.033) / sigma)
+    assert 0.3 < np.sqrt(np.mean(np.square(normalised))) < 1.7
+
+
+def test_check_points_are_as_good_as_under_a_global_shutter() -> None:
+    rolling, plain = (np.concatenate([check_error_m(plan, s) for s in SEEDS]) for plan in (ROLLING, PLAN))
+    blind = np.concatenate([check_error_m(replace(PLAN, readout_s=0.033), s) for s in SEEDS])
+    rms = [float(np.sqrt(np.mean(e**2))) for e in (rolling, plain, blind)]
+    assert rms[0] < 1.15 * rms[1]
+    assert rms[2] > 2.0 * rms[1], "without it the block is strained"
+
+
+@pytest.mark.parametrize("stated", [0.0, 0.033])
+def test_a_global_shutter_has_no_read_out_time_whatever_its_source_states(stated: float) -> None:
+    for seed in SEEDS:
+        block = simulated(GLOBAL, seed).block
+        camera = replace(block.cameras[0], readout_s=stated)
+        result = adjust(replace(block, cameras=(camera,)), SETTINGS) if stated else adjusted(GLOBAL, seed)
+        assert result.block.cameras[0].readout_s == 0.0
+        assert result.calibration_covariance[0, READOUT].tolist() == [0.0] * (READOUT + 1)
+        assert abs(result.readout_s[0]) < 3.0 * result.readout_sigma_s[0]
+        why = held_parameters((camera,), result)[camera.name]["readout_s"]
+        assert "no rolling shutter: held at 0" in why
+
+
+def test_what_is_looked_for_in_vain_changes_no_bit() -> None:
+    plain, looked = adjusted(PLAN, 1), adjusted(GLOBAL, 1)
+    for name in ("ground_world_m", "position_covariance_m2", "cost"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(looked, name))
+    assert np.isnan(plain.readout_s).all()
+    assert looked_for(simulated(GLOBAL, 1).block.cameras).tolist() == [True]
+    assert looked_for(simulated(PLAN, 1).block.cameras).tolist() == [False]
+
+
+def test_a_known_read_out_time_is_used_as_it_is() -> None:
+    block = simulated(replace(PLAN, readout_s=0.033), 1).block
+    result = adjust(replace(block, cameras=(replace(block.cameras[0], readout_s=0.033),)), SETTINGS)
+    assert result.block.cameras[0].readout_s == 0.033
+    assert result.sigma0 == pytest.approx(1.0, abs=0.03)
+    np.testing.assert_array_equal(result.calibration_covariance[0, READOUT], 0.0)
+
+
+def test_velocities_come_from_the_tags_else_from_the_neighbours_and_only_where_a_shutter_rolls() -> None:
+    made = simulated(ROLLING, 2)
+    truth = np.array([pose.velocity_world_m_s for pose in made.truth.poses])
+    tagged = in_motion(made.block, made.block.oriented_cameras()).velocity
+    np.testing.assert_allclose(tagged, truth, atol=0.051)
+    bare = replace(
+        made.block, photographs=tuple(replace(p, velocity_world_m_s=None) for p in made.block.photographs),
+        poses=made.truth.poses,
+    )  # fmt: skip
+    found = in_motion(bare, bare.oriented_cameras()).velocity
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.5  # positions scatter by 0.5 m about the plan
+    still = simulated(PLAN, 2).block
+    np.testing.assert_array_equal(in_motion(still, still.oriented_cameras()).velocity, 0.0)
+    timeless = replace(bare, photographs=tuple(replace(p, time=None) for p in bare.photographs))
+    kept = in_motion(timeless, timeless.oriented_cameras()).velocity
+    np.testing.assert_array_equal(kept, truth)
+
+
+def test_neighbours_alone_will_do_and_their_errors_count() -> None:
+    plan = replace(ROLLING, velocity_tags=False)
+    errors = np.array([adjusted(plan, s).block.cameras[0].readout_s - 0.033 for s in SEEDS])
+    sigmas = np.array([adjusted(plan, s).readout_sigma_s[0] for s in SEEDS])
+    assert np.abs(errors).max() < 0.001
+    assert np.median(sigmas) > 1.3 * np.median([adjusted(ROLLING, s).readout_sigma_s[0] for s in SEEDS])
+    assert np.abs(errors / sigmas).max() < 3.5
+
+
+def test_both_engines_reach_the_same_minimum() -> None:
+    block = simulate_block(replace(ROLLING, strips=2, photographs_per_strip=3), 3, tie_points=80).block
+    camera = replace(block.cameras[0], readout_s=0.02)
+    problem = make_problem(replace(block, cameras=(camera,)), replace(SETTINGS, robust_threshold=200.0))
+    start = start_state(problem.block, problem.flights)
+    fast, slow = (minimise(problem, start, replace(SETTINGS, engine=e)) for e in ("fast", "reference"))
+    assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
+    assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
+    assert fast.state.parameters[0, READOUT] == pytest.approx(slow.state.parameters[0, READOUT], rel=1e-5)
+    assert fast.state.parameters[0, FOCAL] == pytest.approx(slow.state.parameters[0, FOCAL], rel=1e-6)
+    np.testing.assert_array_equal(fast.state.parameters[0, [B1, B2]], 0.0)

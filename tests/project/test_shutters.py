@@ -1,0 +1,46 @@
+"""What a draft states of shutters: rolling ones of the table, mechanical ones, and those that are looked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from photogram.files.photographs.tags import PhotographTags
+from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
+from photogram.project.draft.shutters import HELD_AT_ONCE, READOUT_MS, UNKNOWN_S, shutter_of
+
+TAGS = PhotographTags(
+    make="DJI", model="FC300S", width_px=4000, height_px=2250, focal_35mm_mm=20.0, longitude_deg=10.0,
+    latitude_deg=50.0, time=datetime(2024, 6, 12, tzinfo=UTC),
+)  # fmt: skip
+
+
+def test_a_known_rolling_shutter_is_a_prior_that_can_be_outvoted() -> None:
+    shutter = shutter_of([TAGS] * 3)
+    assert shutter is not None
+    assert shutter.readout_s == 0.033
+    assert 0.005 < shutter.sigma_s < 0.02
+    assert "33 ms" in shutter.source
+
+
+def test_a_mechanical_shutter_has_none_and_an_unknown_one_is_looked_for() -> None:
+    mechanical = shutter_of([replace(TAGS, model="FC6310R")])
+    assert mechanical is not None
+    assert (mechanical.readout_s, mechanical.sigma_s) == (0.0, 0.0)
+    unknown = shutter_of([replace(TAGS, model="X1")] * 2)
+    assert unknown is not None
+    assert (unknown.readout_s, unknown.sigma_s) == (0.0, UNKNOWN_S)
+    assert not HELD_AT_ONCE & READOUT_MS.keys()
+
+
+def test_without_motion_the_affinity_stands_in_its_place() -> None:
+    still = replace(TAGS, time=None)
+    assert shutter_of([still] * 3) is None
+    assert shutter_of([replace(still, velocity_m_s=(1.0, 2.0, 0.0))] * 3) is not None
+    assert shutter_of([TAGS]) is None, "one photograph has no neighbour"
+    affinity = [k for k, name in enumerate(SIGMA_NAMES) if name in ("b1", "b2")]
+    for tags, free in (([still] * 3, True), ([TAGS] * 3, False)):
+        camera = tagged_camera("c", tags, None)
+        assert camera is not None
+        assert all((camera.sigmas[k] > 0.0) == free for k in affinity)
+        assert (camera.shutter is None) == free
