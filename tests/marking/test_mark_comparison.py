@@ -64,3 +64,24 @@ def test_exchanged_points_are_named() -> None:
     ))  # fmt: skip
     named = {name for blunder in found.blunders for name in blunder.points}
     assert {points.name[0], points.name[1]} == named
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_mark_on_any_neighbouring_target_accuses_its_own_point_alone(seed: int) -> None:
+    """Of every point one mark, in turn, on the nearest other target of its photograph."""
+    points = survey(seed).control_points
+    counts, made = np.bincount(points.mark_point), 0
+    for g in np.flatnonzero(counts >= 4).tolist():
+        own = np.flatnonzero(points.mark_point == g)
+        m = int(own[len(own) // 2])
+        there = np.flatnonzero((points.mark_photograph == points.mark_photograph[m]) & (points.mark_point != g))
+        if not len(there):
+            continue
+        off = np.linalg.norm(points.mark_pixel[there] - points.mark_pixel[m], axis=1)
+        pixel = points.mark_pixel.copy()
+        pixel[m] = pixel[there[np.argmin(off)]]
+        found = told(seed, replace(points, mark_pixel=pixel))
+        assert [compared.mark for compared in found.marks if compared.rejected] == [m]
+        assert {blunder.points[0] for blunder in found.blunders} == {points.name[g]}
+        made += 1
+    assert made >= 4
