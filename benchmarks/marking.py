@@ -114,6 +114,11 @@ def wrong_now(hand: Hand) -> tuple[set[str], set[tuple[str, str]], list[str]]:
     return wrong, marks, [str(s) for s in sentences]
 
 
+def in_words(innocent: list[str], mistake: str, sentences: list[str]) -> list[str]:
+    """Return innocents with the mistake at which they were said to be wrong, and what the page said then."""
+    return [f"{one} (at {mistake}: {'; '.join(sentences) or 'no sentence'})" for one in innocent]
+
+
 def mistaken(hand: Hand, photograph: str, kind: str, found: Mistakes) -> None:
     """Make a mistake in a photograph, see whether it is named, and take it back."""
     point, place = hand.point, hand.truth[hand.point][photograph]
@@ -128,10 +133,14 @@ def mistaken(hand: Hand, photograph: str, kind: str, found: Mistakes) -> None:
             return
         u, v = min(others, key=lambda one: one[0])[1] + hand.rng.normal(0.0, NOISE_PX, 2)
         hand.act(do="mark", point=point, photograph=photograph, u=u, v=v)
-    wrong, marks, _ = wrong_now(hand)
-    others_wrong = [*(f"{p} in {i}" for p, i in marks - {(point, photograph)}), *(wrong - {point})]
+    wrong, marks, sentences = wrong_now(hand)
+    others_wrong = in_words(
+        [*(f"{p} in {i}" for p, i in marks - {(point, photograph)}), *sorted(wrong - {point})],
+        f"{kind}, {point} in {photograph}",
+        sentences,
+    )
     found.note(kind, (point, photograph) in marks and point in wrong, others_wrong)
-    hand.key("u")
+    hand.undo()
     hand.settled()
 
 
@@ -153,7 +162,8 @@ def exchanged(hand: Hand, first: str, second: str, found: Mistakes) -> None:
             hand.act(do="mark", point=point, photograph=record["name"], u=mark["u"], v=mark["v"])
     wrong, _, sentences = wrong_now(hand)
     named = any(first in s and second in s and "swapped" in s for s in sentences)
-    found.note("exchanged points", named, sorted(wrong - {first, second}))
+    others_wrong = in_words(sorted(wrong - {first, second}), f"{first} and {second} exchanged", sentences)
+    found.note("exchanged points", named, others_wrong)
     for _ in range(2 * sum(len(own) for own in marks.values())):
         hand.act(do="undo")
     hand.settled()

@@ -133,6 +133,13 @@ class Hand:
             event = {"type": kind, "key": key, **({"text": key} if kind == "keyDown" else {})}
             self.chrome.execute_cdp_cmd("Input.dispatchKeyEvent", event)
 
+    def undo(self) -> None:
+        """Undo the last step, and wait until it is undone: the page sends what hands do one after the other, so a key
+        may take effect after something that is asked of the server directly."""
+        before = self.ask("state")["undoable"]
+        self.key("u")
+        self.until(lambda: self.ask("state")["undoable"] == before - 1)
+
     def next(self) -> None:
         """Go to the next point."""
         last = self.point
