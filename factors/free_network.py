@@ -20,6 +20,7 @@ import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.factors.constraints import is_scaled
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.points import first_observations
@@ -52,7 +53,7 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
     sigma = np.repeat([CONDITION, CONDITION * float(length[last])], 3)
     pose = gtsam.Pose3(gtsam.Rot3(poses[first].rotation_world_from_camera), centre[first])
     held = gtsam.PriorFactorPose3(key(POSE, first), pose, gtsam.noiseModel.Diagonal.Sigmas(sigma))
-    if block.measured_distances():
+    if is_scaled(block):
         return (held,)
     along, place = base[last] / length[last], centre[last]
 
@@ -107,7 +108,7 @@ def _moved(apart: FloatArray, parts: int) -> FloatArray:
 
 def _object_datum(problem: Problem, state: State, found: Covariances) -> _ObjectDatum:
     """Return the datum of the object."""
-    parts = 6 if problem.block.measured_distances() else 7
+    parts = 6 if is_scaled(problem.block) else 7
     spread = np.einsum("pii->p", ray_covariances(problem, state))
     weight = (spread <= OBJECT**2 * np.median(spread)).astype(np.float64)
     centre = weight @ state.tie_point / weight.sum()

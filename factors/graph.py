@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.factors.common_errors import attitude_errors, parts, position_effects
+from photogram.factors.constraints import constraint_factor, taking_part
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
 from photogram.factors.elimination.reprojection import (
@@ -35,8 +36,6 @@ from photogram.factors.priors import (
     common_offset_prior,
     gnss_position,
     measured_attitude,
-    measured_base,
-    measured_distance,
     offset_prior,
     surveyed_position,
 )
@@ -103,8 +102,8 @@ class Problem:
 
 
 def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
-    """Return the factors on control points, GNSS positions, attitudes, common errors and calibrations, and further
-    ones."""
+    """Return the factors on control points, GNSS positions, attitudes, common errors, calibrations and constraints, and
+    further ones."""
     graph = gtsam.NonlinearFactorGraph()
     block = problem.block
     axes = block.frame.rotation_world_from_map(np.zeros(3))
@@ -135,9 +134,8 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
             prior = calibration_prior(c, (camera.parameters / scale)[free], (camera.sigmas / scale)[free])
             if prior is not None:
                 graph.add(prior)
-    for distance, a, b in block.measured_distances():
-        between = measured_base if distance.of_photographs else measured_distance
-        graph.add(between(a, b, distance.length_m, distance.sigma_m))
+    for placed in taking_part(block):
+        graph.add(constraint_factor(placed, block.frame, problem.control_world_m))
     for factor in problem.further:
         graph.add(factor)
     return graph

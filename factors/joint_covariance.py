@@ -31,7 +31,7 @@ def joint_ground_covariance(
 
     Control points as adjusted, check points as intersected from their marks; NaN for points without a position.
     """
-    known, inverse, turned = _ground_columns(problem, state, found, ground_world_m)
+    known, inverse, turned = ground_columns(problem, state, found, ground_world_m)
     joint = np.full((3 * len(ground_world_m), 3 * len(ground_world_m)), np.nan)
     if len(known):
         rows = (3 * known[:, None] + np.arange(3)).ravel()
@@ -44,11 +44,11 @@ def columns_of_ground(
 ) -> tuple[IntArray, FloatArray]:
     """Return the numbers (K,) of the ground points that have a position, and W V⁻¹ (6 free + border, K, 3), by which
     they follow the cameras, see ``point_columns``."""
-    known, _, turned = _ground_columns(problem, state, found, ground_world_m)
+    known, _, turned = ground_columns(problem, state, found, ground_world_m)
     return known, turned
 
 
-def _ground_columns(
+def ground_columns(
     problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the numbers (K,) of the ground points that have a position, V⁻¹ (K, 3, 3) and W V⁻¹ (6 free + border, K,

@@ -43,18 +43,6 @@ def surveyed_position(
     return gtsam.PriorFactorPoint3(key(CONTROL_POINT, point), position_world_m, along_axes(sigma_m, axes))
 
 
-def measured_distance(first: int, second: int, length_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
-    """Return the factor of a distance between two control points, m."""
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_m)
-    return gtsam.RangeFactor3(key(CONTROL_POINT, first), key(CONTROL_POINT, second), length_m, noise)
-
-
-def measured_base(first: int, second: int, length_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
-    """Return the factor of a distance between the projection centres of two photographs, m."""
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_m)
-    return gtsam.RangeFactorPose3(key(POSE, first), key(POSE, second), length_m, noise)
-
-
 def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m: FloatArray | None) -> FloatArray:
     """Return the Jacobian (3, 6) of the antenna's position C − R l on a pose's tangent (ω, v): [R [l]× R].
 

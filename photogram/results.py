@@ -109,6 +109,36 @@ class VarianceComponents:
         return VarianceComponents(np.zeros(0, dtype=np.str_), none.astype(np.int64), none, none, none, none)
 
 
+@dataclass(frozen=True, eq=False)
+class ConstraintTests:
+    """What the adjustment says of constraints between points, by observation (K) in the order of
+    ``between_points.observations``; NaN where a point has no position, where a figure does not exist, and of
+    tests where nothing else determines an observation."""
+
+    residual_m: FloatArray
+    """Adjusted minus measured (K,); of a point of a surface, how far it is above it, or in front of it."""
+    adjusted_sigma_m: FloatArray
+    """Standard deviations (K,) of what is adjusted; for a check, of what is predicted for it."""
+    redundancy: FloatArray
+    """Redundancy numbers (K,), NaN for what took no part, as of the next three."""
+    w: FloatArray
+    """Test statistics (K,), standard normal without a blunder."""
+    left_out_m: FloatArray
+    """Predictions by all other observations minus the measurements (K,)."""
+    left_out_sigma_m: FloatArray
+    """Standard deviations (K,) of these differences."""
+    z: FloatArray
+    """Residuals over their standard deviations (K,), of checks; NaN for what took part or is rejected."""
+
+    @staticmethod
+    def unknown(count: int = 0) -> ConstraintTests:
+        """Return what is known of so many observations when nothing is."""
+        return ConstraintTests(*(np.full(count, np.nan) for _ in range(7)))
+
+    def __len__(self) -> int:
+        return len(self.residual_m)
+
+
 SigmaKind = Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
 
 
@@ -325,6 +355,8 @@ class Adjustment:
     """Their standard deviations (cameras,)."""
     common_errors: tuple[CommonErrorEstimate, ...] = ()
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
+    constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)
+    """Constraints between points, those that took part and those that are checks."""
     deformation: Deformation = field(default_factory=Deformation.unknown)
     """Covariance of the block as a whole, unknown until computed."""
     sigmas: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)

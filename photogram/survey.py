@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, Pose, oriented_by
+from photogram.constraints.between_points import Constraint, gives_scale
 from photogram.frames import LocalFrame
 from photogram.projection import OrientedCameras
 from photogram.wording import html_table, things
@@ -327,20 +328,6 @@ class ControlPoints:
         return self.with_roles(["control" if w else "check" for w in whole]).with_role("control")
 
 
-@dataclass(frozen=True)
-class Distance:
-    """A measured distance between two ground points or two photographs."""
-
-    ends: tuple[str, str]
-    """Names of its ends."""
-    of_photographs: bool
-    """Whether they are photographs, their projection centres; else ground points."""
-    length_m: float
-    """Measured length."""
-    sigma_m: float
-    """Its standard deviation."""
-
-
 @dataclass(frozen=True, eq=False)
 class Block:
     """Photographs that are adjusted together."""
@@ -365,8 +352,8 @@ class Block:
     from the datum of GNSS to that of the map."""
     common_errors: tuple[CommonError, ...] = ()
     """Further errors that measurements have in common."""
-    distances: tuple[Distance, ...] = ()
-    """Measured distances; those of which an end takes no part are passed over."""
+    constraints: tuple[Constraint, ...] = ()
+    """What is measured between points; an observation of which a point takes no part is passed over."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
@@ -388,7 +375,7 @@ class Block:
     @property
     def has_scale(self) -> bool:
         """Return whether lengths are in metres: a free network has as many as its distances give it."""
-        return not self.is_free or bool(self.distances)
+        return not self.is_free or gives_scale(self.constraints)
 
     @property
     def surveyed(self) -> Block:
@@ -396,21 +383,6 @@ class Block:
         points = self.control_points
         known: BoolArray = np.asarray(np.isfinite(points.position_world_m).all(axis=1))
         return self if known.all() else replace(self, control_points=points.select(known))
-
-    def measured_distances(self) -> list[tuple[Distance, int, int]]:
-        """Return the distances whose ends take part in an adjustment, with the numbers of their ends: of photographs,
-        or of the points of role control among themselves."""
-        control = [n for n, role in zip(self.control_points.name, self.control_points.role, strict=True)
-                   if role == "control"]  # fmt: skip
-        numbers = {name: i for i, name in enumerate(control)}
-        photographs = {p.name: i for i, p in enumerate(self.photographs)}
-        found = []
-        for distance in self.distances:
-            ends = photographs if distance.of_photographs else numbers
-            a, b = (ends.get(name) for name in distance.ends)
-            if a is not None and b is not None:
-                found.append((distance, a, b))
-        return found
 
     def oriented_cameras(self, chosen: Sequence[int] | None = None) -> OrientedCameras:
         """Return the photographs, all or those of the numbers ``chosen``, in their order, as compiled code takes them;

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from photogram.adjustment.assessment import Assessed, assessed
 from photogram.adjustment.common_errors import MOST_CHANGES, What, estimates, left_arm, next_change, values_after
+from photogram.adjustment.constraint_tests import constraint_tests
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
@@ -314,6 +315,7 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         ground_joint_covariance_m2=joint,
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
         components=assessment.components,
+        constraints=constraint_tests(final, final_state, held, counted, found, ground),
         sigmas=estimated,
         held_flights=held_flights,
         implied_offset_world_m=implied,

@@ -11,8 +11,11 @@ import numpy as np
 from photogram.adjustment.common_errors import with_attitude_errors
 from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.rolling_shutter import in_motion
+from photogram.arrays import FloatArray
+from photogram.constraints.between_points import labels
 from photogram.errors import AdjustmentError, check_range
 from photogram.factors.common_errors import values_of
+from photogram.factors.constraints import is_scaled, taking_part, without_shape
 from photogram.factors.elimination.levenberg_marquardt import Minimum
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
@@ -86,11 +89,33 @@ def without_attitudes(block: Block) -> Block:
     return replace(block, photographs=tuple(bare))
 
 
+def check_constraints(block: Block, control_world_m: FloatArray) -> None:
+    """Raise AdjustmentError for constraints that mean nothing: heights and planes in a network without a vertical or a
+    scale, a plane through points (G, 3) in one line."""
+    for placed in taking_part(block):
+        constraint, name = placed.constraint, labels(block.constraints)[placed.number]
+        if block.is_free and constraint.kind in ("height difference", "level surface"):
+            raise AdjustmentError(
+                f"{constraint.kind} {name}: a network without georeference has no vertical that heights could be "
+                "counted along: give control points, or leave it out"
+            )
+        if block.is_free and constraint.kind == "plane" and not is_scaled(block):
+            raise AdjustmentError(
+                f"plane {name}: a network without a scale has no metres for its standard deviation: give a distance"
+            )
+        whole = np.ones(len(placed.index), dtype=bool)
+        if constraint.kind == "plane" and without_shape(constraint, control_world_m[placed.index], whole):
+            raise AdjustmentError(
+                f"plane {name}: its points lie in one line, through which many planes go: add one beside it"
+            )
+
+
 def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     """Return the problem of a block, with all its tie-point observations and, unless the settings have none, a common
     error of the measured attitudes of each flight.
 
-    Raises AdjustmentError naming every photograph that has no pose, or a control point that nothing places.
+    Raises AdjustmentError naming every photograph that has no pose, a control point that nothing places, or a
+    constraint that means nothing.
     """
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
@@ -102,6 +127,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
     position, axes = control_positions(block)
+    check_constraints(block, position)
     if np.any(block.gnss_offset_sigma_m > 0):
         flights = tuple(sorted({p.flight for p in block.photographs if p.gnss_world_m is not None}))
     return Problem(

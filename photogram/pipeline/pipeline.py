@@ -141,7 +141,7 @@ STAGES = (
             run.project.adjustment,
             run.project.common_gnss_sigma_m,
             run.project.datum_sigma_m,
-            run.project.distances,
+            run.project.constraints,
             run.project.calibration,
             run.project.focal_readings_px,
             control_fingerprint(run.project),

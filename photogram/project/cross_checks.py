@@ -5,7 +5,7 @@ Every check notes its errors in the document and skips what an earlier error has
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from os.path import isdir, isfile  # false, not an exception, for a name that cannot be
@@ -18,6 +18,7 @@ from photogram.arrays import FloatArray
 from photogram.crs import NO_CRS, crs_label, projected_crs
 from photogram.errors import FrameError
 from photogram.frames import map_from_geodetic
+from photogram.project.constraints import check_constraints, used_points
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.misplaced import other_reading
 from photogram.project.schema import (
@@ -139,9 +140,11 @@ def check_project(
     base: Path,
     files: Sequence[Sequence[Located]] = (),
     positions: Sequence[Located] = (),
+    checks: Collection[str] = (),
 ) -> None:
     """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``, ``files`` are
-    the points and ``positions`` the photographs' positions that come from other files."""
+    the points and ``positions`` the photographs' positions that come from other files, ``checks`` the names of those
+    points that are check points."""
     if file.photogram not in (None, 1):
         document.fault(("photogram",), f"format {file.photogram} is not supported: this version reads photogram: 1")
     for name, camera in file.cameras.items():
@@ -155,7 +158,7 @@ def check_project(
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
     _check_control_points(document, file, photographs)
-    _check_distances(document, file, photographs, files)
+    _check_constraints(document, file, photographs, files, checks)
     _check_positions(document, file, files, positions)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
@@ -270,7 +273,7 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
     points = file.control_points
     key: Key = ("control_points", "list")
     _check_twice(document, key, [p.name for p in points.list])
-    ends = {name for distance in file.distances for name in distance.between or ()}
+    ends = used_points(file)
     for i, point in enumerate(points.list):
         for name, what in (("sigma_m", "standard deviation"), ("mark_sigma_px", "standard deviation of its marks")):
             given = any(document.at(k) is not None for k in ((*key, i, name), ("control_points", name)))
@@ -280,32 +283,27 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
         written = any(document.at((*key, i, name)) is not None for name in ("position_m", "position"))
         if point.position_m is None and point.name not in ends and not written:
             text = "position_m is missing: [easting, northing, height] in the map grid, in metres"
-            document.fault((*key, i), f"{text}; without it a point only serves as an end of distances")
+            document.fault((*key, i), f"{text}; without it a point only serves a distance or another constraint")
         if photographs is not None:
             _check_marks(document, file, (*key, i, "marks"), point, photographs)
 
 
-def _check_distances(
+def _check_constraints(
     document: Document,
     file: ProjectFile,
     photographs: Sequence[PhotographEntry] | None,
     files: Sequence[Sequence[Located]],
+    of_files: Collection[str],
 ) -> None:
     points = {p.name for p in file.control_points.list if p.name is not None}
+    checks = {
+        p.name
+        for p in file.control_points.list
+        if p.name is not None and p.position_m is not None and "control" not in p.role
+    }
     points |= {place.label.removesuffix(": ").rpartition(": ")[2] for place in chain.from_iterable(files)}
-    shown = {p.name for p in photographs or () if p.name is not None}
-    for i, distance in enumerate(file.distances):
-        ends = set(distance.between or ())
-        lost = [name for name in distance.between or () if name not in points | shown]
-        text = ""
-        if len(ends) == 1:
-            text = f"both ends are {ends.pop()!r}: give two"
-        elif lost and photographs is not None:
-            text = f"there is no ground point or photograph {lost[0]!r}: {suggestion(lost[0], points | shown)}"
-        elif not lost and not (ends <= points or ends <= shown):
-            text = "one end is a ground point, the other a photograph: give two of one kind"
-        if text:
-            document.fault(("distances", i, "between"), text)
+    shown = None if photographs is None else {p.name for p in photographs if p.name is not None}
+    check_constraints(document, file, points, shown, checks.union(of_files))
 
 
 def _check_marks(

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
+from photogram.constraints.between_points import Constraint
 from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.files.maps.seam_files import read_seams
 from photogram.files.tables.control_files import IMPORTED
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
+from photogram.project.constraints import constraints_of, controlling_points
 from photogram.project.control_points import GroundPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_project, photographs_of
 from photogram.project.document import Document, Key, read_entry, read_settings
@@ -39,6 +41,7 @@ from photogram.project.schema import (
     Attitude,
     Calibration,
     CameraEntry,
+    ControlPointEntry,
     LeverArmAxes,
     PhotographEntry,
     ProjectFile,
@@ -57,7 +60,7 @@ from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
-from photogram.survey import ControlPoints, Distance, Role, Roles
+from photogram.survey import ControlPoints, Role, Roles
 
 ValueT = TypeVar("ValueT")
 
@@ -216,8 +219,8 @@ class Project:
     """Declared height systems."""
     datum: DeclaredDatum = UNDECLARED_DATUM
     """What is declared of the way of positions into the datum of the map."""
-    distances: tuple[Distance, ...] = ()
-    """Measured distances between ground points or photographs."""
+    constraints: tuple[Constraint, ...] = ()
+    """What is measured between ground points or photographs."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
     start: ProjectStart | None = None
@@ -334,7 +337,8 @@ def read_project(
     file = with_listed_in_metres(document, file, heights)
     surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
     positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
-    check_project(document, file, photographs, folder, base, places, located)
+    checks = [point.name for point in surveyed if "control" not in point.role]
+    check_project(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
@@ -365,7 +369,7 @@ def read_project(
         work=base / file.work,
         heights=heights,
         datum=datum,
-        distances=_distances(file, [p.name for p in listed]),
+        constraints=constraints_of(file, [p.name for p in listed]),
         start=project_start(file, base),
         warnings=document.warnings,
         photographs_folder=photographs_folder,
@@ -538,12 +542,12 @@ def _angles(attitude: Attitude) -> tuple[float, float, float]:
     return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
 
 
-def _distances(file: ProjectFile, photographs: Sequence[str]) -> tuple[Distance, ...]:
-    """Return the measured distances; their ends are ground points, or photographs."""
-    return tuple(
-        Distance(_given(d.between), set(_given(d.between)) <= set(photographs), _given(d.length_m), _given(d.sigma_m))
-        for d in file.distances
-    )
+def _roles(entry: ControlPointEntry, controlling: set[str]) -> Roles:
+    """Return the roles of a ground point: one that nobody has surveyed takes part where a constraint needs it."""
+    if entry.position_m is not None:
+        return entry.role
+    role: Role = "control" if entry.name in controlling else "check"
+    return role, role
 
 
 def _control_points(
@@ -556,14 +560,14 @@ def _control_points(
     block = file.control_points
     origin = PIXEL_ORIGIN_PX[block.pixel_origin]
     index = {name: i for i, name in enumerate(photographs)}
-    points = []
+    points, controlling = [], controlling_points(file)
     for entry, position_map_m in zip(block.list, listed_map_m, strict=True):
         marks = len(entry.marks)
         sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
         points.append(
             ProjectControlPoint(
                 _given(entry.name),
-                entry.role,
+                _roles(entry, controlling),
                 position_map_m,
                 np.full(3, np.inf) if entry.position_m is None else np.array(entry.sigma_m or _given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),

@@ -66,6 +66,9 @@ DISTORTION = Within(-1e9, 1e9)
 LENGTH_M = Within(1e-4, 1e5, "m")
 """Of a measured distance."""
 
+RISE_M = Within(-10_000, 10_000, "m")
+"""Of a levelled height difference."""
+
 FREEDOM = Within(1e-12, 1e6)
 """Prior standard deviations of camera parameters, in px or without unit."""
 

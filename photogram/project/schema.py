@@ -31,6 +31,7 @@ from photogram.project.ranges import (
     POSITION,
     POSITION_M,
     READOUT_S,
+    RISE_M,
     SIGMA_M,
     SIGMA_PX,
     Within,
@@ -103,6 +104,13 @@ def _ends(value: object) -> tuple[str, str]:
     return first, second
 
 
+def _two_points(value: object) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"needs the names of two ground points, found {found(value)}")
+    first, second = (_text(name) for name in value)
+    return first, second
+
+
 def _freedom(value: object) -> float:
     if value == "free":
         return math.inf
@@ -152,8 +160,10 @@ MapPosition = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITI
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
+OneRole = Annotated[Role, PlainValidator(_role)]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
 _ENDS = PlainValidator(_ends)
+_POINTS = PlainValidator(_two_points)
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
 Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
 Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
@@ -321,9 +331,30 @@ class ControlPointsEntry(Entry):
 class DistanceEntry(Entry):
     """A measured distance between two ground points or two photographs."""
 
+    name: Text | None = None
     between: Annotated[tuple[str, str] | None, _ENDS, Needed("the names of its two ends")] = None
     length_m: Annotated[float | None, LENGTH_M, Needed("the measured length in metres")] = None
     sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
+    role: OneRole = "control"
+
+
+class HeightDifferenceEntry(Entry):
+    """A levelled height difference between two ground points."""
+
+    name: Text | None = None
+    between: Annotated[tuple[str, str] | None, _POINTS, Needed("the names of its two points, from and to")] = None
+    difference_m: Annotated[float | None, RISE_M, Needed("height of the second minus height of the first, m")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
+    role: OneRole = "control"
+
+
+class SurfaceEntry(Entry):
+    """Ground points of one level surface, or of one plane."""
+
+    name: Text | None = None
+    points: Annotated[tuple[Text, ...] | None, Needed("the names of its points")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Needed("the standard deviation of a point from it in metres")] = None
+    role: OneRole = "control"
 
 
 class StartEntry(Entry):
@@ -358,6 +389,9 @@ class ProjectFile(Entry):
     gnss: GnssEntry = GnssEntry()
     control_points: ControlPointsEntry = ControlPointsEntry()
     distances: Sequence[DistanceEntry] = ()
+    height_differences: Sequence[HeightDifferenceEntry] = ()
+    level_surfaces: Sequence[SurfaceEntry] = ()
+    planes: Sequence[SurfaceEntry] = ()
     start: StartEntry | None = None
     features: Any = None
     pairs: Any = None

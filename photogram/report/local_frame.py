@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from photogram.adjustment.reliability import minimal_detectable_blunder
+from photogram.constraints.between_points import Distance, gives_scale, observations
 from photogram.report.record.local_frame import (
     DistanceRecord,
     LocalFrameRecord,
@@ -12,44 +14,41 @@ from photogram.report.record.local_frame import (
 )
 from photogram.results import Adjustment
 from photogram.sfm.local_frame import SPACING, Vertical, VerticalBy, vertical_by_view
-from photogram.survey import Block, Distance
-
-TESTED = 1e-3
-"""Least redundancy number of a distance that something else tests."""
+from photogram.survey import Block
 
 _EXTENT = (5.0, 95.0)  # percentiles of tie points, between which the object lies
 
 
 def distance_numbers(result: Adjustment) -> list[DistanceRecord]:
     """Return the measured distances beside the adjusted ones."""
-    return [_distance(result, distance) for distance in result.block.distances]
+    tests, numbers = result.constraints, list[DistanceRecord]()
+    for k, observed in enumerate(observations(result.block.constraints)):
+        distance = result.block.constraints[observed.constraint]
+        if not isinstance(distance, Distance):
+            continue
+        figures = (tests.residual_m, tests.adjusted_sigma_m, tests.w, tests.redundancy, tests.z)
+        residual, sigma, w, redundancy, z = (_finite(values[k]) for values in figures)
+        mdb = float(minimal_detectable_blunder(np.array(distance.sigma_m), np.array(redundancy or 0.0)))
+        numbers.append(
+            {
+                "ends": list(distance.ends),
+                "length_m": distance.length_m,
+                "sigma_m": distance.sigma_m,
+                "residual_m": residual,
+                "adjusted_sigma_m": sigma,
+                "w": w,
+                "name": observed.label,
+                "role": distance.role,
+                "redundancy": redundancy,
+                "mdb_m": _finite(mdb),
+                "z": z,
+            }
+        )
+    return numbers
 
 
-def _distance(result: Adjustment, distance: Distance) -> DistanceRecord:
-    block, sigma = result.block, float("nan")
-    if distance.of_photographs:
-        poses = {p.name: pose for p, pose in zip(block.photographs, block.poses, strict=True)}
-        places = [None if (pose := poses[name]) is None else pose.position_world_m for name in distance.ends]
-        ends = np.array([np.full(3, np.nan) if place is None else place for place in places])
-    else:
-        a, b = (block.control_points.name.index(name) for name in distance.ends)
-        ends = result.ground_world_m[[a, b]]
-        apart = ends[0] - ends[1]
-        along = apart / np.linalg.norm(apart)
-        joint = result.ground_joint_covariance_m2.reshape(len(result.ground_world_m), 3, -1, 3)
-        C = joint[a, :, a] + joint[b, :, b] - joint[a, :, b] - joint[b, :, a]
-        sigma = float(np.sqrt(max(along @ C @ along, 0.0))) if np.isfinite(C).all() else sigma
-    residual = float(np.linalg.norm(ends[0] - ends[1])) - distance.length_m
-    redundancy = 1.0 - sigma**2 / distance.sigma_m**2
-    tested = np.isfinite(residual) and redundancy > TESTED
-    return {
-        "ends": list(distance.ends),
-        "length_m": distance.length_m,
-        "sigma_m": distance.sigma_m,
-        "residual_m": residual if np.isfinite(residual) else None,
-        "adjusted_sigma_m": sigma if np.isfinite(sigma) else None,
-        "w": residual / (distance.sigma_m * float(np.sqrt(redundancy))) if tested else None,
-    }
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def marked_points(result: Adjustment) -> list[MarkedPointRecord]:
@@ -110,7 +109,8 @@ def local_frame_numbers(result: Adjustment, measured: Block, wanted: Vertical) -
     by, sure = _vertical(block, measured, wanted)
     scale, relative = block.has_scale, _relative(result)
     unit = "metres" if scale else f"1 = {SPACING}"
-    held = f"scale by {len(block.distances)} measured distance{'s' if len(block.distances) > 1 else ''}"
+    count = sum(gives_scale([constraint]) for constraint in block.constraints)
+    held = f"scale by {count} measured distance{'s' if count > 1 else ''}"
     if not scale:
         held = f"no scale: lengths are in units, {unit}, and not in metres; a distance gives the scale"
     doubt = "" if sure else ", which the photographs do not prove: orientation: {vertical: down} where they look down"

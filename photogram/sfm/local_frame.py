@@ -16,9 +16,10 @@ from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Similarity
+from photogram.constraints.between_points import Distance, gives_scale
 from photogram.errors import OrientationError
 from photogram.sfm.similarity import common_rotation
-from photogram.survey import Block, Distance
+from photogram.survey import Block
 
 Vertical = Literal["auto", "down", "level"]
 VerticalBy = Literal["attitudes", "down", "level"]
@@ -79,7 +80,7 @@ def _level_axes(up: FloatArray, rotation: FloatArray, position: FloatArray) -> F
 def _scale(block: Block, centre: FloatArray, registered: BoolArray, ground: FloatArray) -> float:
     """Return the factor from the lengths of a structure to those of the local frame. Raises OrientationError where none
     of the measured distances can be found in it."""
-    if not block.distances:
+    if not gives_scale(block.constraints):
         nearest = np.asarray(cKDTree(centre[registered]).query(centre[registered], k=2)[0])[:, 1]
         return 1.0 / float(np.mean(nearest))
     photographs = {p.name: i for i, p in enumerate(block.photographs) if registered[i]}
@@ -90,14 +91,15 @@ def _scale(block: Block, centre: FloatArray, registered: BoolArray, ground: Floa
         a, b = (known.get(name) for name in distance.ends)
         return float("nan") if a is None or b is None else float(np.linalg.norm(places[a] - places[b]))
 
-    found = np.array([length(d) for d in block.distances])
+    measured = [c for c in block.constraints if isinstance(c, Distance) and gives_scale([c])]
+    found = np.array([length(d) for d in measured])
     known = np.isfinite(found) & (found > 0.0)
     if not known.any():
         raise OrientationError(
-            f"the scale is not known: no end of the {len(block.distances)} distances is where the photographs show it; "
+            f"the scale is not known: no end of the {len(measured)} distances is where the photographs show it; "
             "mark each end in two oriented photographs or more"
         )
-    return float(np.median(np.array([d.length_m for d in block.distances])[known] / found[known]))
+    return float(np.median(np.array([d.length_m for d in measured])[known] / found[known]))
 
 
 def local_similarity(

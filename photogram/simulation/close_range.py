@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
+from photogram.constraints.between_points import Distance
 from photogram.frames import LocalFrame
 from photogram.projection import PARAMETERS, READOUT
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
-from photogram.survey import Block, ControlPoints, Distance, Photograph, Role, TiePoints
+from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
 TIE_SIGMA_PX, MARK_SIGMA_PX = 0.5, 0.3
 _SIGMAS = (20.0, 5.0, 5.0, 0.01)  # of focal length, principal point and k1
@@ -114,5 +115,5 @@ def simulate_close_range(
         length_m = float(np.linalg.norm(_MARKED_M[0] - _MARKED_M[1])) + distance_sigma_m * rng.standard_normal()
         distances = (Distance(("A", "B"), False, length_m, distance_sigma_m),)
     names = tuple(Photograph(f"photograph{i + 1}", 0) for i in range(photographs))
-    block = Block(LocalFrame.local(), (given,), names, poses, ties, marked, distances=distances)
+    block = Block(LocalFrame.local(), (given,), names, poses, ties, marked, constraints=distances)
     return CloseRange(block, R, C, X, _MARKED_M)

@@ -232,5 +232,5 @@ def block_on_plane(block: Block, plane: ReferencePlane) -> Block:
         ),
         gnss_offset_sigma_m=np.zeros(3),
         common_errors=(),
-        distances=(),
+        constraints=(),
     )

@@ -11,6 +11,7 @@ from makers import LEAST_SQUARES, simulated, whole_normal_equations
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
+from photogram.constraints.between_points import Distance
 from photogram.factors import free_network
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import residuals
@@ -21,7 +22,7 @@ from photogram.factors.joint_covariance import joint_ground_covariance, ray_cova
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, POSE, TIE_POINT, key
 from photogram.frames import LocalFrame
 from photogram.simulation.simulated_survey import SurveyPlan
-from photogram.survey import Block, Distance
+from photogram.survey import Block
 
 PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=4, check_points=0, flights=1,
@@ -42,7 +43,7 @@ def free_block(distances: tuple[Distance, ...] = (), plan: SurveyPlan = PLAN) ->
     )
     return replace(
         block, frame=LocalFrame.local(), photographs=photographs, control_points=unknown,
-        gnss_offset_sigma_m=np.zeros(3), distances=distances,
+        gnss_offset_sigma_m=np.zeros(3), constraints=distances,
     )  # fmt: skip
 
 

@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
+from photogram.constraints.between_points import Distance
 from photogram.errors import OrientationError
 from photogram.sfm.local_frame import Vertical, local_similarity, vertical_by_view
 from photogram.simulation.close_range import CloseRange, simulate_close_range
-from photogram.survey import Block, Distance
+from photogram.survey import Block
 
 UP = np.array([0.0, 0.0, 1.0])
 ANYHOW = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
@@ -71,7 +72,7 @@ def placed(survey: CloseRange, block: Block, known: int = 8) -> FloatArray:
     )  # fmt: skip
     centres = fit.points(elsewhere(survey.centre_m))[registered]
     np.testing.assert_allclose(np.median(fit.points(elsewhere(survey.point_m)), axis=0), 0.0, atol=0.6)
-    if not block.distances:
+    if not block.constraints:
         apart = np.linalg.norm(centres[:, None] - centres, axis=2) + 1e9 * np.eye(len(centres))
         assert apart.min(axis=1).mean() == pytest.approx(1.0)
     return np.asarray(fit.points(elsewhere(survey.marked_m)))
@@ -86,13 +87,13 @@ def test_the_scale_is_that_of_the_distances_or_one_by_the_spacing_of_photographs
     base_m = float(np.linalg.norm(survey.centre_m[1] - survey.centre_m[0]))
     rig = (Distance(("photograph1", "photograph2"), True, base_m, 0.001),)
     for distances in (bars, rig):
-        marked = placed(survey, replace(survey.block, distances=distances))
+        marked = placed(survey, replace(survey.block, constraints=distances))
         np.testing.assert_allclose(np.linalg.norm(marked[1:] - marked[0], axis=1), true_m, rtol=1e-9)
 
 
 def test_distances_that_the_photographs_do_not_show_are_an_error() -> None:
     survey = simulate_close_range(1)
-    lost = replace(survey.block, distances=(Distance(("photograph7", "photograph8"), True, 1.0, 0.001),))
+    lost = replace(survey.block, constraints=(Distance(("photograph7", "photograph8"), True, 1.0, 0.001),))
     with pytest.raises(OrientationError, match="the scale is not known"):
         placed(survey, lost, known=5)
 

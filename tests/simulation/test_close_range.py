@@ -12,13 +12,13 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.solvability import check_determined
 from photogram.arrays import FloatArray
+from photogram.constraints.between_points import Distance
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import IndeterminateError
 from photogram.frames import LocalFrame
 from photogram.results import Adjustment
 from photogram.simulation.close_range import CloseRange, simulate_close_range
-from photogram.survey import Distance
 
 SEEDS = 12
 BAR_SIGMA_M = 0.002
@@ -75,7 +75,9 @@ def test_the_unit_of_the_start_changes_nothing() -> None:
     )
     for result in (small, large):
         length = float(np.linalg.norm(result.ground_world_m[0] - result.ground_world_m[1]))
-        assert length == pytest.approx(result.block.distances[0].length_m, abs=1e-6)
+        (measured,) = result.block.constraints
+        assert isinstance(measured, Distance)
+        assert length == pytest.approx(measured.length_m, abs=1e-6)
     sigmas = [np.linalg.eigvalsh(result.tie_point_covariance_m2) for result in (small, large)]
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=1e-2)
 
@@ -84,7 +86,7 @@ def test_a_distance_between_photographs_gives_the_scale_as_well() -> None:
     survey = simulate_close_range(5, tie_points=60)
     length_m = float(np.linalg.norm(survey.centre_m[0] - survey.centre_m[-1]))
     bar = Distance(("photograph1", "photograph8"), True, length_m, 0.001)
-    block = adjust(replace(survey.block, distances=(bar,)), SETTINGS).block
+    block = adjust(replace(survey.block, constraints=(bar,)), SETTINGS).block
     first, last = (pose.position_world_m for pose in (block.poses[0], block.poses[-1]) if pose is not None)
     assert np.linalg.norm(last - first) == pytest.approx(length_m, abs=1e-6)
 
@@ -94,7 +96,7 @@ def test_two_distances_that_contradict_each_other_show_in_their_group() -> None:
     true_m = float(np.linalg.norm(survey.marked_m[2] - survey.marked_m[3]))
     for off_m, significant in ((0.0, False), (0.05, True)):
         second = Distance(("C", "D"), False, true_m + off_m, BAR_SIGMA_M)
-        result = adjust(replace(survey.block, distances=(*survey.block.distances, second)), SETTINGS)
+        result = adjust(replace(survey.block, constraints=(*survey.block.constraints, second)), SETTINGS)
         number = result.components.group.tolist().index("distances")
         assert result.components.observations[number] == 2
         assert result.components.redundancy[number] == pytest.approx(1.0, abs=0.05)

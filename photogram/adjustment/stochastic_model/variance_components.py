@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from photogram.adjustment.constraint_tests import constraint_tests, of_control
 from photogram.arrays import FloatArray, IntArray
+from photogram.constraints.between_points import CONSTRAINT_KINDS, observations
 from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
@@ -27,6 +29,12 @@ from photogram.results import Reliability, VarianceComponents
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
 LEAST_REDUNDANCY = 1.0  # below it a group says nothing about its own sigmas
 NO_OBSERVATION = "unknown_heading"  # a weight so small that it only keeps the equations solvable
+GROUP_OF_KIND = {
+    "distance": "distances",
+    "height difference": "height_differences",
+    "level surface": "level_surfaces",
+    "plane": "planes",
+}
 COMMON_ERRORS = "common_errors"  # whose priors are wide and nobody's statement
 
 
@@ -126,29 +134,16 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
     return groups
 
 
-def _distances(problem: Problem, state: State, found: Covariances) -> list[_Group]:
-    """Return the measured distances."""
-    measured = problem.block.measured_distances()
-    if not measured:
-        return []
-    sigma = np.array([d.sigma_m for d, _, _ in measured])
-    length = np.array([d.length_m for d, _, _ in measured])
-    layout, columns = found.layout, np.zeros((found.layout.columns + found.layout.border, len(measured)))
-    adjusted = np.zeros(len(measured))
-    for k, (distance, *ends) in enumerate(measured):
-        places = state.position[ends] if distance.of_photographs else state.control[ends]
-        apart = places[1] - places[0]
-        adjusted[k] = np.linalg.norm(apart)
-        for end, along in zip(ends, (-apart / adjusted[k], apart / adjusted[k]), strict=True):
-            if distance.of_photographs:
-                first, pull = 6 * int(layout.place[end]) + 3, state.rotation[end].T @ along
-            else:  # what a distance joins is a variable of the border
-                number = int(np.searchsorted(layout.coupled, end))
-                first, pull = layout.columns + layout.ground_column + 3 * number, along
-            columns[first : first + 3, k] += pull
-    spread = np.diag(found.between(columns, columns)) / sigma**2
-    off = (adjusted - length) / sigma
-    return [_Group("distances", len(off), float(np.sum(1.0 - spread)), float(off @ off), sigma)]
+def _constraints(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+    """Return the constraints between points, a group for each kind."""
+    constraints = problem.block.constraints
+    tests = constraint_tests(problem, state, found, problem, found, of_control(problem, state))
+    kind = np.array([o.kind for o in observations(constraints)], dtype=np.str_)
+    sigma = np.array([sigma for constraint in constraints for sigma in constraint.sigmas_m])
+    return [
+        _tested(GROUP_OF_KIND[k], tests.redundancy[kind == k], tests.w[kind == k], sigma[kind == k])
+        for k in CONSTRAINT_KINDS
+    ]
 
 
 def variance_components(
@@ -182,7 +177,7 @@ def variance_components(
         ),
         *_attitudes(problem, state, found),
         *_priors(problem, state, found, axes),
-        *_distances(problem, state, found),
+        *_constraints(problem, state, found),
     ]
     whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)

@@ -260,7 +260,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     local = local_frame_numbers(outcome.whole, run.block(), run.project.orientation.vertical)
     if local is not None:
         numbers["local_frame"] = local
-    if run.project.distances:
+    if run.project.constraints:
         numbers["distances"] = distance_numbers(outcome.whole)
         numbers["marked_points"] = marked_points(outcome.whole)
     if surface.orthophoto is not None:

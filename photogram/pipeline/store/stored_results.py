@@ -29,6 +29,7 @@ from photogram.report.record.ground import BlunderRecord, CheckPointsRecord
 from photogram.results import (
     Adjustment,
     CommonErrorEstimate,
+    ConstraintTests,
     Deformation,
     EstimatedSigmas,
     Reliability,
@@ -225,7 +226,9 @@ def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(("block", *_WORDS, _COMMON, "reliability", "components", "deformation", "sigmas"))
+    parts = dict.fromkeys(
+        ("block", *_WORDS, _COMMON, "reliability", "components", "constraints", "deformation", "sigmas")
+    )
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
@@ -248,6 +251,7 @@ def write_adjustment(folder: Path, result: Adjustment) -> None:
     write_record(folder / "tie_points.npz", result.block.tie_points)
     write_record(folder / "reliability.npz", result.reliability)
     write_record(folder / "components.npz", result.components)
+    write_record(folder / "constraints.npz", result.constraints)
     write_record(folder / SIGMAS, result.sigmas)
     write_record(folder / "deformation.npz", result.deformation)
 
@@ -285,6 +289,7 @@ def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),
         components=read_record(file("components.npz"), VarianceComponents),
+        constraints=read_record(file("constraints.npz"), ConstraintTests),
         sigmas=read_record(file(SIGMAS), EstimatedSigmas),
         deformation=read_record(file("deformation.npz"), Deformation),
         **values,

@@ -215,7 +215,7 @@ def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
         points,
         project.common_gnss_sigma_m,
         project.datum_sigma_m,
-        distances=project.distances,
+        constraints=project.constraints,
     )
 
 

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, unproject
+from photogram.constraints.between_points import gives_scale
 from photogram.crs import NO_CRS
 from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
@@ -390,7 +391,7 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         and not project.control_points
         and not any(p.gnss_map_m is not None or p.file_position is not None for p in project.photographs)
     ):
-        scale = "known by its distances" if project.distances else "open, since no distances are given"
+        scale = "known by its distances" if gives_scale(project.constraints) else "open, since no distances are given"
         return [Finding("note", "the block", f"a free network in a local frame; its scale is {scale}")]
     try:
         findings = area_findings(project, gnss_positions(project, tags))

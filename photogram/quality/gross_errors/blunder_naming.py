@@ -15,6 +15,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import project
+from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations
 from photogram.factors.common_errors import common_shifts
 from photogram.quality.accuracy import AXES
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
@@ -232,6 +233,26 @@ def _of_offset(result: Adjustment, hypothesis: Hypothesis) -> Blunder:
     return Blunder("GNSS offset", (), None, text)
 
 
+def _of_constraint(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
+    """Return what contradicts a constraint: by how much everything else gives another value."""
+    every = list(observations(block.constraints))
+    k = next(n for n, o in enumerate(every) if (o.kind, o.label) == (hypothesis.kind, hypothesis.name))
+    off_m, sigma_m = result.constraints.residual_m[k], result.constraints.adjusted_sigma_m[k]
+    constraint = block.constraints[every[k].constraint]
+    sigmas = abs(off_m) / np.hypot(sigma_m, constraint.sigmas_m[every[k].row])
+    if isinstance(constraint, CommonSurface):
+        where = "above the others" if constraint.kind == "level surface" else "from the plane of the others"
+        text = f"{hypothesis.words}: all other observations put it {off_m:+.4f} m {where}, {sigmas:.1f} sigma"
+    else:
+        measured_m = constraint.length_m if isinstance(constraint, Distance) else constraint.difference_m
+        text = (
+            f"{hypothesis.words}: all other observations give {measured_m + off_m:.4f} m where {measured_m:.4f} m was "
+            f"measured, {sigmas:.1f} sigma"
+        )
+    photographs = constraint.of_photographs
+    return Blunder(hypothesis.kind, () if photographs else every[k].points, None, text)
+
+
 def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
     """Return the measured attitudes of ``block`` that single photographs of a flight have lost in ``believed``, because
     its oriented photographs contradict them; those of whole flights are no blunders of single photographs."""
@@ -283,6 +304,7 @@ def name_blunders(block: Block, found: Search) -> list[Blunder]:
         "attitude": lambda a: _of_attitude(found.result, block, a),
         "focal length": lambda a: _of_focal_length(found.result, block, a),
         "GNSS offset": lambda a: _of_offset(found.result, a),
+        **dict.fromkeys(CONSTRAINT_KINDS, lambda a: _of_constraint(found.result, block, a)),
     }
     for kind, named in of_kind.items():
         names += [_with_rivals(named(a), [a]) for a in found.rejected if a.kind == kind]

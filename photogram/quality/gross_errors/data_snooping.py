@@ -1,12 +1,12 @@
 """Data snooping: which measurements are wrong, by alternative hypotheses that are tested one after the other.
 
-Every control point, in one axis, in plan or as a whole, every mark, GNSS position, measured attitude, given focal
-length and the zero offset of the GNSS positions is tested on equal terms. All other observations predict it, and
-without it the weighted square sum of the adjustment falls by T = lᵀ C⁻¹ l, with l predicted minus measured and C its
-covariance; without a blunder T is χ² with as many degrees of freedom as there are coordinates (Förstner & Wrobel 2016,
-sec. 4.6.4). The hypothesis least likely by chance is accepted and its measurement rejected; the rest is adjusted and
-tested again until no observation contradicts it. Neighbours are not rejected for a blunder's leverage, and what passes
-the final test is reinstated.
+Every control point, in one axis, in plan or as a whole, every mark, GNSS position, measured attitude, constraint
+between points, given focal length and the zero offset of the GNSS positions is tested on equal terms. All other
+observations predict it, and without it the weighted square sum of the adjustment falls by T = lᵀ C⁻¹ l, with l
+predicted minus measured and C its covariance; without a blunder T is χ² with as many degrees of freedom as there are
+coordinates (Förstner & Wrobel 2016, sec. 4.6.4). The hypothesis least likely by chance is accepted and its measurement
+rejected; the rest is adjusted and tested again until no observation contradicts it. Neighbours are not rejected for a
+blunder's leverage, and what passes the final test is reinstated.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy.stats import chi2, norm
 
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.arrays import FloatArray
+from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.quality.gross_errors.focal_length import WRONG_BY
@@ -29,7 +30,7 @@ from photogram.results import Adjustment
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints, Photograph, Role
 
-Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset"]
+Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset", ConstraintKind]
 Adjuster = Callable[[Block], Adjustment]
 _LOG = logging.getLogger(__name__)
 
@@ -73,7 +74,7 @@ class Hypothesis:
     kind: Suspected
     """Kind of the measurement."""
     name: str
-    """Name of its point, photograph, camera or flight."""
+    """Name of its point, photograph, camera or flight; of a constraint its label."""
     photograph: str | None
     """Name of the photograph of a mark, None for other kinds."""
     axes: tuple[int, ...]
@@ -95,6 +96,9 @@ class Hypothesis:
     @property
     def words(self) -> str:
         """Return the measurement in words."""
+        if self.kind in ("level surface", "plane"):
+            point, _, surface = self.name.partition(" on ")
+            return f"point {point} on {self.kind} {surface}"
         of = {"mark": f"of {self.name} in {self.photograph}", "GNSS offset": f"of flight {self.name}"}
         return f"{self.kind} {of.get(self.kind, self.name)}"
 
@@ -106,7 +110,8 @@ class Hypothesis:
 
 def unmeasured(kind: Suspected, name: str, photograph: str | None = None) -> Hypothesis:
     """Return the hypothesis for a gross blunder of unknown size."""
-    axes = {"mark": (0, 1), "focal length": (0,)}.get(kind, (0, 1, 2))
+    single = kind == "focal length" or kind in CONSTRAINT_KINDS
+    axes: tuple[int, ...] = (0,) if single else (0, 1) if kind == "mark" else (0, 1, 2)
     unknown = (float("nan"),) * len(axes)
     return Hypothesis(kind, name, photograph, axes, unknown, unknown, float("inf"))
 
@@ -157,6 +162,12 @@ def hypotheses(result: Adjustment) -> Iterator[Hypothesis]:
     for c in np.flatnonzero(np.isfinite(r.focal_left_out_px)).tolist():
         off, sigma = r.focal_left_out_px[c : c + 1], r.focal_left_out_sigma_px[c : c + 1]
         yield _hypothesis(("focal length", result.block.cameras[c].name, None), (0,), off, np.diag(sigma**2))
+    for o, off_m, sigma_m in zip(
+        observations(result.block.constraints), result.constraints.left_out_m, result.constraints.left_out_sigma_m,
+        strict=True,
+    ):  # fmt: skip
+        if np.isfinite(off_m):
+            yield _hypothesis((o.kind, o.label, None), (0,), np.array([off_m]), np.array([[sigma_m**2]]))
     for f, flight in enumerate(result.held_flights):
         offset, covariance = result.implied_offset_world_m[f], result.implied_offset_covariance_m2[f]
         if (
@@ -190,7 +201,7 @@ def _without_position(photograph: Photograph) -> Photograph:
 
 def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
     """Return the block without the rejected measurements: sigmas of coordinates and marks infinite, positions and
-    attitudes removed, a focal length as uncertain as a wrong tag, GNSS offsets free.
+    attitudes removed, a focal length as uncertain as a wrong tag, GNSS offsets free, sigmas of constraints infinite.
 
     A point without any coordinate left becomes a tie point, if it has at least two marks.
     """
@@ -215,6 +226,7 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
         photographs=tuple(photographs),
         control_points=_ground_without(block, rejected),
         gnss_offset_sigma_m=offset_m,
+        constraints=rejecting(block.constraints, {(a.kind, a.name) for a in rejected}),
     )
 
 
@@ -265,24 +277,28 @@ class Search:
         """Return the cost of this explanation: the remaining weighted square sum, minus the expectation of all
         observations but tie points, plus the price of everything rejected."""
         r, lost = self.result.reliability, LOST_RAY * self.result.discarded_observations
-        expected = sum(float(np.nansum(n)) for n in (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy))
+        of_constraints = self.result.constraints.redundancy
+        tested = (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy, of_constraints)
+        expected = sum(float(np.nansum(n)) for n in tested)
         lost += LOST_PHOTOGRAPH * sum(bool(why) for why in self.result.reason)
         return 2.0 * self.result.cost - expected + lost + PRICE * len(self.rejected)
 
 
 def scatter(result: Adjustment) -> dict[str, float]:
-    """Return the factors by which control points, marks, GNSS positions and attitudes scatter more than stated.
+    """Return the factors by which control points, marks, GNSS positions, attitudes and constraints scatter more than
+    stated.
 
     From the median of their tests, which a single blunder does not change; 1 where they do not, or are too few.
     """
     r = result.reliability
     attitude = r.attitude_left_out_rad / np.sqrt(np.einsum("nii->ni", r.attitude_left_out_covariance_rad2))
-    more = {}
+    more, kinds = {}, np.array([o.kind for o in observations(result.block.constraints)], dtype=np.str_)
     for kind, w, fewest in (
         ("control point", r.ground_w, FEWEST_POINTS_ALIKE),
         ("mark", r.mark_w, FEWEST_ALIKE),
         ("GNSS position", r.gnss_w, FEWEST_ALIKE),
         ("attitude", attitude, FEWEST_ALIKE),
+        *((kind, result.constraints.w[kinds == kind, None], FEWEST_ALIKE) for kind in CONSTRAINT_KINDS),
     ):
         own = np.abs(w[np.isfinite(w).all(axis=1)])
         more[kind] = max(1.0, float(np.median(own) / norm.ppf(0.75))) if len(own) >= fewest else 1.0

@@ -1,10 +1,10 @@
 """Gross contradictions found by a robust adjustment of everything that was measured beside the tie points.
 
-The block is adjusted with control points, marks, GNSS positions, attitudes and given focal lengths under the loss of
-Geman and McClure, which takes all weight from what lies far off; its scale falls from one at which most agree to that
-of the stated standard deviations (graduated non-convexity: Black & Rangarajan 1996; Yang et al. 2020). So blunders of
-any size cannot bend the block to which they are compared, and which of them hide each other does not matter. Tie points
-hold the shape; those that disagree from the start are left out.
+The block is adjusted with control points, marks, GNSS positions, attitudes, constraints and given focal lengths under
+the loss of Geman and McClure, which takes all weight from what lies far off; its scale falls from one at which most
+agree to that of the stated standard deviations (graduated non-convexity: Black & Rangarajan 1996; Yang et al. 2020). So
+blunders of any size cannot bend the block to which they are compared, and which of them hide each other does not
+matter. Tie points hold the shape; those that disagree from the start are left out.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photogram.adjustment.constraint_tests import whitened_misfits
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
+from photogram.constraints.between_points import observations, with_sigmas
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import attitude_errors, attitude_residual, common_shifts, parts
 from photogram.factors.elimination.reprojection import residuals
@@ -42,23 +44,27 @@ _ITERATIONS, _TOLERANCE, _MOST_ROUNDS, _MOST_RAYS = 12, 1e-3, 14, 30_000
 @dataclass(frozen=True, eq=False)
 class _Misfits:
     """Residuals in standard deviations, per coordinate, of control points in plan and in height (G, 2), of marks (M,),
-    GNSS positions (N,), attitudes (N,) and focal lengths (cameras,); NaN for what is not there."""
+    GNSS positions (N,), attitudes (N,), observations of constraints (K,) and focal lengths (cameras,); NaN for what is
+    not there."""
 
     control: FloatArray
     mark: FloatArray
     gnss: FloatArray
     attitude: FloatArray
+    constraint: FloatArray
     focal: FloatArray
 
     def kinds(self) -> Iterator[FloatArray]:
         """Yield the residuals of each kind that are there."""
-        for values in (self.control[:, 0], self.control[:, 1], self.mark, self.gnss, self.attitude):
+        for values in (self.control[:, 0], self.control[:, 1], self.mark, self.gnss, self.attitude,
+                       self.constraint):  # fmt: skip
             if np.isfinite(values).any():
                 yield values[np.isfinite(values)]
 
 
-def _misfits(problem: Problem, state: State) -> _Misfits:
-    """Return the residuals of everything but the tie points, in the standard deviations of ``problem``."""
+def _misfits(problem: Problem, state: State, adjusted: Problem) -> _Misfits:
+    """Return the residuals of everything but the tie points, in the standard deviations of ``problem``; surfaces lie
+    where the sigmas of the ``adjusted`` problem have them."""
     block, points = problem.block, problem.block.control_points
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     count = len(block.photographs)
@@ -87,7 +93,8 @@ def _misfits(problem: Problem, state: State) -> _Misfits:
             attitude[i] = np.linalg.norm(turn) / sigma_rad / np.sqrt(3.0)
     sigma_px = np.array([c.sigmas[0] if 0.0 < c.sigmas[0] < np.inf else np.nan for c in block.cameras])
     focal = abs(state.parameters[:, 0] - np.array([c.focal_px for c in block.cameras])) / sigma_px
-    return _Misfits(control, mark, gnss, attitude, focal)
+    constraint = np.abs(whitened_misfits(block, state, state.control, adjusted.block.constraints))
+    return _Misfits(control, mark, gnss, attitude, constraint, focal)
 
 
 def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
@@ -118,7 +125,15 @@ def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
         for k, c in enumerate(block.cameras)
     )
     weakened = replace(points, sigma_m=control, mark_sigma_px=marks)
-    return replace(block, cameras=cameras, photographs=photographs, control_points=weakened)
+    stated = np.array([sigma for constraint in block.constraints for sigma in constraint.sigmas_m])
+    weaker = stated * np.where(np.isnan(misfits.constraint), 1.0, times(misfits.constraint))
+    return replace(
+        block,
+        cameras=cameras,
+        photographs=photographs,
+        control_points=weakened,
+        constraints=with_sigmas(block.constraints, weaker.tolist()),
+    )
 
 
 def _thinned(problem: Problem) -> Problem:
@@ -148,7 +163,7 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
         replace(state, tie_point=points),
         replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE),
     )
-    misfits = _misfits(whole, state)
+    misfits = _misfits(whole, state, whole)
     scale = max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in misfits.kinds())])
     left = ROUNDS_AT_END
     for _ in range(_MOST_ROUNDS):
@@ -157,7 +172,7 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
             state = minimise(problem, state, quick).state
         except IndeterminateError as fault:
             raise AdjustmentError("no subset of the observations determines the block") from fault
-        misfits = _misfits(whole, state)
+        misfits = _misfits(whole, state, problem)
         left -= scale == 1.0
         if not left:
             break
@@ -179,5 +194,8 @@ def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
         yield unmeasured("GNSS position", names[i])
     for i in np.flatnonzero(misfits.attitude > limit).tolist():
         yield unmeasured("attitude", names[i])
+    for o, misfit in zip(observations(block.constraints), misfits.constraint.tolist(), strict=True):
+        if misfit > limit:
+            yield unmeasured(o.kind, o.label)
     for c in np.flatnonzero(misfits.focal > limit).tolist():
         yield unmeasured("focal length", block.cameras[c].name)

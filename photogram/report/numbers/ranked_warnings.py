@@ -39,6 +39,9 @@ GROUP_TITLES = {
     "gnss_offset": "GNSS offsets",
     "calibration": "given calibrations",
     "distances": "distances",
+    "height_differences": "height differences",
+    "level_surfaces": "points of level surfaces",
+    "planes": "points of planes",
 }
 
 

@@ -39,6 +39,9 @@ _GROUPS = {
     "gnss_offset": ("offsets of GNSS", "m", 1.0),
     "common_errors": ("common errors", "", 1.0),
     "distances": ("measured distances", "m", 1.0),
+    "height_differences": ("height differences", "m", 1.0),
+    "level_surfaces": ("points of level surfaces", "m", 1.0),
+    "planes": ("points of planes", "m", 1.0),
     "calibration": ("given calibrations", "", 1.0),
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
@@ -22,6 +22,11 @@ class DistanceRecord(TypedDict):
     residual_m: Metres | None
     adjusted_sigma_m: Metres | None
     w: float | None
+    name: NotRequired[str]
+    role: NotRequired[Literal["control", "check"]]
+    redundancy: NotRequired[float | None]
+    mdb_m: NotRequired[Metres | None]
+    z: NotRequired[float | None]
 
 
 class MarkedPointRecord(TypedDict):

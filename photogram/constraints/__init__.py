@@ -1,0 +1,5 @@
+"""What surveyors measure between points: distances, height differences, level surfaces, planes.
+
+It holds data and names them; what they mean for an adjustment is in photogram.factors.constraints.
+Enter: `between_points.Distance`, `between_points.observations`.
+"""
