@@ -1,12 +1,24 @@
-"""Numbers of measured distances, and of a free network: its frame, its unit and its relative precision."""
+"""Numbers of constraints between points, and of a free network: its frame, its unit and its relative precision."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.adjustment.reliability import minimal_detectable_blunder
-from photogram.constraints.between_points import Distance, gives_scale, observations
+from photogram.constraints.between_points import (
+    Constraint,
+    ConstraintRole,
+    Distance,
+    HeightDifference,
+    Observed,
+    gives_scale,
+    observations,
+)
 from photogram.report.record.local_frame import (
+    ConstraintRecord,
     DistanceRecord,
     LocalFrameRecord,
     MarkedPointRecord,
@@ -19,32 +31,70 @@ from photogram.survey import Block
 _EXTENT = (5.0, 95.0)  # percentiles of tie points, between which the object lies
 
 
-def distance_numbers(result: Adjustment) -> list[DistanceRecord]:
-    """Return the measured distances beside the adjusted ones."""
-    tests, numbers = result.constraints, list[DistanceRecord]()
-    for k, observed in enumerate(observations(result.block.constraints)):
-        distance = result.block.constraints[observed.constraint]
-        if not isinstance(distance, Distance):
-            continue
-        figures = (tests.residual_m, tests.adjusted_sigma_m, tests.w, tests.redundancy, tests.z)
-        residual, sigma, w, redundancy, z = (_finite(values[k]) for values in figures)
-        mdb = float(minimal_detectable_blunder(np.array(distance.sigma_m), np.array(redundancy or 0.0)))
-        numbers.append(
+class _Figures(TypedDict):
+    """What every observation of a constraint has in the report, beside what was measured."""
+
+    name: str
+    role: ConstraintRole
+    sigma_m: float
+    residual_m: float | None
+    adjusted_sigma_m: float | None
+    redundancy: float | None
+    w: float | None
+    mdb_m: float | None
+    z: float | None
+    rejected: bool
+
+
+def _figures(result: Adjustment, measured: Block) -> Iterator[tuple[Observed, Constraint, _Figures]]:
+    """Yield the observations of the constraints of a block as it was ``measured``, and their figures."""
+    tests, constraints = result.constraints, result.block.constraints
+    for k, observed in enumerate(observations(constraints)):
+        stated = measured.constraints[observed.constraint]
+        sigma_m = stated.sigmas_m[observed.row]
+        columns = (tests.residual_m, tests.adjusted_sigma_m, tests.redundancy, tests.w, tests.z)
+        residual, adjusted, redundancy, w, z = (_finite(values[k]) for values in columns)
+        mdb = float(minimal_detectable_blunder(np.array(sigma_m), np.array(redundancy or 0.0)))
+        yield (
+            observed,
+            stated,
             {
-                "ends": list(distance.ends),
-                "length_m": distance.length_m,
-                "sigma_m": distance.sigma_m,
-                "residual_m": residual,
-                "adjusted_sigma_m": sigma,
-                "w": w,
                 "name": observed.label,
-                "role": distance.role,
+                "role": stated.role,
+                "sigma_m": sigma_m,
+                "residual_m": residual,
+                "adjusted_sigma_m": adjusted,
                 "redundancy": redundancy,
+                "w": w,
                 "mdb_m": _finite(mdb),
                 "z": z,
-            }
+                "rejected": not np.isfinite(constraints[observed.constraint].sigmas_m[observed.row]),
+            },
         )
-    return numbers
+
+
+def distance_numbers(result: Adjustment, measured: Block) -> list[DistanceRecord]:
+    """Return the distances of a block as it was ``measured`` beside the adjusted ones."""
+    return [
+        {"ends": list(stated.ends), "length_m": stated.length_m, **figures}
+        for _, stated, figures in _figures(result, measured)
+        if isinstance(stated, Distance)
+    ]
+
+
+def constraint_numbers(result: Adjustment, measured: Block) -> list[ConstraintRecord]:
+    """Return the other constraints of a block as it was ``measured``, height differences and points of surfaces,
+    beside the adjusted ones."""
+    return [
+        {
+            "kind": observed.kind,
+            "points": list(observed.points),
+            "difference_m": stated.difference_m if isinstance(stated, HeightDifference) else None,
+            **figures,
+        }
+        for observed, stated, figures in _figures(result, measured)
+        if not isinstance(stated, Distance)
+    ]
 
 
 def _finite(value: float) -> float | None:

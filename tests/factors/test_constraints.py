@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,11 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.constraint_tests import of_control
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference, gives_scale
+from photogram.factors.constraints import Heights, rows_of
 from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.report.local_frame import constraint_numbers, distance_numbers
 from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
@@ -75,3 +78,42 @@ def test_a_blunder_is_rejected_by_its_name() -> None:
 def test_a_project_file_names_its_points() -> None:
     file = ProjectFile(distances=[DistanceEntry(between=["A", "B"], length_m=1.0, sigma_m=0.001)])  # type: ignore[arg-type]
     assert used_points(file) == {"A", "B"}
+
+
+def test_jacobians_agree_with_differences() -> None:
+    block = with_constraints()
+    rng, step = np.random.default_rng(4), 1e-3
+    for constraint in block.constraints:
+        X = block.control_points.position_world_m[: len(constraint.points)] + rng.normal(0.0, 0.05, (1, 3))
+        if constraint.kind == "plane":  # Gauss and Newton leave out what grows with the misfits
+            X[:, 2] = 0.1 * X[:, 0] - 0.05 * X[:, 1] + rng.normal(0.0, 0.002, len(X))
+        sigma_m, heights = np.array(constraint.sigmas_m), Heights.near(block.frame, X)
+        rows = rows_of(constraint, X, sigma_m, heights)
+        A = rows.common
+        across = np.eye(len(A)) - (A @ np.linalg.pinv(A) if A.shape[1] else 0.0)
+        for n in range(len(X)):
+            for axis in range(3):
+                move = np.zeros_like(X)
+                move[n, axis] = step
+                ahead, behind = (rows_of(constraint, X + k * move, sigma_m, heights).misfit_m for k in (1, -1))
+                expected = across @ rows.jacobian[:, n, axis]
+                np.testing.assert_allclose((ahead - behind) / (2 * step), expected, atol=1e-4, err_msg=constraint.kind)
+
+
+def test_the_report_has_every_observation_with_what_was_stated_of_it() -> None:
+    block = with_constraints()
+    distance, rise, water, slab = block.constraints
+    assert isinstance(distance, Distance)
+    block = replace(block, constraints=(distance, replace(rise, role="check"), water, slab))
+    result = adjust(block, SETTINGS)
+    out = replace(result.block, constraints=(replace(distance, sigma_m=float("inf")), *result.block.constraints[1:]))
+    (bar_row,) = distance_numbers(replace(result, block=out), block)
+    assert (bar_row["rejected"], bar_row["sigma_m"]) == (True, 0.002)
+    rows = constraint_numbers(result, block)
+    assert [r["kind"] for r in rows] == ["height difference", *["level surface"] * 3, *["plane"] * 5]
+    assert rows[0]["role"] == "check"
+    assert rows[0]["z"] is not None
+    assert rows[0]["w"] is None
+    assert all(r["w"] is not None and r["mdb_m"] is not None for r in rows[1:])
+    assert 0.0 < sum(r["redundancy"] or 0.0 for r in rows[1:]) < 2 + 2
+    json.dumps([*rows, bar_row], allow_nan=False)

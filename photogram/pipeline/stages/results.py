@@ -49,7 +49,7 @@ from photogram.report.figures.style import (
     residual_picture,
     shaded_surface,
 )
-from photogram.report.local_frame import distance_numbers, local_frame_numbers, marked_points
+from photogram.report.local_frame import constraint_numbers, distance_numbers, local_frame_numbers, marked_points
 from photogram.report.marks import mark_kind_numbers
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.heights import height_numbers
@@ -261,7 +261,8 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     if local is not None:
         numbers["local_frame"] = local
     if run.project.constraints:
-        numbers["distances"] = distance_numbers(outcome.whole)
+        numbers["distances"] = distance_numbers(outcome.whole, run.block())
+        numbers["constraints"] = constraint_numbers(outcome.whole, run.block())
         numbers["marked_points"] = marked_points(outcome.whole)
     if surface.orthophoto is not None:
         numbers["orthophoto"] = surface.orthophoto

@@ -1,4 +1,4 @@
-"""What report.json says of measured distances, and of a survey without georeference."""
+"""What report.json says of constraints between points, and of a survey without georeference."""
 
 from __future__ import annotations
 
@@ -27,6 +27,26 @@ class DistanceRecord(TypedDict):
     redundancy: NotRequired[float | None]
     mdb_m: NotRequired[Metres | None]
     z: NotRequired[float | None]
+    rejected: NotRequired[bool]
+
+
+class ConstraintRecord(TypedDict):
+    """A height difference, or a point of a level surface or of a plane, which lies ``residual_m`` above or in front of
+    it; figures as of a distance."""
+
+    kind: Literal["height difference", "level surface", "plane", "distance"]
+    points: list[str]
+    difference_m: Metres | None
+    sigma_m: Metres
+    residual_m: Metres | None
+    adjusted_sigma_m: Metres | None
+    w: float | None
+    name: str
+    role: Literal["control", "check"]
+    redundancy: float | None
+    mdb_m: Metres | None
+    z: float | None
+    rejected: bool
 
 
 class MarkedPointRecord(TypedDict):

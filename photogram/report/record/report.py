@@ -24,7 +24,7 @@ from photogram.report.record.ground import (
     SuspectRecord,
     VarianceComponentRecord,
 )
-from photogram.report.record.local_frame import DistanceRecord, LocalFrameRecord, MarkedPointRecord
+from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord, LocalFrameRecord, MarkedPointRecord
 from photogram.report.record.photographs import OrientedPhotograph, PhotographRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
 from photogram.report.record.surfaces import (
@@ -75,6 +75,7 @@ class AdjustedNumbers(TypedDict):
     plane: NotRequired[PlaneRecord]
     local_frame: NotRequired[LocalFrameRecord]
     distances: NotRequired[list[DistanceRecord]]
+    constraints: NotRequired[list[ConstraintRecord]]
     marked_points: NotRequired[list[MarkedPointRecord]]
     marks: NotRequired[MarksRecord]
 
