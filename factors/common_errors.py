@@ -72,11 +72,14 @@ def _times_s(photographs: Sequence[Photograph]) -> FloatArray:
     return np.array([np.nan if p.time is None else p.time.timestamp() - first for p in photographs])
 
 
-def velocities(photographs: Sequence[Photograph], position_world_m: FloatArray | None = None) -> FloatArray:
+def velocities(
+    photographs: Sequence[Photograph], position_world_m: FloatArray | None = None, coarse: float = COARSE
+) -> FloatArray:
     """Return the velocities (N, 3) in the world, m/s, from the positions before and after in a flight: the measured
     ones, or ``position_world_m`` (N, 3), NaN where there is none.
 
-    NaN where there is no neighbour within GAP intervals, no time, or none fine enough. At the end of a strip the
+    NaN where there is no neighbour within GAP intervals, no time, or none fine enough: times in whole seconds give a
+    velocity to a relative error that shall not be above ``coarse``. At the end of a strip the
     nearer neighbour in time counts alone.
     """
     velocity, time_s = np.full((len(photographs), 3), np.nan), _times_s(photographs)
@@ -91,12 +94,12 @@ def velocities(photographs: Sequence[Photograph], position_world_m: FloatArray |
         times = [photographs[i].time for i in own.tolist()]
         whole = all(time is not None and time.microsecond == 0 for time in times)
         velocity[own] = _velocities_of_flight(
-            time_s[own], position_world_m[own], WHOLE_SECONDS_SIGMA_S if whole else 0.0
+            time_s[own], position_world_m[own], WHOLE_SECONDS_SIGMA_S if whole else 0.0, coarse
         )
     return velocity
 
 
-def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: float) -> FloatArray:
+def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: float, coarse: float) -> FloatArray:
     """Return the velocities (n, 3) at ascending times (n,) whose differences have a standard deviation of ``sigma_s``;
     see velocities."""
     found = np.full(position.shape, np.nan)
@@ -117,7 +120,7 @@ def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: flo
                 v, span_s = (b * t + f * s) / (s + t), s + t
         else:
             v, span_s = (leg[i - 1], float(step_s[i - 1])) if before else (leg[i], float(step_s[i]))
-        if sigma_s <= COARSE * span_s:
+        if sigma_s <= coarse * span_s:
             found[i] = v
     return found
 

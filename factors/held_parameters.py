@@ -2,8 +2,8 @@
 
 With the change J of the whitened residuals r by the parameter, every tie point following, and its product L = Aᵀ J with
 the rows A of poses and border, the score s = −Jᵀ r has the covariance K = JᵀJ − Lᵀ S⁻¹ L, S the reduced system, and one
-step would give the parameter s / K (Rao's score test; Förstner & Wrobel 2016, sec. 4.6.4). Only the rays of tie points
-are asked; those of marks are few.
+step would give the parameter s / K (Rao's score test; Förstner & Wrobel 2016, sec. 4.6.4). Control points follow as tie
+points do, held by their survey; those of the border (photogram.factors.elimination.reduced) are passed over.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from photogram.factors.elimination.loss import KINDS
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.ground_terms import GroundTerms
 from photogram.projection import PARAMETERS, OrientedCameras, project_point_jacobians
 
 
@@ -33,14 +34,23 @@ class Step(NamedTuple):
 def one_step(problem: Problem, state: State, found: Covariances, camera: int, parameter: int) -> Step:
     """Return what one step would give to a ``parameter`` of a camera that is held, at the solution ``state`` with its
     covariances ``found``; in its own unit. The velocities that a read-out time needs are those of ``state``."""
-    layout, tie = found.layout, problem.tie
-    own: FloatArray = np.asarray(state.cameras.camera[tie.photograph] == camera).astype(np.float64)
+    layout = found.layout
     L = np.zeros(layout.columns + layout.border)
-    information, score = _score(
-        first_observations(tie.point, len(state.tie_point)), tie.photograph, tie.pixel, tie.sigma_px, state.cameras,
-        state.tie_point, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns,
-        KINDS[problem.robust_loss], problem.robust_threshold, L,
-    )  # fmt: skip
+    information, score = 0.0, 0.0
+    surveyed = GroundTerms(problem, layout).linearise(state).control
+    apart = problem.marks.select(~np.isin(problem.marks.point, layout.coupled))
+    order = np.argsort(apart.point, kind="stable")
+    for rays, X, known, loss, threshold in (
+        (problem.tie, state.tie_point, np.zeros((len(state.tie_point), 3, 3)), KINDS[problem.robust_loss],
+         problem.robust_threshold),
+        (apart.select(order), state.control, surveyed, KINDS["none"], 1.0),
+    ):  # fmt: skip
+        own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
+        more = _score(
+            first_observations(rays.point, len(X)), rays.photograph, rays.pixel, rays.sigma_px, state.cameras, X,
+            known, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns, loss, threshold, L,
+        )  # fmt: skip
+        information, score = information + more[0], score + more[1]
     left = information - float(L @ found.solve(L[:, None])[:, 0])
     if not left > 1e-12 * max(information, 1e-300):
         return Step(float("nan"), float("nan"))
@@ -50,11 +60,11 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def _score(
     first: IntArray, photograph: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras,
-    X: FloatArray, own: FloatArray, parameter: int, place_of: IntArray, free_of: IntArray, unit: FloatArray,
-    columns: int, loss: int, threshold: float, L: FloatArray,
+    X: FloatArray, known: FloatArray, own: FloatArray, parameter: int, place_of: IntArray, free_of: IntArray,
+    unit: FloatArray, columns: int, loss: int, threshold: float, L: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
-    """Add AᵀJ of all tie points to L (6 free + border); returns JᵀJ and −Jᵀ r. ``own`` (N,) is 1 for rays of the
-    camera, else 0."""
+    """Add AᵀJ of all points to L (6 free + border); returns JᵀJ and −Jᵀ r. ``known`` (P, 3, 3) is what is known of
+    points beside their rays, ``own`` (N,) 1 for rays of the camera, else 0."""
     longest = 1
     for p in range(len(first) - 1):
         longest = max(longest, first[p + 1] - first[p])
@@ -63,6 +73,9 @@ def _score(
     information, score = 0.0, 0.0
     for p in range(len(first) - 1):
         V[:] = 0.0
+        for a in range(3):
+            for b in range(3):
+                V[3 * a + b] = known[p, a, b]
         count = first[p + 1] - first[p]
         for n in range(count):
             i = first[p] + n
@@ -90,13 +103,16 @@ def _score(
             continue
         y0, y1, y2 = M[0] * V[9], M[1] * V[9] + M[2] * V[10], M[3] * V[9] + M[4] * V[10] + M[5] * V[11]
         x0, x1, x2 = M[0] * y0 + M[1] * y1 + M[3] * y2, M[2] * y1 + M[4] * y2, M[5] * y2
+        for a in range(3):
+            xa = x0 if a == 0 else (x1 if a == 1 else x2)
+            information += xa * (known[p, a, 0] * x0 + known[p, a, 1] * x1 + known[p, a, 2] * x2)
         for n in range(count):
             i = photograph[first[p] + n]
             at, c = 6 * place_of[i], cameras.camera[i]
             for k in range(2):
                 j = J[n, k] - B[n, k, 0] * x0 - B[n, k, 1] * x1 - B[n, k, 2] * x2
                 information += j * j
-                score -= j * r[n, k]
+                score -= J[n, k] * r[n, k]  # points and cameras rest at the solution
                 if at >= 0:
                     for a in range(6):
                         L[at + a] += A[n, k, a] * j

@@ -32,6 +32,10 @@ from photogram.projection import PARAMETERS, READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block
 
+COARSE_VELOCITY = 0.03
+"""Relative error of a velocity from times in whole seconds, beyond which it is not used: what each photograph's own is
+off by would pass for a shorter read-out time (errors in variables attenuate)."""
+
 
 def rolling(cameras: Sequence[Camera]) -> BoolArray:
     """Return which cameras (C,) have a read-out time, known or to be estimated."""
@@ -46,7 +50,7 @@ def in_motion(block: Block, cameras: OrientedCameras) -> OrientedCameras:
 
 def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     """Return the photographs of a block with their velocities, as ``in_motion``, whatever their shutters."""
-    found = velocities(block.photographs, cameras.position)
+    found = velocities(block.photographs, cameras.position, COARSE_VELOCITY)
     if not block.is_free:  # its lengths may have a unit of their own, and its axes any direction
         for i, photograph in enumerate(block.photographs):
             if photograph.velocity_world_m_s is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.camera import gimbal_from_rotation
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import fingerprint, write_json
@@ -51,11 +52,17 @@ def photograph_tags(survey: SimulatedSurvey, photograph: Photograph) -> Photogra
         height_above_take_off_m=photograph.height_above_ground_m,
         gnss_sigma_m=(east, north, up) if known and plan.rtk_flag is not None else None,
         rtk_flag=plan.rtk_flag if known else None,
+        velocity_m_s=None if photograph.velocity_world_m_s is None else _north_east_down(photograph.velocity_world_m_s),
         gimbal_yaw_deg=yaw,
         gimbal_pitch_deg=pitch,
         gimbal_roll_deg=roll,
         dewarp=_dewarp(survey) if plan.calibration_source == "maker" else None,
     )
+
+
+def _north_east_down(velocity_world_m_s: FloatArray) -> tuple[float, float, float]:
+    east, north, up = (float(v) for v in velocity_world_m_s)
+    return north, east, -up
 
 
 def _dewarp(survey: SimulatedSurvey) -> Dewarp:

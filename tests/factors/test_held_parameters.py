@@ -14,7 +14,7 @@ from photogram.projection import B1, K2, READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(
-    strips=3, photographs_per_strip=4, control_points=0, check_points=0, gnss_offset_sigma_m=(0.0, 0.0, 0.0),
+    strips=3, photographs_per_strip=4, control_points=5, check_points=0, gnss_offset_sigma_m=(0.0, 0.0, 0.0),
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0), velocity_tags=True,
 )  # fmt: skip
 SETTINGS = AdjustmentSettings(robust_loss="none")

@@ -101,9 +101,9 @@ def test_a_plain_folder_becomes_a_project_that_can_be_read(folder: Path, photogr
     assert camera.focal_px == pytest.approx(20.0 / 43.2666 * 80.0, abs=1e-3)
     assert camera.principal_point_px.tolist() == [31.5, 23.5]
     f = camera.focal_px
-    # 3 %, and half of what the focal length by the width differs by; no affinity where the shutter is known
+    # 3 %, and half of what the focal length by the width differs by; b1 and b2 for a shutter of which nothing is told
     focal = np.hypot(0.03 * f, 0.5 * (f - 20.0 / 36.0 * 64.0))
-    expected = [focal, 0.64, 0.64, 0.1, 0.1, 0.05, 0, 0.003, 0.003, 0, 0, 0.0116]
+    expected = [focal, 0.64, 0.64, 0.1, 0.1, 0.05, 0, 0.003, 0.003, 0.003 * f, 0.001 * f, 0]
     assert camera.sigmas == pytest.approx(expected, rel=5e-3)
     assert project.focal_readings_px[0][0] == pytest.approx(20.0 / 36.0 * 64.0, abs=1e-3)
     assert project.calibration == ("auto",)

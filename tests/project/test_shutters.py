@@ -11,7 +11,7 @@ from photogram.project.draft.shutters import HELD_AT_ONCE, READOUT_MS, UNKNOWN_S
 
 TAGS = PhotographTags(
     make="DJI", model="FC300S", width_px=4000, height_px=2250, focal_35mm_mm=20.0, longitude_deg=10.0,
-    latitude_deg=50.0, time=datetime(2024, 6, 12, tzinfo=UTC),
+    latitude_deg=50.0, time=datetime(2024, 6, 12, 10, 0, 0, 250000, tzinfo=UTC),
 )  # fmt: skip
 
 
@@ -38,6 +38,8 @@ def test_without_motion_the_affinity_stands_in_its_place() -> None:
     assert shutter_of([still] * 3) is None
     assert shutter_of([replace(still, velocity_m_s=(1.0, 2.0, 0.0))] * 3) is not None
     assert shutter_of([TAGS]) is None, "one photograph has no neighbour"
+    whole = replace(TAGS, time=datetime(2024, 6, 12, 10, tzinfo=UTC))
+    assert shutter_of([whole] * 3) is None, "whole seconds tell no speed"
     affinity = [k for k, name in enumerate(SIGMA_NAMES) if name in ("b1", "b2")]
     for tags, free in (([still] * 3, True), ([TAGS] * 3, False)):
         camera = tagged_camera("c", tags, None)

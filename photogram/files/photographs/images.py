@@ -424,6 +424,8 @@ def _xmp_of(tags: PhotographTags) -> bytes:
     put("GpsLongitude", tags.longitude_deg, ".10f")
     for field, name in DJI_NUMBERS.items():
         put(name, getattr(tags, field), "+.3f")
+    for axis, speed in zip("XYZ", tags.velocity_m_s or (), strict=False):
+        put(f"Flight{axis}Speed", speed, "+.2f")
     put("RtkFlag", tags.rtk_flag, "d")
     for name, sigma in zip(("RtkStdLon", "RtkStdLat", "RtkStdHgt"), tags.gnss_sigma_m or (), strict=False):
         put(name, sigma, ".5f")

@@ -27,7 +27,7 @@ STATED_SHARE, STATED_S, UNKNOWN_S = 0.2, 0.005, 0.03
 that is looked for."""
 
 MOVING_SHARE = 0.8
-"""Of a camera's photographs, that must tell their velocity, or its neighbours its position and time."""
+"""Of a camera's photographs, that must tell their velocity, or position and time, to fractions of a second."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,10 @@ def shutter_of(tags: Sequence[PhotographTags]) -> Shutter | None:
     model = (tags[0].model or "").strip()
     if model in HELD_AT_ONCE:
         return Shutter(0.0, 0.0, f"the {model} has a mechanical or global shutter")
-    moving = sum(t.velocity_m_s is not None or (t.time is not None and t.longitude_deg is not None) for t in tags)
+    fine = any(t.time is not None and t.time.microsecond for t in tags)
+    moving = sum(
+        t.velocity_m_s is not None or (fine and t.time is not None and t.longitude_deg is not None) for t in tags
+    )
     if len(tags) < 2 or moving < MOVING_SHARE * len(tags):
         return None
     if model in READOUT_MS:
