@@ -112,7 +112,12 @@ def test_keys_of_cameras(report: Json) -> None:
     assert free == {"focal_px", "cx_px", "cy_px", "k1"}
     assert all(camera["sigma"][name] > 0 for name in free)
     assert {name for name, sigma in camera["prior_sigma"].items() if sigma != 0} == free
-    assert set(camera["held"]) >= set(camera["sigma"]) - free - {"k4", "b1", "b2"}  # which a classic camera has not
+    assert set(camera["held"]) >= set(camera["sigma"]) - free - {
+        "k4",
+        "b1",
+        "b2",
+        "readout_s",
+    }  # no classic camera has them
     assert all(type(reason) is str and reason for reason in camera["held"].values())
     assert camera["source"] is None
 

@@ -199,7 +199,7 @@ def test_offsets_and_cameras_scatter_as_stated() -> None:
     assert offset.shape == (40, 3, 3)
     assert consistent(offset / SMALL.gnss_offset_sigma_m)
     error = np.array([b.block.cameras[0].parameters - b.truth.camera.parameters for b in blocks])
-    sigmas = np.array(SMALL.calibration_sigmas)
+    sigmas = np.array([*SMALL.calibration_sigmas, SMALL.readout_sigma_s])
     assert consistent(error[:, sigmas > 0] / sigmas[sigmas > 0])
     assert np.all(error[:, sigmas == 0] == 0)
     assert np.array_equal(blocks[0].block.cameras[0].sigmas, sigmas)
