@@ -7,7 +7,7 @@ along the flight it is an affinity to within relief and changes of speed, so it 
 b2, not beside them.
 
 A global shutter has none. Where no source states a read-out time it is held at zero until one step from there would
-give it another value (photogram.factors.held_parameters); an estimate that is zero to within its standard deviation,
+give it another value (photogram.factors.score_test); an estimate that is zero to within its standard deviation,
 T² / σ² below the quantile of χ² with one degree of freedom (Förstner & Wrobel 2016, sec. 4.6.4), is held there, and a
 source that claims otherwise is outvoted.
 """
@@ -27,7 +27,7 @@ from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.held_parameters import one_step
+from photogram.factors.score_test import one_step
 from photogram.projection import PARAMETERS, READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block

@@ -9,7 +9,7 @@ import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.factors.covariance import covariances
-from photogram.factors.held_parameters import one_step
+from photogram.factors.score_test import one_step
 from photogram.projection import B1, K2, READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
