@@ -17,6 +17,7 @@ from photogram.camera import Camera, Pose
 from photogram.errors import OrientationError
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.frames import LocalFrame
+from photogram.projection import PARAMETERS
 from photogram.results import Adjustment
 from photogram.survey import Block
 
@@ -115,7 +116,7 @@ def calibration_differences(cameras: Sequence[Camera | None], result: Adjustment
     """Return interior orientations (cameras, 12), theirs minus ours, and the same over the standard deviations of ours;
     NaN where there is none."""
     own = np.array([camera.parameters for camera in result.block.cameras])
-    given = np.array([np.full(12, np.nan) if camera is None else camera.parameters for camera in cameras])
+    given = np.array([np.full(PARAMETERS, np.nan) if camera is None else camera.parameters for camera in cameras])
     off = given.reshape(own.shape) - own
     sigma = np.sqrt(np.einsum("ckk->ck", result.calibration_covariance))
     return off, np.divide(off, sigma, out=np.full(off.shape, np.nan), where=sigma > 0.0)

@@ -21,27 +21,18 @@ FEWEST_ON = {"level surface": 3, "plane": 4}
 """Points of a surface: two of one level are a height difference, three always lie on a plane."""
 
 
-@dataclass(frozen=True)
-class Distance:
-    """A measured distance between two ground points or two photographs."""
+@dataclass(frozen=True, kw_only=True)
+class _BetweenTwo:
+    """One observation between two points."""
 
     ends: tuple[str, str]
-    """Names of its ends."""
-    of_photographs: bool
-    """Whether they are photographs, their projection centres; else ground points."""
-    length_m: float
-    """Measured length."""
+    """Names of its ends, from and to."""
     sigma_m: float
     """Its standard deviation; infinite where it is rejected."""
     role: ConstraintRole = "control"
     """Whether it takes part in the adjustment, or tests it."""
     name: str = ""
     """Its own name, empty for that of its ends."""
-
-    @property
-    def kind(self) -> ConstraintKind:
-        """What is measured."""
-        return "distance"
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -54,20 +45,27 @@ class Distance:
         return (self.sigma_m,)
 
 
-@dataclass(frozen=True)
-class HeightDifference:
+@dataclass(frozen=True, kw_only=True)
+class Distance(_BetweenTwo):
+    """A measured distance between two ground points or two photographs."""
+
+    of_photographs: bool = False
+    """Whether its ends are photographs, their projection centres; else ground points."""
+    length_m: float
+    """Measured length."""
+
+    @property
+    def kind(self) -> ConstraintKind:
+        """What is measured."""
+        return "distance"
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightDifference(_BetweenTwo):
     """A levelled difference of the heights of two ground points, in the height system of the map."""
 
-    ends: tuple[str, str]
-    """Names of its ends, from and to."""
     difference_m: float
     """Height of the second minus height of the first."""
-    sigma_m: float
-    """Its standard deviation; infinite where it is rejected."""
-    role: ConstraintRole = "control"
-    """Whether it takes part in the adjustment, or tests it."""
-    name: str = ""
-    """Its own name, empty for that of its ends."""
 
     @property
     def kind(self) -> ConstraintKind:
@@ -78,16 +76,6 @@ class HeightDifference:
     def of_photographs(self) -> bool:
         """Whether its points are photographs."""
         return False
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """Names of its points."""
-        return self.ends
-
-    @property
-    def sigmas_m(self) -> tuple[float, ...]:
-        """Standard deviations of its observations."""
-        return (self.sigma_m,)
 
 
 @dataclass(frozen=True)

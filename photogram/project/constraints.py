@@ -142,13 +142,16 @@ def constraints_of(file: ProjectFile, photographs: Sequence[str]) -> tuple[Const
     return (
         *(
             Distance(
-                _given(d.between), set(_given(d.between)) <= of_pictures, _given(d.length_m), _given(d.sigma_m), d.role,
-                d.name or "",
+                ends=_given(d.between), of_photographs=set(_given(d.between)) <= of_pictures,
+                length_m=_given(d.length_m), sigma_m=_given(d.sigma_m), role=d.role, name=d.name or "",
             )
             for d in file.distances
         ),
         *(
-            HeightDifference(_given(h.between), _given(h.difference_m), _given(h.sigma_m), h.role, h.name or "")
+            HeightDifference(
+                ends=_given(h.between), difference_m=_given(h.difference_m), sigma_m=_given(h.sigma_m), role=h.role,
+                name=h.name or "",
+            )
             for h in file.height_differences
         ),
         *surfaces,

@@ -113,7 +113,7 @@ def simulate_close_range(
     distances: tuple[Distance, ...] = ()
     if distance_sigma_m is not None:
         length_m = float(np.linalg.norm(_MARKED_M[0] - _MARKED_M[1])) + distance_sigma_m * rng.standard_normal()
-        distances = (Distance(("A", "B"), False, length_m, distance_sigma_m),)
+        distances = (Distance(ends=("A", "B"), length_m=length_m, sigma_m=distance_sigma_m),)
     names = tuple(Photograph(f"photograph{i + 1}", 0) for i in range(photographs))
     block = Block(LocalFrame.local(), (given,), names, poses, ties, marked, constraints=distances)
     return CloseRange(block, R, C, X, _MARKED_M)

@@ -29,7 +29,7 @@ SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=20.0)
 def bar(survey: CloseRange, ends: str, off_m: float = 0.0) -> Distance:
     a, b = ("ABCD".index(name) for name in ends)
     length_m = float(np.linalg.norm(survey.marked_m[a] - survey.marked_m[b]))
-    return Distance((ends[0], ends[1]), False, length_m + off_m, 0.002)
+    return Distance(ends=(ends[0], ends[1]), length_m=length_m + off_m, sigma_m=0.002)
 
 
 def with_constraints() -> Block:
@@ -38,8 +38,10 @@ def with_constraints() -> Block:
     points, names = block.control_points.position_world_m, block.control_points.name
     height = block.frame.map_from_world(points)[:, 2]
     constraints: tuple[Constraint, ...] = (
-        Distance((names[0], names[1]), False, float(np.linalg.norm(points[0] - points[1])) + 0.01, 0.002),
-        HeightDifference((names[0], names[2]), float(height[2] - height[0]) + 0.02, 0.001),
+        Distance(
+            ends=(names[0], names[1]), length_m=float(np.linalg.norm(points[0] - points[1])) + 0.01, sigma_m=0.002
+        ),
+        HeightDifference(ends=(names[0], names[2]), difference_m=float(height[2] - height[0]) + 0.02, sigma_m=0.001),
         CommonSurface("water", "level surface", names[1:4], (0.02,) * 3),
         CommonSurface("slab", "plane", names[:5], (0.05,) * 5),
     )

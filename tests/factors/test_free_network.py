@@ -48,11 +48,15 @@ def free_block(distances: tuple[Distance, ...] = (), plan: SurveyPlan = PLAN) ->
 
 
 def bar(block: Block, length_m: float = 20.0, sigma_m: float = 0.01) -> Distance:
-    return Distance((block.control_points.name[0], block.control_points.name[2]), False, length_m, sigma_m)
+    return Distance(
+        ends=(block.control_points.name[0], block.control_points.name[2]), length_m=length_m, sigma_m=sigma_m
+    )
 
 
 def base(block: Block) -> Distance:
-    return Distance((block.photographs[0].name, block.photographs[-1].name), True, 30.0, 0.02)
+    return Distance(
+        ends=(block.photographs[0].name, block.photographs[-1].name), of_photographs=True, length_m=30.0, sigma_m=0.02
+    )
 
 
 def solved(block: Block) -> tuple[Problem, State]:

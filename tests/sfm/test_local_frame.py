@@ -83,9 +83,9 @@ def test_the_scale_is_that_of_the_distances_or_one_by_the_spacing_of_photographs
     true_m = np.linalg.norm(survey.marked_m[1:] - survey.marked_m[0], axis=1)
     placed(survey, survey.block)
     placed(survey, survey.block, known=5)
-    bars = (Distance(("A", "B"), False, float(true_m[0]), 0.001),)
+    bars = (Distance(ends=("A", "B"), length_m=float(true_m[0]), sigma_m=0.001),)
     base_m = float(np.linalg.norm(survey.centre_m[1] - survey.centre_m[0]))
-    rig = (Distance(("photograph1", "photograph2"), True, base_m, 0.001),)
+    rig = (Distance(ends=("photograph1", "photograph2"), of_photographs=True, length_m=base_m, sigma_m=0.001),)
     for distances in (bars, rig):
         marked = placed(survey, replace(survey.block, constraints=distances))
         np.testing.assert_allclose(np.linalg.norm(marked[1:] - marked[0], axis=1), true_m, rtol=1e-9)
@@ -93,7 +93,8 @@ def test_the_scale_is_that_of_the_distances_or_one_by_the_spacing_of_photographs
 
 def test_distances_that_the_photographs_do_not_show_are_an_error() -> None:
     survey = simulate_close_range(1)
-    lost = replace(survey.block, constraints=(Distance(("photograph7", "photograph8"), True, 1.0, 0.001),))
+    missing = Distance(ends=("photograph7", "photograph8"), of_photographs=True, length_m=1.0, sigma_m=0.001)
+    lost = replace(survey.block, constraints=(missing,))
     with pytest.raises(OrientationError, match="the scale is not known"):
         placed(survey, lost, known=5)
 

@@ -85,7 +85,7 @@ def test_the_unit_of_the_start_changes_nothing() -> None:
 def test_a_distance_between_photographs_gives_the_scale_as_well() -> None:
     survey = simulate_close_range(5, tie_points=60)
     length_m = float(np.linalg.norm(survey.centre_m[0] - survey.centre_m[-1]))
-    bar = Distance(("photograph1", "photograph8"), True, length_m, 0.001)
+    bar = Distance(ends=("photograph1", "photograph8"), of_photographs=True, length_m=length_m, sigma_m=0.001)
     block = adjust(replace(survey.block, constraints=(bar,)), SETTINGS).block
     first, last = (pose.position_world_m for pose in (block.poses[0], block.poses[-1]) if pose is not None)
     assert np.linalg.norm(last - first) == pytest.approx(length_m, abs=1e-6)
@@ -95,7 +95,7 @@ def test_two_distances_that_contradict_each_other_show_in_their_group() -> None:
     survey = simulate_close_range(5, distance_sigma_m=BAR_SIGMA_M, tie_points=60)
     true_m = float(np.linalg.norm(survey.marked_m[2] - survey.marked_m[3]))
     for off_m, significant in ((0.0, False), (0.05, True)):
-        second = Distance(("C", "D"), False, true_m + off_m, BAR_SIGMA_M)
+        second = Distance(ends=("C", "D"), length_m=true_m + off_m, sigma_m=BAR_SIGMA_M)
         result = adjust(replace(survey.block, constraints=(*survey.block.constraints, second)), SETTINGS)
         number = result.components.group.tolist().index("distances")
         assert result.components.observations[number] == 2
