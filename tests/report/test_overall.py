@@ -141,6 +141,33 @@ def test_what_changes_nothing_is_no_warning(bare: Json) -> None:
     assert [s for s in said(report, "note") if "GNSS positions in plan (stated 2 px, found 0.4 px)" in s]
 
 
+def test_a_check_that_the_block_contradicts_is_warned_of_and_nothing_else_of_constraints(bare: Json) -> None:
+    row = {"sigma_m": 0.002, "adjusted_sigma_m": 0.01, "redundancy": None, "mdb_m": None, "rejected": False}
+    check = {
+        **row,
+        "ends": ["C", "D"],
+        "length_m": 2.0,
+        "name": "C – D",
+        "role": "check",
+        "residual_m": 0.05,
+        "w": None,
+    }
+    rise = {
+        **row, "kind": "height difference", "points": ["A", "B"], "difference_m": 0.5, "name": "A – B",
+        "role": "control", "residual_m": 0.001, "z": None,
+    }  # fmt: skip
+    report = deepcopy(bare)
+    report["distances"], report["constraints"] = [{**check, "z": 4.2}, {**check, "z": 1.0}], [{**rise, "w": -1.1}]
+    found = [w for w in complete(report, ReportSettings())["warnings"] if w["part"] == "constraints"]
+    assert [w["sentence"] for w in found] == [
+        "the distance between C and D differs by +0.0500 m from the block, which it checks, 4.2 times its standard "
+        "deviation"
+    ]
+    report["constraints"] = [{**rise, "w": -5.0}]
+    (_, second) = (w for w in complete(report, ReportSettings())["warnings"] if w["part"] == "constraints")
+    assert "the height difference A – B differs by +0.0010 m from the rest, 5.0 times" in second["sentence"]
+
+
 def test_a_focal_length_that_the_photographs_contradict_comes_first(bare: Json) -> None:
     report = deepcopy(bare)
     report["cameras"]["simulated"]["focal_length"] = (

@@ -17,6 +17,7 @@ from photogram.report.numbers.traffic_lights import number
 from photogram.report.record.block import BlockRecord
 from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.ground import VarianceComponentRecord
+from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.verdict import AsprsRecord, Severity, WarningRecord
 
@@ -71,7 +72,7 @@ def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRe
         remedy = "" if local["scale_known"] else "give a distance between two marked points or two photographs"
         frame = _warning("local frame", severity, local["sentence"], remedy)
         found = [frame, *(w for w in found if w not in pointless)]
-    found += _distances(report)
+    found += _constraints(report)
     return sorted(found, key=lambda w: SEVERITIES.index(w["severity"]))
 
 
@@ -86,14 +87,24 @@ def _several(part: str, said: Sequence[str], severity: Severity = "attention", r
     return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
 
 
-def _distances(report: SurveyNumbers) -> list[WarningRecord]:
-    said = [
-        f"the distance between {' and '.join(d['ends'])} differs by {number(d['residual_m']):+.4f} m from the rest, "
-        f"{abs(number(d['w'])):.1f} times its standard deviation"
-        for d in report.get("distances", [])
-        if abs(number(d["w"])) > CRITICAL
+def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
+    """Warn of constraints between points that the rest contradicts, those that are checks too; rejected ones are
+    blunders, and said there."""
+    distances, others = report.get("distances", []), report.get("constraints", [])
+    named: list[tuple[str, str | None, DistanceRecord | ConstraintRecord]] = [
+        (f"the distance between {' and '.join(d['ends'])}", d.get("role"), d) for d in distances
     ]
-    return _several("distances", said, "bad", "measure it again, or check the marks of its ends")
+    named += [(f"the {d['kind']} {d['name']}", d["role"], d) for d in others]
+    said = []
+    for name, role, d in named:
+        tested = number(d.get("z") if role == "check" else d["w"])
+        if abs(tested) > CRITICAL:
+            against = "the block, which it checks" if role == "check" else "the rest"
+            said.append(
+                f"{name} differs by {number(d['residual_m']):+.4f} m from {against}, {abs(tested):.1f} times its "
+                "standard deviation"
+            )
+    return _several("constraints", said, "bad", "measure it again, or check the marks of its points")
 
 
 def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
