@@ -50,12 +50,40 @@ def in_motion(block: Block, cameras: OrientedCameras) -> OrientedCameras:
 
 def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     """Return the photographs of a block with their velocities, as ``in_motion``, whatever their shutters."""
+    told = _told(block, cameras)
+    return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
+
+
+def _told(block: Block, cameras: OrientedCameras) -> FloatArray:
+    """Return the velocities (N, 3) that tags, else positions and times, tell; NaN where neither does. Tags that are
+    zero throughout were never filled in."""
     found = velocities(block.photographs, cameras.position, COARSE_VELOCITY)
-    if not block.is_free:  # its lengths may have a unit of their own, and its axes any direction
-        for i, photograph in enumerate(block.photographs):
-            if photograph.velocity_world_m_s is not None:
-                found[i] = photograph.velocity_world_m_s
-    return cameras._replace(velocity=np.where(np.isfinite(found), found, cameras.velocity))
+    nothing = np.full(3, np.nan)
+    tags = [nothing if p.velocity_world_m_s is None else p.velocity_world_m_s for p in block.photographs]
+    tagged = np.array(tags).reshape(-1, 3)
+    # the lengths of a free network may have a unit of their own, and its axes any direction
+    believed = not block.is_free and bool(np.any(np.nan_to_num(tagged) != 0.0))
+    return np.where(np.isfinite(tagged) & believed, tagged, found)
+
+
+def unmoved(block: Block) -> tuple[str, ...]:
+    """Return sentences on photographs of an adjusted block whose shutter rolls, but of which nothing tells how they
+    moved."""
+    told = np.isfinite(_told(block, block.oriented_cameras())).all(axis=1)
+    said = []
+    for c in np.flatnonzero(rolling(block.cameras)).tolist():
+        camera, own = block.cameras[c], block.camera_of == c
+        without = int(np.count_nonzero(own & ~told))
+        if camera.readout_s == 0.0 or not without:
+            continue
+        who = f"{without} of its photographs do not tell how they moved"
+        if without == np.count_nonzero(own):
+            who = "none of its photographs tells how it moved"
+        said.append(
+            f"Camera {camera.name}: a rolling shutter of {1000.0 * camera.readout_s:.1f} ms cannot be counted, because "
+            f"{who}: give speeds in the tags, or positions and times to fractions of a second"
+        )
+    return tuple(said)
 
 
 def looked_for(cameras: Sequence[Camera]) -> BoolArray:
@@ -127,6 +155,8 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     sums = np.bincount(tie.photograph, np.einsum("ni,ni->n", J, linear.residual))
     sums = sums[np.bincount(tie.photograph) > 0]
     expected = float(np.sum(J**2))
+    if expected == 0.0:  # nothing moved
+        return 1.0
     return max(1.0, float(np.sqrt(np.sum(sums**2) * len(sums) / (max(len(sums) - 1, 1) * expected))))
 
 
@@ -151,9 +181,15 @@ def without_rolling(block: Block, none: BoolArray) -> Block:
 
 
 def with_readouts(result: Adjustment, found: Readouts) -> Adjustment:
-    """Return an adjustment with what was found of the read-out times, and their standard deviations in its calibration
-    covariances."""
+    """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
+    covariances, and what is to be warned of."""
     covariance = result.calibration_covariance.copy()
     covariance[:, READOUT, :] *= found.inflation[:, None]
     covariance[:, :, READOUT] *= found.inflation[:, None]
-    return replace(result, calibration_covariance=covariance, readout_s=found.estimate_s, readout_sigma_s=found.sigma_s)
+    return replace(
+        result,
+        calibration_covariance=covariance,
+        readout_s=found.estimate_s,
+        readout_sigma_s=found.sigma_s,
+        warnings=(*result.warnings, *unmoved(result.block)),
+    )

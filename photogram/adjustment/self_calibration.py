@@ -68,7 +68,7 @@ def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: flo
 
 def _not_rolling(result: Adjustment, camera: int) -> str:
     if not len(result.readout_s) or not np.isfinite(result.readout_s[camera]):
-        return "the photographs do not move"
+        return "nothing tells how the photographs moved: held at 0"
     estimate, sigma = 1000.0 * result.readout_s[camera], 1000.0 * result.readout_sigma_s[camera]
     return f"estimated at {estimate:.1f} ± {sigma:.1f} ms, which is no rolling shutter: held at 0"
 

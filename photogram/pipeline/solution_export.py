@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Literal, get_args
@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import Pose, Similarity
+from photogram.camera import Camera, Pose, Similarity
 from photogram.crs import crs_in_metres
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
@@ -75,15 +75,24 @@ def export_solution(
             raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
         result = run.adjustment()
     frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else _FRAMES.get(form, "local")
-    solution = adjusted_solution(result, frame)
+    solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
     if form == "undistorted":
         make_folder(target)
         said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent)
         make_folder(target / "sparse")
         pinholes = pinhole_solution(solution)
-        said = (*said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))
+        said = (*shutters, *said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))
         return tuple(dict.fromkeys(said))  # each once, though photographs and model both miss it
-    return _written(form, target, solution)
+    return (*shutters, *_written(form, target, solution))
+
+
+def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
+    return tuple(
+        f"The rolling shutter of camera {camera.name}, {1000.0 * camera.readout_s:.1f} ms: its photographs are written "
+        "as of their middle row."
+        for camera in cameras
+        if camera.readout_s != 0.0
+    )
 
 
 def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:

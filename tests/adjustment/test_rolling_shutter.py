@@ -10,7 +10,7 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.rolling_shutter import in_motion, looked_for
+from photogram.adjustment.rolling_shutter import in_motion, looked_for, unmoved
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.arrays import FloatArray
 from photogram.factors.graph import cost, ground_graph
@@ -135,3 +135,21 @@ def test_both_engines_reach_the_same_minimum() -> None:
     assert fast.state.parameters[0, READOUT] == pytest.approx(slow.state.parameters[0, READOUT], rel=1e-5)
     assert fast.state.parameters[0, FOCAL] == pytest.approx(slow.state.parameters[0, FOCAL], rel=1e-6)
     np.testing.assert_array_equal(fast.state.parameters[0, [B1, B2]], 0.0)
+
+
+def test_a_read_out_time_of_photographs_that_do_not_tell_how_they_moved_is_warned_of() -> None:
+    made = simulated(PLAN, 1).block
+    camera, stated = made.cameras[0], made.cameras[0].sigmas.copy()
+    stated[READOUT] = 0.012
+    rolling = (replace(camera, readout_s=0.033, sigmas=stated),)
+    still = tuple(replace(p, velocity_world_m_s=np.zeros(3), time=None) for p in made.photographs)
+    silent = adjust(replace(made, cameras=rolling, photographs=still), SETTINGS)
+    assert any("none of its photographs tells how it moved" in said for said in silent.warnings)
+    untold = tuple(replace(p, velocity_world_m_s=None, time=None) for p in made.photographs[:3])
+    some = (*untold, *made.photographs[3:])
+    block = adjusted(replace(PLAN, readout_s=0.033), 1).block  # as good a block as any: only what is told counts
+    block = replace(block, cameras=rolling, photographs=some)
+    (said,) = unmoved(block)
+    assert "3 of its photographs do not tell how they moved" in said
+    assert unmoved(adjusted(ROLLING, 1).block) == ()
+    assert unmoved(adjusted(GLOBAL, 1).block) == ()
