@@ -388,10 +388,9 @@ def in_camera_at_its_row(
 ) -> tuple[float, float, float]:
     """Return a place of the world in the frame of photograph ``p`` when it reads the row that shows it."""
     w = cameras.velocity
-    vx, vy, vz = w[p, 0], w[p, 1], w[p, 2]
     px, py, pz = in_camera(cameras, p, x, y, z)
-    if q[READOUT] != 0.0 and (vx != 0.0 or vy != 0.0 or vz != 0.0):
-        wx, wy, wz = turned(cameras, p, vx, vy, vz)
+    wx, wy, wz = turned(cameras, p, w[p, 0], w[p, 1], w[p, 2])  # before the branch, which takes no array
+    if q[READOUT] != 0.0 and (wx != 0.0 or wy != 0.0 or wz != 0.0):
         px, py, pz = at_its_row(model, q, height_px, px, py, pz, wx, wy, wz)
     return px, py, pz
 
@@ -401,11 +400,10 @@ def in_camera_at_row(
     cameras: OrientedCameras, p: int, readout_s: float, height_px: float, v: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """Return a place of the world in the frame of photograph ``p`` when it reads row ``v``."""
-    px, py, pz = in_camera(cameras, p, x, y, z)
-    if readout_s != 0.0:
-        mx, my, mz = drift_at_row(cameras, p, height_px, v)
-        px, py, pz = px + readout_s * mx, py + readout_s * my, pz + readout_s * mz
-    return px, py, pz
+    C, w, way = cameras.position, cameras.velocity, readout_s * share_at_row(v, height_px)
+    return turned(  # type: ignore[no-any-return]
+        cameras, p, x - (C[p, 0] + way * w[p, 0]), y - (C[p, 1] + way * w[p, 1]), z - (C[p, 2] + way * w[p, 2])
+    )
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]

@@ -69,8 +69,10 @@ def _told(block: Block, cameras: OrientedCameras) -> FloatArray:
 def unmoved(block: Block) -> tuple[str, ...]:
     """Return sentences on photographs of an adjusted block whose shutter rolls, but of which nothing tells how they
     moved."""
+    said = list[str]()
+    if not rolling(block.cameras).any():
+        return ()
     told = np.isfinite(_told(block, block.oriented_cameras())).all(axis=1)
-    said = []
     for c in np.flatnonzero(rolling(block.cameras)).tolist():
         camera, own = block.cameras[c], block.camera_of == c
         without = int(np.count_nonzero(own & ~told))
