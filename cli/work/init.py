@@ -36,6 +36,10 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     for positions in draft.positions:
         text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.fault}"
         table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
+    if draft.masks is not None:
+        masks = draft.masks
+        text = f"not used: {masks.fault}" if masks.fault else f"of {things(masks.photographs, 'photograph')}"
+        table.add_row("masks", f"{escape(masks.path)}: {escape(text)}")
     attitudes = sum(p.has_attitude for p in draft.photographs)
     table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
-from photogram.errors import ProjectError
+from photogram.arrays import BoolArray
+from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import unwritable
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.headers import PhotographHeader, read_headers
+from photogram.files.photographs.masks import check_mask, read_masks
 from photogram.files.photographs.tags import PhotographTags
 from photogram.files.stage_folders import earlier_folders
 from photogram.machine import cores, free_memory_bytes
@@ -27,6 +29,7 @@ from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, for
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
+from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
 
 TESTED = frozenset({"features", "matches", "dense", "orthophoto"})
@@ -63,6 +66,41 @@ def _copies(
     return find_copies(paths, [header.tags for header in headers], cameras, executor)
 
 
+def masks_as_found(project: Project) -> list[Finding]:
+    """Return what is wrong with the masks of a project; only those of photographs with marks of ground points are
+    decoded, of the others the size, the kind and, where they have any, the checksums are looked at."""
+    if not project.masks.given:
+        return []
+
+    def size_px(photograph: int) -> tuple[int, int]:
+        camera = project.cameras[project.photographs[photograph].camera]
+        return camera.width_px, camera.height_px
+
+    def fault(wanted: tuple[Path, tuple[int, int]]) -> str:
+        try:
+            check_mask(*wanted)
+        except ImageError as error:
+            return str(error)
+        return ""
+
+    wanted = {(path, size_px(i)) for i, paths in enumerate(project.masks.files) for path in paths}
+    with ThreadPoolExecutor(cores()) as executor:
+        looked_at = dict(zip(sorted(wanted), executor.map(fault, sorted(wanted)), strict=True))
+    faults = [text for text in looked_at.values() if text]
+    unusable = {path for (path, _), text in looked_at.items() if text}
+
+    def mask_of(photograph: int) -> BoolArray | None:
+        paths = project.masks.of(photograph)
+        try:
+            return read_masks(paths, size_px(photograph)) if paths and unusable.isdisjoint(paths) else None
+        except ImageError as error:
+            faults.append(str(error))
+            return None
+
+    marks = marks_in_masks(project, mask_of)
+    return mask_findings(list(dict.fromkeys(faults)), marks)
+
+
 @dataclass(frozen=True)
 class CheckedProject:
     """What the check of a project has found, and the tags of its photographs, None where one cannot be read."""
@@ -89,7 +127,7 @@ def checked_project(project: Project) -> CheckedProject:
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     survey = check_survey(project, headers, copies, free_disk_bytes, free_memory_bytes(), cores())
-    findings = Findings(by_severity([*folder_findings(project), *survey]))
+    findings = Findings(by_severity([*folder_findings(project), *masks_as_found(project), *survey]))
     return CheckedProject(findings, tuple(header.tags for header in headers))
 
 

@@ -16,12 +16,14 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.formats import read_points
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import inspect_photograph
+from photogram.files.photographs.masks import find_masks
 from photogram.files.tables.position_files import read_mrk
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import (
     ControlFile,
+    DraftMasks,
     DraftPositions,
     LeftOut,
     ProjectDraft,
@@ -37,6 +39,9 @@ from photogram.survey import Role
 from photogram.wording import html_table, things
 
 _SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
+
+MASKS_FOLDER = "masks"
+"""Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
 
 Progress = Callable[[int, int, str], None]
 """Told how many photographs have been read, of how many, and the name of the last."""
@@ -91,6 +96,7 @@ class NewProject:
             ("cameras", ", ".join(f"{c.name} (f {c.focal_px:.0f} ± {c.sigmas[0]:.0f} px)" for c in draft.cameras)),
             ("map grid", f"{draft.crs} ({draft.crs_name})"),
             ("ground points", str(points)),
+            *([] if draft.masks is None else [("masks", draft.masks.fault or str(draft.masks.photographs))]),
             *(("warning", text) for text in (*draft.warnings, *map(str, self.warnings))),
         ]
 
@@ -112,6 +118,11 @@ def _is_hidden(path: Path) -> bool:
     return any(part.startswith(".") for part in path.parts)
 
 
+def _is_mask(path: Path) -> bool:
+    """Return whether a picture, by its path in the folder of the photographs, lies in a folder of masks."""
+    return MASKS_FOLDER in path.parts[:-1]
+
+
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
     if not isdir(folder):
@@ -121,7 +132,7 @@ def _names(folder: Path, recursive: bool) -> list[str]:
         paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
     except OSError as fault:
         raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
-    names = sorted(p.as_posix() for p in paths if not _is_hidden(p))
+    names = sorted(p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p))
     if not names:
         within = "" if recursive else "; --recursive searches subfolders"
         raise ImageError(f"{folder}: no photographs (JPEG or TIFF) found: give the folder of the photographs{within}")
@@ -212,6 +223,18 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
     return tuple(files)
 
 
+def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
+    """Return the folder of masks beside the photographs or among them, None where there is none."""
+    beside = [folder.absolute().parent / MASKS_FOLDER, folder / MASKS_FOLDER]
+    found = next((path for path in beside if isdir(path)), None)
+    if found is None:
+        return None
+    try:
+        return DraftMasks(_relative(found, project), len(find_masks(found, names).of_photograph))
+    except ImageError as fault:
+        return DraftMasks(_relative(found, project), fault=str(fault).splitlines()[0])
+
+
 # ---- the file --------------------------------------------------------------------------------------------------------
 
 
@@ -238,7 +261,8 @@ def write_project(wanted: Request, progress: Progress = lambda *_: None) -> Proj
     tagged, unreadable = _inspect(photographs, names, progress)
     tagged, copies = _without_copies(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
-    wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions)
+    masks = _masks(photographs, [p.name for p in tagged], project)
+    wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions, masks)
     draft = draft_project(tagged, [*unreadable, *copies], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")

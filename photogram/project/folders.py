@@ -13,7 +13,7 @@ from photogram.files.stage_folders import stage_folder_around
 from photogram.project.document import Document, Key
 from photogram.project.schema import PhotographEntry, ProjectFile
 
-WRITTEN_IN_RESULTS = ("", "pictures", "study")
+WRITTEN_IN_RESULTS = ("", "pictures", "study", "masks")
 """Folders within that of the results which photogram writes to, itself included."""
 
 _GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
@@ -34,6 +34,7 @@ def input_files(path: Path, file: ProjectFile, base: Path) -> Iterator[tuple[Key
         (("comparison", "reference"), file.comparison.reference),
         (("orthophoto", "seams"), seams_named(file)),
         *((("cameras", name, "matlab"), camera.matlab) for name, camera in file.cameras.items()),
+        *((("cameras", name, "mask"), camera.mask) for name, camera in file.cameras.items()),
     ]
     for i, positions in enumerate(file.photographs.positions):
         key: Key = ("photographs", "positions", i)

@@ -33,6 +33,7 @@ from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, read_datum, read_heights
+from photogram.project.masks import ProjectMasks, check_camera_masks, masks_of_photographs, project_masks
 from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
@@ -225,6 +226,8 @@ class Project:
     """Names and targets of the report."""
     start: ProjectStart | None = None
     """What another program has found that the project starts from, None without."""
+    masks: ProjectMasks = field(default_factory=ProjectMasks)
+    """Masks of the photographs."""
     warnings: tuple[Finding, ...] = ()
     """What is doubtful in the file or the files it names."""
     photographs_folder: Path | None = None
@@ -340,6 +343,8 @@ def read_project(
     checks = [point.name for point in surveyed if "control" not in point.role]
     check_project(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
+    check_camera_masks(document, file, base)
+    masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder, base)
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     solution = read_start(document, file, base)
@@ -371,6 +376,7 @@ def read_project(
         datum=datum,
         constraints=constraints_of(file, [p.name for p in listed]),
         start=project_start(file, base),
+        masks=project_masks(file, entries, [_given(camera_of(file, p)) for p in entries], masks, base),
         warnings=document.warnings,
         photographs_folder=photographs_folder,
         **{name: _given(section) for name, section in settings.items()},

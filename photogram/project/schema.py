@@ -48,6 +48,7 @@ Calibration = Literal["given", "auto"]
 PositionOf = Literal["camera", "antenna"]
 LeverArmAxes = Literal["body", "camera"]
 Whose = Literal["theirs", "own"]
+AutomaticMask = Literal["sky"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -191,7 +192,7 @@ _CENTRE = _vector(*_names_in("principal_point_px"), within=PLACE_PX)
 
 class CameraEntry(Entry):
     """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew.
-    ``focal_readings_px`` are other focal lengths that its source may mean."""
+    ``focal_readings_px`` are other focal lengths that its source may mean; ``mask`` is that of all its photographs."""
 
     width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
     height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
@@ -211,6 +212,7 @@ class CameraEntry(Entry):
     calibration: Calibration = "given"
     per_flight: bool = False
     source: Text | None = None
+    mask: Text | None = None
 
 
 class Attitude(Entry):
@@ -247,10 +249,25 @@ class PositionFileEntry(Entry):
     lever_arms: Text | None = None
 
 
+class MasksEntry(Entry):
+    """The folder of the photographs' masks, and what is masked automatically."""
+
+    folder: Text | None = None
+    auto: Sequence[AutomaticMask] = ()
+
+
+def _masks(value: object) -> object:
+    """Read the short form: the folder alone."""
+    if value is not None and not isinstance(value, dict):
+        return {"folder": _text(value)}
+    return value
+
+
 class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
     folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
+    masks: Annotated[MasksEntry | None, BeforeValidator(_masks)] = None
     camera: Text | None = None
     positions: Sequence[PositionFileEntry] = ()
     gnss_sigma_m: Sigma3 | None = None

@@ -31,6 +31,7 @@ __all__ = [
     "PhotographTags",
     "check_photograph",
     "inspect_photograph",
+    "jpeg_is_whole",
     "read_grey",
     "read_leading_tags",
     "read_patches",
@@ -76,7 +77,7 @@ _KINDS = {
 }
 
 
-def _jpeg_is_whole(data: bytes) -> bool:
+def jpeg_is_whole(data: bytes) -> bool:
     """Tell whether the first picture of a JPEG file reaches its end marker (ITU-T T.81, annex B.1.1).
 
     libjpeg fills what a card's lost clusters left as zeros with grey, and says nothing.
@@ -211,7 +212,7 @@ def _opened(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: st
             f"photograph {path}: pixel type {picture.mode}, photogram reads 8-bit colour or grey: "
             "export it as an 8-bit JPEG or TIFF"
         )
-    if picture.format in ("JPEG", "MPO") and not _jpeg_is_whole(data):
+    if picture.format in ("JPEG", "MPO") and not jpeg_is_whole(data):
         raise _damaged(path, "its image data is truncated")
     return picture
 

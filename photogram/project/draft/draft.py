@@ -92,6 +92,16 @@ class DraftPositions:
     fault: str = ""
 
 
+@dataclass(frozen=True)
+class DraftMasks:
+    """The folder of masks beside the photographs, as the project names it: how many photographs have one, or the
+    ``fault`` for which it is not used."""
+
+    path: str
+    photographs: int = 0
+    fault: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class ControlFile:
     """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
@@ -122,6 +132,7 @@ class Wishes:
     heights: HeightSystem | None = None
     geoid: str | None = None
     positions: tuple[DraftPositions, ...] = ()
+    masks: DraftMasks | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +167,7 @@ class ProjectDraft:
     gnss_kinds: Mapping[GnssKind, int] = field(default_factory=dict)
     positions: tuple[DraftPositions, ...] = ()
     warnings: tuple[str, ...] = ()
+    masks: DraftMasks | None = None
 
     @property
     def flights(self) -> int:
@@ -477,4 +489,5 @@ def draft_project(
         dict(Counter(g.kind for g in gnss if g is not None).most_common()),
         positions,
         _warnings(kept, [p.name for p in kept if p.name in frozen]),
+        wishes.masks,
     )

@@ -105,13 +105,22 @@ def _positions(draft: ProjectDraft) -> list[str]:
     ]
 
 
+def _masks(draft: ProjectDraft) -> list[str]:
+    masks = draft.masks
+    if masks is None:
+        return []
+    if masks.fault:
+        return comment(f"{masks.path} is not used: {masks.fault}", 2)
+    return [f"  masks: {scalar(masks.path)} # of {things(masks.photographs, 'photograph')}; black is left out"]
+
+
 def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     sigmas = Counter(p.gnss.sigma_m for p in draft.photographs if p.gnss is not None and not p.listed)
     most = sigmas.most_common(1)
     common = most[0][0] if most and (most[0][1] > 1 or len(draft.photographs) == 1) else None
     one_camera = len(draft.cameras) == 1
     with_attitude = sum(p.has_attitude for p in draft.photographs)
-    lines = ["photographs:", f"  folder: {scalar(folder)} # relative to this file"]
+    lines = ["photographs:", f"  folder: {scalar(folder)} # relative to this file", *_masks(draft)]
     if one_camera:
         lines.append(f"  camera: {draft.cameras[0].name}")
     lines += _gnss_comment(draft)
