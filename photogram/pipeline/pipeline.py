@@ -43,7 +43,9 @@ from photogram.pipeline.stages.results import publish
 from photogram.pipeline.stages.surface import model_surface, trace_relief
 from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
 from photogram.pipeline.store.dependence import (
+    automatic_masks,
     control_fingerprint,
+    given_masks,
     known_tie_points,
     orientation_as_made,
     orientation_settings,
@@ -93,6 +95,7 @@ STAGES = (
             run.project.features,
             run.project.quality,
             *known_tie_points(run.project),
+            *given_masks(run),
         ],
         detect_features,
     ),
@@ -129,7 +132,11 @@ STAGES = (
         "transfer",
         STAGE_TITLES["transfer"],
         ("photographs", "tie_points", "orientation"),
-        lambda run: [run.project.transfer, run.project.adjustment.tie_point_sigma_px],
+        lambda run: [
+            run.project.transfer,
+            run.project.adjustment.tie_point_sigma_px,
+            *automatic_masks(run.project),
+        ],
         transfer_tie_points,
     ),
     Stage("intersection", STAGE_TITLES["intersection"], ("orientation", "transfer"), lambda _: None, intersect_clouds),

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import BoolArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
@@ -37,12 +38,24 @@ from photogram.surface.dense.pyramid import (
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
 from photogram.surface.views import Views
 
+ALL_USED = 1.0 - 1e-3
+"""Share of what a reduced pixel is the mean of that a mask must leave; the least weight in it is 1/256."""
+
 
 class ReducedPictures:
-    """Grey pictures of the photographs, reduced by powers of two, as files that are mapped, not held, in memory."""
+    """Grey pictures of the photographs, reduced by powers of two, as files that are mapped, not held, in memory.
 
-    def __init__(self, folder: Path, grey: Callable[[int], NDArray[np.uint8]], reductions: tuple[int, ...]) -> None:
-        self.folder, self.grey, self.reductions = folder, grey, reductions
+    Pixels that a mask leaves out are NaN, and so are reduced ones that hold anything of them.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        grey: Callable[[int], NDArray[np.uint8]],
+        reductions: tuple[int, ...],
+        mask: Callable[[int], BoolArray | None] = lambda _: None,
+    ) -> None:
+        self.folder, self.grey, self.reductions, self.mask = folder, grey, reductions, mask
         make_folder(folder)
 
     def _file(self, view: int, reduction: int) -> Path:
@@ -52,14 +65,19 @@ class ReducedPictures:
         """Decode a photograph and write its reduced pictures; those that are there are kept."""
         if all(self._file(view, reduction).is_file() for reduction in self.reductions):
             return
-        grey = self.grey(view)
+        grey, used = self.grey(view), self.mask(view)
         if 1 in self.reductions:
-            self._write(view, 1, grey)
+            self._write(view, 1, grey if used is None else np.where(used, grey, np.float16(np.nan)))
         picture = grey.astype(np.float32)
+        share = None if used is None else used.astype(np.float32)
         for step in range(1, max(self.reductions).bit_length()):
             picture = cv2.pyrDown(picture)
+            reduced = picture.astype(np.float16)
+            if share is not None:
+                share = (cv2.pyrDown(share) > ALL_USED).astype(np.float32)
+                reduced[share == 0.0] = np.nan
             if 2**step in self.reductions:
-                self._write(view, 2**step, picture.astype(np.float16))
+                self._write(view, 2**step, reduced)
 
     def _write(self, view: int, reduction: int, picture: NDArray[np.generic]) -> None:
         with replacing(self._file(view, reduction)) as temporary, temporary.open("wb") as stream:
@@ -130,9 +148,15 @@ class _Matching:
         cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
         levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
         reductions = tuple(sorted({level.reduction for level in levels}))
-        pictures = ReducedPictures(folder / "pictures", lambda view: run.grey(int(views.photograph[view])), reductions)
+        pictures = ReducedPictures(
+            folder / "pictures",
+            lambda view: run.grey(int(views.photograph[view])),
+            reductions,
+            lambda view: run.mask(int(views.photograph[view])),
+        )
         stores = [BlockFiles(folder / heights_folder(level.cells), level.grid, BLOCK_CELLS) for level in levels]
-        return _Matching(settings, Scene(frame, views, pictures), known, levels, stores, pictures)
+        scene = Scene(frame, views, pictures, run.masked(views.photograph))
+        return _Matching(settings, scene, known, levels, stores, pictures)
 
     @staticmethod
     def read(run: Run, folder: Path) -> _Matching:

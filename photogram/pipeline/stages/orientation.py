@@ -10,19 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from photogram.adjustment.oriented_subset import part_of_block
+from photogram.arrays import BoolArray
 from photogram.camera import Camera, Pose
 from photogram.files.atomic import make_folder
 from photogram.files.npz_json import read_record, write_json, write_record
+from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.pipeline.stages.tie_points import orientation_thresholds, transfer_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.pieces import Kind, each
-from photogram.pipeline.store.run import PLACED_BY, Run
+from photogram.pipeline.store.run import AUTOMATIC_MASKS, PLACED_BY, Run, mask_file
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.sfm.known_poses import KnownPoses
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
+from photogram.sfm.sky import find_sky, shows_above_horizon
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
@@ -83,24 +86,37 @@ def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     return replace(tie_points, position_world_m=structure.point).select(structure.known, structure.good)
 
 
+def _used(run: Run, folder: Path, index: int) -> BoolArray | None:
+    """Return which pixels of a photograph are used in the stage `transfer`, whose folder has the automatic masks."""
+    used, path = run.given_mask(index), folder / mask_file(index)
+    if not path.is_file():
+        return used
+    found = read_mask(path)
+    return found if used is None else used & found
+
+
 @dataclass(frozen=True, eq=False)
 class _Transfer:
-    """What is searched for in every photograph, and what the photographs are."""
+    """What is searched for in every photograph, and what the photographs are; the ``folder`` has their automatic
+    masks."""
 
     run: Run
+    folder: Path
     tie_points: TiePoints
     patches: Patches
     cameras: Sequence[Camera]
     poses: Sequence[Pose | None]
 
     @staticmethod
-    def of(run: Run, orientation: Orientation, tie_points: TiePoints, patches: Patches | None = None) -> _Transfer:
+    def of(
+        run: Run, folder: Path, orientation: Orientation, tie_points: TiePoints, patches: Patches | None = None
+    ) -> _Transfer:
         """Return it for oriented tie points; the windows around them are cut out where they are not given."""
         calibrated = orientation.calibrated(run.project.cameras)
         position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
-        patches = patches or cut_patches(tie_points, position, run.grey)
+        patches = patches or cut_patches(tie_points, position, run.grey, lambda index: _used(run, folder, index))
         cameras = [calibrated[p.camera] for p in run.project.photographs]
-        return _Transfer(run, tie_points, patches, cameras, orientation.poses)
+        return _Transfer(run, folder, tie_points, patches, cameras, orientation.poses)
 
     def write(self, folder: Path) -> None:
         """Write what cannot be read from earlier stages, for other processes."""
@@ -112,7 +128,8 @@ class _Transfer:
     def read(run: Run, folder: Path) -> _Transfer:
         """Return what another process wrote."""
         tie_points = read_record(folder / _WINDOWS / "tie_points.npz", TiePoints)
-        return _Transfer.of(run, run.orientation(), tie_points, read_record(folder / _WINDOWS / "patches.npz", Patches))
+        patches = read_record(folder / _WINDOWS / "patches.npz", Patches)
+        return _Transfer.of(run, folder, run.orientation(), tie_points, patches)
 
 
 _WINDOWS = "windows"
@@ -123,25 +140,56 @@ def _search(transfer: _Transfer, index: int) -> Found:
     run = transfer.run
     return transfer_to(
         index, transfer.tie_points, transfer.patches, transfer.cameras, transfer.poses, run.grey(index),
-        transfer_thresholds(run.project),
+        transfer_thresholds(run.project), _used(run, transfer.folder, index),
     )  # fmt: skip
 
 
 _SEARCHED = Kind(_Transfer.read, _search)
 
 
+def mask_sky(run: Run, folder: Path, orientation: Orientation, progress: Progress) -> StageSummary:
+    """Find sky in the oriented photographs, and write its masks and the share of each photograph that they leave out;
+    without a vertical nothing is known to lie above the horizon."""
+    block, tie_points = run.block(), _oriented_tie_points(run, orientation)
+    calibrated = orientation.calibrated(block.cameras)
+
+    def sky_share(index: int) -> float:
+        pose, path = orientation.poses[index], folder / mask_file(index)
+        if pose is None or block.is_free:
+            return 0.0
+        if not path.is_file():
+            camera = calibrated[block.photographs[index].camera]
+            up = block.frame.rotation_world_from_map(pose.position_world_m)[:, 2]
+            if not shows_above_horizon(camera, pose, up):
+                return 0.0
+            sky = find_sky(camera, pose, up, run.grey(index), tie_points.pixel[tie_points.photograph == index])
+            if sky is None or sky.all():
+                return 0.0
+            write_mask(path, ~sky)
+        return 1.0 - float(read_mask(path).mean())
+
+    shares = dict[str, float]()
+    for index, share in enumerate(run.executor.map(sky_share, range(len(run.names)))):
+        if share:
+            shares[run.names[index]] = share
+        progress(index + 1, len(run.names), "sky")
+    write_json(folder / AUTOMATIC_MASKS, shares)
+    return {"sky": len(shares)}
+
+
 def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Measure tie points in the further photographs that show them.
+    """Find automatic masks, and measure tie points in the further photographs that show them.
 
     Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
     """
     project, orientation, joined = run.project, run.orientation(), run.tie_points()
+    masked: StageSummary = mask_sky(run, folder, orientation, progress) if project.masks.auto else {}
     if orientation.method == "control" or project.transfer.correlation == 1.0:
         write_record(folder / "tie_points.npz", joined)
-        return {"tie_points": len(joined), "transferred": 0}
+        return {"tie_points": len(joined), "transferred": 0, **masked}
     tie_points = _oriented_tie_points(run, orientation)
     progress(0, len(run.names), "windows")
-    transfer = _Transfer.of(run, orientation, tie_points)
+    transfer = _Transfer.of(run, folder, orientation, tie_points)
     if run.pool is not None:
         transfer.write(folder)
     found = []
@@ -156,6 +204,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
         "tie_points": len(whole),
         "disagreeing": len(joined.photograph) - len(tie_points.photograph),
         "transferred": len(whole.photograph) - len(tie_points.photograph),
+        **masked,
     }
 
 

@@ -22,6 +22,7 @@ from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_SIGMA,
     HeldPhotographs,
     looked_at,
+    masks_of,
     surface_in,
     tiles_of,
 )
@@ -34,7 +35,14 @@ from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
 from photogram.surface.dsm import MEASURED
 from photogram.surface.ortho.closed_surface import close_surface
-from photogram.surface.ortho.orthophoto import TILE_CELLS, ForcedOf, Orthophoto, chosen_orthophoto, rated_looks
+from photogram.surface.ortho.orthophoto import (
+    ONLY_MASKED,
+    TILE_CELLS,
+    ForcedOf,
+    Orthophoto,
+    chosen_orthophoto,
+    rated_looks,
+)
 from photogram.surface.ortho.outline import (
     SeamPolygon,
     cells_inside,
@@ -93,21 +101,25 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
         surface = closed_surface_of(run, scratch)
         progress(0, 0, "seams and exposure")
         settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
-        looks = rated_looks(views, block.frame, surface, run.executor, settings, forced=edited)
+        masks = masks_of(run, views)
+        looks = rated_looks(views, block.frame, surface, run.executor, settings, forced=edited, masks=masks)
         samples = looked_at(run, folder, scratch, looks, pixels_of)
         orthophoto = chosen_orthophoto(looks, samples, settings, camera)
         grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
         rim = rim_of(seams.looks, seams.label >= 0, blocks)
         if rim is None:
             raise PhotogramError("orthophoto: no photograph shows the surface: check its heights and the poses")
-        sides, inside, shown = sides_of(rim), 0, 0
+        sides, inside, shown, masked = sides_of(rim), 0, 0, 0
 
         def counted() -> Iterator[tuple[Window, ByteArray]]:
-            nonlocal inside, shown
+            nonlocal inside, shown, masked
             total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
             for done, (window, rgba) in enumerate(tiles_of(run, folder, scratch, orthophoto, pixels_of), 1):
                 within = cells_inside(sides, grid, window)
                 rgba[~within] = 0
+                only_masked = rgba[..., 3] == ONLY_MASKED
+                rgba[only_masked] = 0
+                masked += int(np.count_nonzero(only_masked))
                 inside += int(np.count_nonzero(within))
                 shown += int(np.count_nonzero(rgba[..., 3]))
                 yield window, rgba
@@ -117,9 +129,10 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     polygons = seam_polygons(seams.label, blocks, rim)
     write_seams(folder / OUTLINE_FILE, rim, [NamedPolygon(names[p.view], p.polygon) for p in polygons], site.plan)
     write_json(folder / "grid.json", grid)
-    write_json(folder / RIM_FILE, {"cells": inside, "transparent": inside - shown, "area_m2": rim.area})
+    counts = {"cells": inside, "transparent": inside - shown - masked, "masked": masked}
+    write_json(folder / RIM_FILE, {**counts, "area_m2": rim.area})
     size: StageSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
-    return {**size, "cells": shown, "transparent": inside - shown, **summary(orthophoto)}
+    return {**size, "cells": shown, "transparent": inside - shown - masked, **summary(orthophoto)}
 
 
 def closed_surface_of(run: Run, scratch: Path) -> Surface:

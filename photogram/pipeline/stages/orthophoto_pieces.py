@@ -21,10 +21,11 @@ from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import GridFile
 from photogram.surface.ortho.colour_balance import Balance
-from photogram.surface.ortho.looks import Looks
+from photogram.surface.ortho.looks import Looks, seen_cells
+from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.orthophoto import LEAST_HELD, TILE_CELLS, Orthophoto, plain_blocks
 from photogram.surface.ortho.seamlines import Lattice, Seams
-from photogram.surface.ortho.visibility import SeenCells, Surface, Terrain
+from photogram.surface.ortho.visibility import Surface, Terrain
 from photogram.surface.views import Views
 
 CLOSED_HEIGHT, CLOSED_SIGMA = "height.f32", "closed_sigma.f32"
@@ -78,6 +79,12 @@ def photographs_held(sizes_px: Sequence[tuple[int, int]], share: int = 1) -> int
     processes; LEAST_HELD at least."""
     largest = max((3 * width * height for width, height in sizes_px), default=1)
     return max(LEAST_HELD, memory_bytes() // 16 // share // largest)
+
+
+def masks_of(run: Run, views: Views) -> Masks | None:
+    """Return the masks of the photographs of a run, None where it has none."""
+    masked = run.masked(views.photograph)
+    return Masks(masked, lambda view: run.mask(int(views.photograph[view]))) if masked.any() else None
 
 
 def surface_in(scratch: Path, grid: MapGrid) -> Surface:
@@ -148,6 +155,7 @@ class _Elsewhere:
         surface = surface_in(self.scratch, MapGrid(**grids["surface"]))
         self.terrain = Terrain.under(self.views, self.frame, surface)
         self.pixels_of = HeldPhotographs.of(run, self.views, share=cores())
+        self.masks = masks_of(run, self.views)
 
 
 def _looks(run: Run, folder: Path) -> tuple[_Elsewhere, Looks]:
@@ -155,7 +163,7 @@ def _looks(run: Run, folder: Path) -> tuple[_Elsewhere, Looks]:
     arrays = read_arrays(here.scratch / _LATTICE)
     block, candidate, cost, height, centre, looks = (arrays[name] for name in _WHOLE)
     lattice = Lattice.unseen(int(block), candidate, cost, height, centre, looks)
-    return here, Looks.of(here.views, here.frame, here.terrain, here.grid, lattice)
+    return here, Looks.of(here.views, here.frame, here.terrain, here.grid, lattice, here.masks)
 
 
 def _look(prepared: tuple[_Elsewhere, Looks], view: int) -> str:
@@ -172,9 +180,10 @@ def _orthophoto(run: Run, folder: Path) -> tuple[_Elsewhere, Orthophoto]:
     feather_cells, highlights = read_json(here.scratch / "colours.json")
     seams = read_record(here.scratch / _SEAMS, Seams)
     balance = read_record(here.scratch / _BALANCE, Balance)
+    seen = seen_cells(here.views, here.frame, here.terrain, here.masks)
     return here, Orthophoto(
-        here.views, here.frame, here.terrain, here.grid, seams, balance, SeenCells(here.terrain), feather_cells,
-        highlights, plain_blocks(seams),
+        here.views, here.frame, here.terrain, here.grid, seams, balance, seen, feather_cells, highlights,
+        plain_blocks(seams),
     )  # fmt: skip
 
 

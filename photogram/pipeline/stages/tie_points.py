@@ -36,6 +36,9 @@ def _coarseness(project: Project, photograph: int) -> float:
     return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
 
 
+MASKED = "masked.json"
+"""File of the stage `features` with the share that masks leave out of each photograph; not there without masks."""
+
 MOST_SEARCHED = 2.0
 """Times that transferred tie points are searched for farther away than with full quality, at most: beyond it windows
 are found in the wrong place, and the time grows with the square."""
@@ -61,13 +64,42 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
 
     As many photographs at once as there are workers and as the memory holds.
     """
+    masked = masked_shares(run, folder)
     largest = max(camera.width_px * camera.height_px for camera in run.project.cameras)
     at_once = photographs_at_once(largest // REDUCTIONS[run.project.quality] ** 2)
     counts = []
     for index, count in enumerate(each(run, folder, _DETECTED, range(len(run.names)), at_once=at_once)):
         counts.append(count)
         progress(index + 1, len(run.names), run.names[index])
-    return {"key_points": counts}
+    if masked is None:
+        return {"key_points": counts}
+    write_json(folder / MASKED, masked)
+    return {"key_points": counts, "masks": len(masked), "masked_share": sum(masked.values()) / max(len(masked), 1)}
+
+
+def _masked_share(work: StageWork, index: int) -> float | str:
+    """Return the share of a photograph that its masks leave out, or what is wrong with them."""
+    try:
+        used = work[0].given_mask(index)
+    except ImageError as fault:
+        return str(fault)
+    return 0.0 if used is None else 1.0 - float(used.mean())
+
+
+_MASKED = Kind(stage_work, _masked_share)
+
+
+def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
+    """Decode all masks that are given, before anything is looked for, and return the share that they leave out of each
+    photograph that has one; None where none has. Raises ImageError that names every mask that cannot be used."""
+    masked = [i for i in range(len(run.names)) if run.project.masks.of(i)]
+    if not masked:
+        return None
+    found = list(each(run, folder, _MASKED, masked))
+    faults = [share for share in found if isinstance(share, str)]
+    if faults:
+        raise ImageError("\n".join(dict.fromkeys(faults)))
+    return {run.names[i]: share for i, share in zip(masked, found, strict=True) if not isinstance(share, str)}
 
 
 def _known_tie_points(run: Run) -> TiePoints | None:
@@ -84,7 +116,7 @@ def _detect(work: StageWork, index: int) -> int:
         known, reduction = _known_tie_points(run), REDUCTIONS[run.project.quality]
         write_record(
             path,
-            find_features(run.names[index], run.pixels(index), run.project.features, reduction)
+            find_features(run.names[index], run.pixels(index), run.project.features, reduction, run.given_mask(index))
             if known is None
             else known_features(known, index, run.pixels(index)),
         )

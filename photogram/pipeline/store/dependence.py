@@ -70,6 +70,16 @@ def known_tie_points(project: Project) -> list[object]:
     return [] if start is None or start.tie_points == "own" else [file_fingerprint(start.solution)]
 
 
+def given_masks(run: Run) -> list[object]:
+    """Return what stages depend on that leave masked pixels out; nothing in a project without masks."""
+    return [run.mask_fingerprints] if run.project.masks.given else []
+
+
+def automatic_masks(project: Project) -> list[object]:
+    """Return what is masked automatically; nothing in a project that asks for none."""
+    return [project.masks.auto] if project.masks.auto else []
+
+
 def _known_poses(project: Project) -> list[object]:
     start = project.start
     return [] if start is None or start.poses == "own" else [file_fingerprint(start.solution)]

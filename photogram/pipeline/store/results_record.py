@@ -16,7 +16,7 @@ from photogram.files.npz_json import file_fingerprint
 from photogram.files.stage_folders import faults_of
 
 CHECKSUMS = "checksums.sha256"
-_PLACES = (Path("."), Path("pictures"))
+_PLACES = (Path("."), Path("pictures"), Path("masks"))
 PRODUCTS = (
     "report.json",
     "report.schema.json",
@@ -41,6 +41,7 @@ PRODUCTS = (
     "orthophoto.tif",
     "outline.gpkg",
     "plane.json",
+    "masks/*.png",
     "pictures/surface.png",
     "pictures/plan.png",
     "pictures/comparison.png",

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.crs import NO_CRS
 from photogram.files.exchange.stored_solutions import read_stored
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.images import read_grey, read_pixels
+from photogram.files.photographs.masks import read_mask, read_masks
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
@@ -57,6 +58,14 @@ FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_b
 PLANE = "plane.json"
 """File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
 
+AUTOMATIC_MASKS = "masks.json"
+"""File of the stage `transfer` with the share of each photograph that is masked automatically; not there without."""
+
+
+def mask_file(photograph: int) -> str:
+    """Return the file of the stage `transfer` with the automatic mask of a photograph."""
+    return f"mask{photograph:05d}.png"
+
 
 @cache
 def _note_types() -> TypeAdapter[list[PhotographNote]]:
@@ -83,6 +92,47 @@ class Run:
         # with workers of its own, since one of the executor's may be the first to ask
         with ThreadPoolExecutor(cores()) as workers:
             return tuple(workers.map(file_fingerprint, [p.path for p in self.project.photographs]))
+
+    @cached_property
+    def mask_fingerprints(self) -> tuple[tuple[str, ...], ...]:
+        """Return the content fingerprints of the masks that are given for every photograph."""
+        files = self.project.masks.files
+        distinct = sorted({path for paths in files for path in paths})
+        with ThreadPoolExecutor(cores()) as workers:
+            marks = dict(zip(distinct, workers.map(file_fingerprint, distinct), strict=True))
+        return tuple(tuple(marks[path] for path in paths) for paths in files)
+
+    def given_mask(self, index: int) -> BoolArray | None:
+        """Return which pixels (height, width) of a photograph the masks that are given leave, None where it has none.
+        Raises ImageError as ``read_masks``."""
+        paths = self.project.masks.of(index)
+        if not paths:
+            return None
+        camera = self.project.cameras[self.project.photographs[index].camera]
+        size_px = camera.width_px, camera.height_px
+        return read_masks(paths, size_px, self.mask_fingerprints[index])
+
+    @cached_property
+    def automatically_masked(self) -> dict[str, float]:
+        """Return the share of each photograph that is masked automatically, by name, of those that have such a mask.
+        Needs the stage `transfer`."""
+        if not self.project.masks.auto or not self.workspace.has("transfer", AUTOMATIC_MASKS):
+            return {}
+        return {str(n): float(s) for n, s in read_json(self.workspace.file("transfer", AUTOMATIC_MASKS)).items()}
+
+    def mask(self, index: int) -> BoolArray | None:
+        """Return which pixels (height, width) of a photograph are used, by the masks that are given and those found
+        automatically, None where it has neither. Needs the stage `transfer`."""
+        used = self.given_mask(index)
+        if self.names[index] not in self.automatically_masked:
+            return used
+        found = read_mask(self.workspace.file("transfer", mask_file(index)))
+        return found if used is None else used & found
+
+    def masked(self, indices: IntArray) -> BoolArray:
+        """Return which of some photographs have a mask, given or found automatically. Needs the stage `transfer`."""
+        names, automatic = self.names, self.automatically_masked
+        return np.array([bool(self.project.masks.of(i)) or names[i] in automatic for i in indices.tolist()], dtype=bool)
 
     def note_memory(self, highest: int | None) -> None:
         """Note the most memory, in bytes, that a process of the pool has held in the present stage."""

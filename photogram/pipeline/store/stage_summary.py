@@ -36,6 +36,10 @@ class StageSummary(TypedDict, total=False):
     """photographs: number of positions of a stopped receiver, if any."""
     key_points: list[int]
     """features: number of key points of each photograph."""
+    masks: int
+    """features: number of photographs with a mask, if any."""
+    masked_share: float
+    """features: mean share that their masks leave out, if there are any."""
     pairs: int
     """pairs, matches: number of pairs selected."""
     selected_by: dict[str, int]
@@ -56,6 +60,8 @@ class StageSummary(TypedDict, total=False):
     """transfer: number of observations that disagree with the oriented block."""
     transferred: int
     """transfer: number of further observations."""
+    sky: int
+    """transfer: number of photographs in which sky is masked, where that is asked for."""
     linear_2view: int
     """intersection: number of points from two views."""
     linear_3view: int

@@ -112,8 +112,8 @@ def issued(run: Run, folder: Path) -> WorkOrder:
     """Return the order of the stage that works in ``folder``, with its note written."""
     order = run.orders[folder]
     if not order.note.is_file():
-        marks = run.photograph_fingerprints
-        write_json(order.note, {"programs": programs(), "project": _project_mark(run.project), "photographs": marks})
+        marks = {"photographs": run.photograph_fingerprints, "masks": run.mask_fingerprints}
+        write_json(order.note, {"programs": programs(), "project": _project_mark(run.project), **marks})
     return order
 
 
@@ -191,6 +191,7 @@ def _opened(order: WorkOrder) -> Commission:
     closing = ExitStack()
     run = Run(project, Workspace(order.note.parent), closing.enter_context(ThreadPoolExecutor(1)))
     run.__dict__["photograph_fingerprints"] = tuple(note["photographs"])
+    run.__dict__["mask_fingerprints"] = tuple(tuple(marks) for marks in note["masks"])
 
     def still_ordered() -> None:
         if not order.note.is_file():

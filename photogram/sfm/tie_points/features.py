@@ -20,10 +20,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, Float32Array, Int32Array
+from photogram.arrays import BoolArray, ByteArray, Float32Array, Int32Array
 from photogram.errors import ImageError, check_range
 from photogram.machine import memory_bytes
 from photogram.sfm.tie_points.gradient_histograms import descriptors, orientations
+from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.sfm.tie_points.scale_space import extrema, octaves
 from photogram.survey import Features
 
@@ -219,28 +220,40 @@ def coarseness(pixels: int, settings: FeatureSettings, reduction: int) -> float:
     return picture_scale(pixels, settings, reduction) / picture_scale(pixels, settings)
 
 
-def find_features(name: str, pixels: ByteArray, settings: FeatureSettings, reduction: int = 1) -> Features:
+def find_features(
+    name: str, pixels: ByteArray, settings: FeatureSettings, reduction: int = 1, used: BoolArray | None = None
+) -> Features:
     """Find key points in the photograph ``name`` with red, green, blue ``pixels`` (H, W, 3) uint8, sorted by row, then
     column; places in px, the centre of the top-left pixel at (0, 0).
 
     ``reduction`` 2 or 4 looks for them in the picture at half or quarter size; places and sizes are always in pixels of
-    the whole photograph. Raises ImageError when it shows too little texture to be matched.
+    the whole photograph. ``used`` (H, W) are the pixels that its mask leaves: a key point lies in them, and what is
+    left out begins farther away than its size. Raises ImageError when it shows too little texture to be matched; with
+    a mask it may have few key points, or none.
     """
     grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     factor = picture_scale(grey.size, settings, reduction)
-    table, descriptor = _found(name, _reduced(grey, factor), settings, factor > reduction)
-    place = factor * (table[:, :2] + 0.5) - 0.5
+    clear = None if used is None else clear_px(used)
+    table, descriptor = _found(name, _reduced(grey, factor), settings, factor, reduction, clear)
+    place = _in_photograph(table[:, :2], factor)
     height, width = grey.shape
     column = np.clip(np.round(place[:, 0]).astype(np.int64), 0, width - 1)
     row = np.clip(np.round(place[:, 1]).astype(np.int64), 0, height - 1)
     return Features(place, factor * table[:, 2], np.deg2rad(table[:, 3]), descriptor, pixels[row, column].copy())
 
 
+def _in_photograph(place: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
+    """Return places (N, 2) of a picture at 1/``factor`` of the size in pixels of the whole photograph."""
+    return factor * (place + 0.5) - 0.5
+
+
 def _found(
-    name: str, grey: ByteArray, settings: FeatureSettings, halved: bool
+    name: str, grey: ByteArray, settings: FeatureSettings, factor: int, reduction: int, clear: Float32Array | None
 ) -> tuple[NDArray[np.float64], ByteArray]:
-    """Return key points (N, 5), as _Points, and descriptors (N, 128) of a picture, in its own pixels."""
+    """Return key points (N, 5), as _Points, and descriptors (N, 128) of a picture at 1/``factor`` of the size, in its
+    own pixels; ``clear`` are those of `clear_px` of the whole photograph, None without a mask."""
     height, width = grey.shape
+    halved = factor > reduction
     tiles = _tiles(grey, settings)
     # those of a picture too large to hold are made again for what is wanted of them
     held: list[list[Float32Array]] | None = [[] for _ in tiles] if grey.size <= HELD_PX else None
@@ -256,10 +269,12 @@ def _found(
         strength = response * np.minimum(size, LASTING_PX) ** 2 if halved else response
         return points.only(_spread(points.table, strength, width, height, settings))
 
+    if clear is not None:
+        every = every.only(are_clear(clear, _in_photograph(every.table[:, :2], factor), factor * every.table[:, 2]))
     # several orientations of one point only take the places of weaker ones: no other point can come to be wanted
     every = wanted(every)
     every = _joined([_oriented(every.only(every.origin[:, 0] == n), levels(n)) for n in range(len(tiles))])
-    if len(every) < 8:
+    if len(every) < 8 and clear is None:
         raise ImageError(
             f"{name}: only {len(every)} key points found in {width} x {height} px: the photograph is blank, "
             "blurred or black; remove it, or lower features.contrast_threshold"

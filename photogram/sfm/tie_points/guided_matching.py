@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, project
 from photogram.compilation import njit
 from photogram.errors import check_range
+from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.survey import TRANSFERRED, TiePoints
 
 HALF_PATCH = 16
@@ -57,11 +58,16 @@ def _nearest_views(tie: TiePoints, position_world_m: FloatArray) -> IntArray:
     return np.asarray(order[np.searchsorted(tie.point[order], np.arange(len(tie)))])
 
 
-def cut_patches(tie: TiePoints, position_world_m: FloatArray, read_grey: Callable[[int], ByteArray]) -> Patches:
+def cut_patches(
+    tie: TiePoints,
+    position_world_m: FloatArray,
+    read_grey: Callable[[int], ByteArray],
+    read_mask: Callable[[int], BoolArray | None] = lambda _: None,
+) -> Patches:
     """Cut a window around each tie point out of the photograph nearest to it.
 
     ``position_world_m`` (N, 3) are the projection centres; ``read_grey`` gives the pixels (H, W) of a photograph, one
-    after the other.
+    after the other, and ``read_mask`` which of them are used, None for all. No window holds a pixel that is not used.
     """
     view = _nearest_views(tie, position_world_m)
     whole = np.round(tie.pixel[view]).astype(np.int64)
@@ -74,6 +80,9 @@ def cut_patches(tie: TiePoints, position_world_m: FloatArray, read_grey: Callabl
         u, v = whole[:, 0], whole[:, 1]
         inside = (u >= HALF_PATCH) & (u < width - HALF_PATCH) & (v >= HALF_PATCH) & (v < height - HALF_PATCH)
         own = np.flatnonzero((tie.photograph[view] == photograph) & inside)
+        used = read_mask(photograph)
+        if used is not None:
+            own = own[are_clear(clear_px(used), tie.pixel[view[own]], HALF_PATCH)]
         grey[own] = picture[v[own, None, None] + step[:, None], u[own, None, None] + step[None, :]]
         source[own] = photograph
     return Patches(source, grey, tie.pixel[view] - whole + HALF_PATCH)
@@ -199,11 +208,13 @@ def transfer_to(
     poses: Sequence[Pose | None],
     picture: ByteArray,
     settings: TransferSettings,
+    used: BoolArray | None = None,
 ) -> Found:
     """Find the tie points that one photograph should show and has no observation of.
 
-    ``cameras`` and ``poses`` are those of every photograph (N), ``picture`` (H, W) its pixels; positions of the tie
-    points are in the frame of the poses.
+    ``cameras`` and ``poses`` are those of every photograph (N), ``picture`` (H, W) its pixels, and ``used`` (H, W)
+    which of them its mask leaves: none of the others lies in a window that is found. Positions of the tie points are in
+    the frame of the poses.
     """
     pose, camera = poses[photograph], cameras[photograph]
     seen = np.unique(tie.point[tie.photograph == photograph])
@@ -228,6 +239,8 @@ def transfer_to(
         settings.least_contrast, found,
     )  # fmt: skip
     good = np.isfinite(found[:, 0])
+    if used is not None:
+        good[good] = are_clear(clear_px(used), found[good], settings.half_window_px)
     return Found(near[good], found[good])
 
 

@@ -29,7 +29,7 @@ class Crops(NamedTuple):
     """Cameras and the part of each (reduced) picture that a block of cells needs, one after the other in ``pixels``.
 
     ``start`` (V,), ``left``, ``top``, ``width``, ``height`` (V,) of each crop; a pixel (u, v) of the photograph is
-    (u, v) · ``scale`` in the reduced picture.
+    (u, v) · ``scale`` in the reduced picture. Pixels that show nothing, because a mask leaves them out, are NaN.
     """
 
     cameras: OrientedCameras
@@ -291,6 +291,7 @@ def sample_lattice(
     less = np.float32(0.0)
     if 0.0 <= x < size[0] and 0.0 <= y < size[1]:
         less = crop[int(y) * size[0] + int(x)]
+        less = less if less == less else np.float32(0.0)
     for i in range(per_cell):
         south = (i - half) / per_cell / nodes.row_reach
         for j in range(per_cell):
@@ -320,4 +321,5 @@ def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Floa
                 top = crops.pixels[at] + (x - j) * (crops.pixels[at + 1] - crops.pixels[at])
                 at += crops.width[v]
                 low = crops.pixels[at] + (x - j) * (crops.pixels[at + 1] - crops.pixels[at])
-                out[r, c] = np.float32(top + (y - i) * (low - top))
+                grey = np.float32(top + (y - i) * (low - top))
+                out[r, c] = grey if grey == grey else np.float32(0.0)

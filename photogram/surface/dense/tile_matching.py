@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, FloatArray, IntArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
@@ -46,6 +46,12 @@ PATCH_CELLS = 16
 
 LARGEST_STEP = 1000.0
 """The largest penalty: with it sums over eight paths stay well within 16 bits."""
+
+MASKED_SPARE = 3
+"""So many times more photographs are asked for a patch where some have masks, for those that show it unmasked."""
+
+PLACES_ALONG = 3
+"""Places along a patch at which masks are looked up."""
 
 RIM_PX = 8
 """Pixels around what a block shows that are kept for the windows at its edge."""
@@ -116,11 +122,13 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is matched: the frame, the oriented photographs, and where their pictures come from."""
+    """What is matched: the frame, the oriented photographs, where their pictures come from, and which of them (V,) have
+    pixels that are left out and are NaN in their pictures, None for none."""
 
     frame: LocalFrame
     views: Views
     picture: Picture
+    masked: BoolArray | None = None
 
 
 def match_block(
@@ -135,7 +143,7 @@ def match_block(
     lines = verticals(scene.frame, level.grid, outer)
     inner = (slice(block.row - outer.row, block.row_end - outer.row),
              slice(block.column - outer.column, block.column_end - outer.column))  # fmt: skip
-    views = _views_of_patches(scene, lines, prior.surface, settings.photographs)
+    views = _views_of_patches(scene, lines, prior.surface, settings.photographs, level.reduction)
     if not (views >= 0).any():
         nothing = _nothing(block.shape)
         return Found(nothing.height_m, nothing.correlation, nothing if refined else None)
@@ -158,15 +166,52 @@ def _seen(ground: Ground, shape: tuple[int, int]) -> NDArray[np.uint8]:
     return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
 
 
-def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int) -> IntArray:
+def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int, reduction: int) -> IntArray:
     """Return the views (patch rows, patch columns, most) in which the cells of each patch are looked up."""
     rows, columns = surface.shape
     row, column = (np.minimum(np.arange(0, n, PATCH_CELLS) + PATCH_CELLS // 2, n - 1) for n in (rows, columns))
     at = np.ix_(row, column)
     place = lines.foot_world_m[at] + surface[at][..., None] * lines.up[at]
-    chosen, _ = choose_views(scene.views, place.reshape(-1, 3), most)
+    several = scene.masked is not None and bool(scene.masked.any())
+    chosen, _ = choose_views(scene.views, place.reshape(-1, 3), most * (MASKED_SPARE if several else 1))
+    if several:
+        chosen = _unmasked(scene, chosen, _patch_places(lines, surface, row, column), reduction)[:, :most]
     chosen[(chosen >= 0).sum(axis=1) < 2] = -1
-    return chosen.reshape(len(row), len(column), most)
+    return np.ascontiguousarray(chosen).reshape(len(row), len(column), most)
+
+
+def _patch_places(lines: Verticals, surface: Float32Array, row: IntArray, column: IntArray) -> FloatArray:
+    """Return places (P, N, 3) of patches, given by the row and column of their middles: of cells spread over each."""
+    step = np.linspace(-0.4, 0.4, PLACES_ALONG) * PATCH_CELLS
+    rows, columns = (
+        np.clip(np.rint(middle[:, None] + step).astype(np.int64), 0, n - 1)
+        for middle, n in zip((row, column), surface.shape, strict=True)
+    )
+    r, c = rows[:, None, :, None], columns[None, :, None, :]
+    place = lines.foot_world_m[r, c] + surface[r, c][..., None] * lines.up[r, c]
+    return np.asarray(place.reshape(len(row) * len(column), PLACES_ALONG**2, 3))
+
+
+def _unmasked(scene: Scene, chosen: IntArray, places_world_m: FloatArray, reduction: int) -> IntArray:
+    """Return the views (P, M) of patches in their order without those whose masks leave out half or more of the
+    ``places_world_m`` (P, N, 3) that they show, then −1."""
+    assert scene.masked is not None
+    kept = chosen.copy()
+    for view in np.unique(chosen[chosen >= 0]).tolist():
+        if not scene.masked[view]:
+            continue
+        patch, rank = np.nonzero(chosen == view)
+        picture = scene.picture(view, reduction)
+        pixel = places_in_view(scene.views, view, places_world_m[patch].reshape(-1, 3)) / reduction
+        inside = np.asarray(np.isfinite(pixel).all(axis=1))
+        whole = np.rint(np.where(inside[:, None], pixel, -1.0)).astype(np.int64)
+        inside &= np.all((whole >= 0) & (whole < np.array([picture.shape[1], picture.shape[0]])), axis=1)
+        shown = np.zeros(len(pixel), dtype=bool)
+        shown[inside] = np.isfinite(picture[whole[inside, 1], whole[inside, 0]])
+        left = shown.reshape(len(patch), -1).sum(axis=1)
+        lost = 2 * left <= inside.reshape(len(patch), -1).sum(axis=1)
+        kept[patch[lost], rank[lost]] = -1
+    return np.asarray(np.take_along_axis(kept, np.argsort(kept < 0, axis=1, kind="stable"), axis=1))
 
 
 def _crops(scene: Scene, lines: Verticals, views: IntArray, prior: Prior, reduction: int) -> Crops:

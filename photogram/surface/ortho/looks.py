@@ -13,9 +13,19 @@ from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.surface.ortho.colour_balance import Places, colours_in
+from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.seamlines import Lattice, look
 from photogram.surface.ortho.visibility import SeenCells, Terrain
 from photogram.surface.views import Views
+
+_SEEN = ("seen", "inside", "grey", "masked")
+
+
+def seen_cells(views: Views, frame: LocalFrame, terrain: Terrain, masks: Masks | None = None) -> SeenCells:
+    """Return what views see of a terrain, in the pixels that their masks leave."""
+    if masks is None:
+        return SeenCells(terrain)
+    return SeenCells(terrain, masked=lambda view: masks.cells(views, frame, terrain, view))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +42,12 @@ class Looks:
     seen: SeenCells
 
     @staticmethod
-    def of(views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice) -> Looks:
+    def of(
+        views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice, masks: Masks | None = None
+    ) -> Looks:
         """Return it for a lattice that nobody has looked at."""
-        return Looks(views, frame, terrain, grid, lattice, Places.of(lattice, grid.cell_m), SeenCells(terrain))
+        seen = seen_cells(views, frame, terrain, masks)
+        return Looks(views, frame, terrain, grid, lattice, Places.of(lattice, grid.cell_m), seen)
 
     def at(self, view: int, picture: ByteArray) -> tuple[IntArray, FloatArray]:
         """Look at a photograph (H, W, 3), and return its colours at the places as ``colours_in``. Photographs may be
@@ -45,10 +58,10 @@ class Looks:
     def of_view(self, view: int) -> dict[str, NDArray[Any]]:
         """Return what was seen in a photograph of the blocks that list it, in their order."""
         listed = self.lattice.candidate == view
-        return {name: getattr(self.lattice, name)[listed] for name in ("seen", "inside", "grey")}
+        return {name: getattr(self.lattice, name)[listed] for name in _SEEN}
 
     def take(self, view: int, found: Mapping[str, NDArray[Any]]) -> None:
         """Fill in what ``of_view`` returned elsewhere."""
         listed = self.lattice.candidate == view
-        for name in ("seen", "inside", "grey"):
+        for name in _SEEN:
             getattr(self.lattice, name)[listed] = found[name]

@@ -34,6 +34,7 @@ from photogram.surface.ortho.colour_balance import (
     joined,
 )
 from photogram.surface.ortho.looks import Looks
+from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.resampling import Tone, add_photograph
 from photogram.surface.ortho.seamlines import (
     SMALLEST_BLOCK,
@@ -45,6 +46,7 @@ from photogram.surface.ortho.seamlines import (
 )
 from photogram.surface.ortho.visibility import (
     BESIDE,
+    MASKED,
     UNSURE_CELLS,
     VISIBLE,
     SeenCells,
@@ -71,6 +73,9 @@ TILES_AHEAD = 4
 
 MIXED = 4
 """Photographs that a cell may be mixed of."""
+
+ONLY_MASKED = 1
+"""Alpha of cells that photographs show in masked pixels alone, until they are written as transparent."""
 
 EDGE_CELLS = 4.0
 """Difference in height within five cells, in cells, from which there is a height edge: 45° are no edge."""
@@ -171,7 +176,8 @@ class Orthophoto:
     def tile(self, window: Window, pixels_of: PixelsOf) -> ByteArray:
         """Return red, green, blue and alpha (rows, columns, 4) of a window; one photograph at a time is held.
 
-        Alpha is 0 where there is no surface, or no photograph that sees it, else 255.
+        Alpha is 0 where there is no surface, or no photograph that sees it, ONLY_MASKED where none does but in pixels
+        that its mask leaves out, else 255.
         """
         shape, terrain = window.shape, self.terrain
         near = terrain.cells_around(self.grid, window, _EDGE_REACH + 1)
@@ -182,7 +188,7 @@ class Orthophoto:
         seen = np.stack([self.seen.part(n, near) for n in over.tolist()]) if len(over) else _NOTHING
         chosen = _Chosen(
             np.full((*shape, MIXED), -1, np.int32), np.zeros((*shape, MIXED), np.float32), np.zeros((*shape, 3)),
-            np.zeros(len(self.views), np.bool_),
+            np.zeros(len(self.views), np.bool_), np.zeros(shape, np.bool_),
         )  # fmt: skip
         unsure = terrain.tolerances_m(near) > UNSURE_CELLS * cell_m
         corner = (terrain.grid.west_map_m + near.column * cell_m, terrain.grid.north_map_m - near.row * cell_m)
@@ -203,6 +209,7 @@ class Orthophoto:
             )  # fmt: skip
         rgba = np.empty((*shape, 4), np.uint8)
         _rounded(colour, chosen.label, self.highlights, rgba)
+        rgba[chosen.masked, 3] = ONLY_MASKED
         return rgba
 
     def tiles(
@@ -238,29 +245,31 @@ def plan_orthophoto(
     grid: MapGrid | None = None,
     camera: NDArray[np.int64] | None = None,
     forced: ForcedOf | None = None,
+    masks: Masks | None = None,
 ) -> Orthophoto:
     """Choose the seams and the gains of an orthophoto; then its tiles can be made.
 
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view, and may
     be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is not given;
-    ``forced`` gives for the grid of the blocks which view each is to be taken from, −1 for any. Raises PhotogramError
-    where no photograph is above the surface, or the surface has no height.
+    ``forced`` gives for the grid of the blocks which view each is to be taken from, −1 for any; ``masks`` which pixels
+    of the photographs are used, all where it is not given. Raises PhotogramError where no photograph is
+    above the surface, or the surface has no height.
     """
     settings = settings or OrthophotoSettings()
-    looks = rated_looks(views, frame, surface, executor, settings, grid=grid, forced=forced)
+    looks = rated_looks(views, frame, surface, executor, settings, grid=grid, forced=forced, masks=masks)
     samples = list(executor.map(lambda view: looks.at(view, pixels_of(view)), range(len(views))))
     return chosen_orthophoto(looks, samples, settings, camera)
 
 
 def rated_looks(
     views: Views, frame: LocalFrame, surface: Raster | Surface, executor: Executor, settings: OrthophotoSettings, *,
-    grid: MapGrid | None = None, forced: ForcedOf | None = None,
+    grid: MapGrid | None = None, forced: ForcedOf | None = None, masks: Masks | None = None,
 ) -> Looks:  # fmt: skip
     """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read."""
     terrain = Terrain.under(views, frame, Surface.of(surface) if isinstance(surface, Raster) else surface)
     grid = grid or orthophoto_grid(views, terrain, settings.cell_m)
     wanted = None if forced is None else forced(lattice_grid(grid, block_cells(grid)))
-    return Looks.of(views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted))
+    return Looks.of(views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted), masks)
 
 
 def chosen_orthophoto(
@@ -305,12 +314,13 @@ def ideal_radius2(cameras: OrientedCameras, camera: int, pixel: FloatArray) -> F
 class _Chosen(NamedTuple):
     """Of what the cells of a window are made: ``label`` (R, C, MIXED) the photographs, −1 for none, the ones there are
     first; ``weight`` (R, C, MIXED); ``place`` (R, C, 3) the centre of each cell on the surface, world; ``used`` (V,)
-    which photographs are needed."""
+    which photographs are needed; ``masked`` (R, C) which cells none shows because of masks."""
 
     label: Int32Array
     weight: Float32Array
     place: FloatArray
     used: BoolArray
+    masked: BoolArray
 
 
 def _edges(height: Float32Array, cell_m: float) -> BoolArray:
@@ -455,6 +465,8 @@ def _choose(
                 if n >= 0:
                     out.label[i, j, 0], out.weight[i, j, 0] = n, 1.0
                     out.used[n] = True
+                else:
+                    out.masked[i, j] = (seen[:, r, c] == MASKED).any()
                 continue
             if count == 1 or feather == 0.0 or edges[r, c]:
                 out.label[i, j, 0], out.weight[i, j, 0] = found[best], 1.0
@@ -498,6 +510,6 @@ def _another(
                 return int(over[k])
     if unsure:
         for k in range(len(listed)):
-            if listed[k] >= 0 and _shows(cameras, listed[k], X):
+            if listed[k] >= 0 and seen[slot[listed[k]]] != MASKED and _shows(cameras, listed[k], X):
                 return int(listed[k])
     return -1

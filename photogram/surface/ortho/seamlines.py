@@ -21,7 +21,7 @@ from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_at
 from photogram.surface.ortho.labelling import DIFFERENCE_UNIT, chosen_labels
-from photogram.surface.ortho.visibility import VISIBLE, SeenCells, Terrain, height_at, place_between
+from photogram.surface.ortho.visibility import MASKED, VISIBLE, SeenCells, Terrain, height_at, place_between
 from photogram.surface.views import Views
 
 Number = TypeVar("Number", bound=np.generic)
@@ -38,6 +38,9 @@ SMALLEST_BLOCK, LARGEST_LATTICE = 8, 400_000
 MIDDLE_WEIGHT, SCALE_WEIGHT, HIDDEN_COST = 0.5, 0.5, 0.02
 """Costs beside tan² of the angle from the nadir: of r² in the photograph, of the squared logarithm of how much coarser
 its pixels are than the finest there, and of being hidden or cut off over the whole of a block."""
+
+MASKED_COST = 10.0
+"""Cost of a photograph that is masked over the whole of a block: more than that of any other that sees it."""
 
 SEAM_COST, OPEN_SHARE = 4e-3, 0.01
 """Cost of a seam along a height edge, per flying height over the side of a block, and the share of it on open ground.
@@ -87,9 +90,11 @@ class Lattice:
     inside: BoolArray
     """Whether it shows all of the block (R, C, CANDIDATES), hidden or not."""
     grey: ByteArray
-    """Its grey values (R, C, CANDIDATES, SAMPLES²), 0 beside the photograph."""
+    """Its grey values (R, C, CANDIDATES, SAMPLES²), 0 beside the photograph and where it is masked."""
     looks: ByteArray
     """How many photographs (R, C) show the middle of the block."""
+    masked: ByteArray
+    """At how many of SAMPLES² places (R, C, CANDIDATES) each is masked."""
 
     @staticmethod
     def unseen(
@@ -99,7 +104,8 @@ class Lattice:
         """Return a lattice that nobody has looked at."""
         nothing = np.zeros(candidate.shape, np.uint8)
         grey = np.zeros((*candidate.shape, SAMPLES**2), np.uint8)
-        return Lattice(block, candidate, cost, height, centre, nothing, nothing.astype(np.bool_), grey, looks)
+        inside, masked = nothing.astype(np.bool_), nothing.copy()
+        return Lattice(block, candidate, cost, height, centre, nothing, inside, grey, looks, masked)
 
     @property
     def clear(self) -> BoolArray:
@@ -207,7 +213,7 @@ def look(
         views.cameras, view, terrain.heights(box), _corner(dsm, box), seen.of(view), shown,
         (blocks.west_map_m, blocks.north_map_m, blocks.cell_m), first, (east, south, up), lattice.block_cells,
         lattice.candidate[part], lattice.height_map_m[part], lattice.centre_world_m[part],
-        (lattice.seen[part], lattice.inside[part], lattice.grey[part]),
+        (lattice.seen[part], lattice.inside[part], lattice.grey[part], lattice.masked[part]),
     )  # fmt: skip
 
 
@@ -254,9 +260,11 @@ def _corner(grid: MapGrid, window: Window) -> tuple[float, float, float]:
 
 
 def _ordered(lattice: Lattice) -> Lattice:
-    """Return a lattice with the cost of what is hidden added, and its lists sorted by cost."""
+    """Return a lattice with the cost of what is hidden and masked added, and its lists sorted by cost."""
     share = lattice.seen.astype(np.float32) / np.float32(SAMPLES**2)
     cost = np.where(lattice.candidate >= 0, lattice.cost + np.float32(HIDDEN_COST) * (1 - share), np.float32(np.inf))
+    if lattice.masked.any():
+        cost += np.float32(MASKED_COST / SAMPLES**2) * lattice.masked
     order = np.argsort(cost, axis=2, kind="stable")
 
     def sort(values: NDArray[Number]) -> NDArray[Number]:
@@ -423,14 +431,15 @@ def _look(
     candidate: Int32Array,
     height: Float32Array,
     middle: FloatArray,
-    out: tuple[ByteArray, ByteArray, ByteArray],
+    out: tuple[ByteArray, ByteArray, ByteArray, ByteArray],
 ) -> None:
-    """Fill how much of the blocks a photograph sees, whether it shows all of them, and its grey values there.
+    """Fill how much of the blocks a photograph sees, whether it shows all of them, its grey values there, and how much
+    of them is masked.
 
     ``steps`` (3,) are those of a cell to the east and to the south, and of a metre up, in the world. A photograph is
     linear over a block, but where its surface is far from its mean height.
     """
-    count, inside, grey = out
+    count, inside, grey, masked = out
     m = cameras.camera[view]
     width, rows_px = cameras.size_px[m, 0] - 0.5, cameras.size_px[m, 1] - 0.5
     east, south, up = steps
@@ -474,7 +483,9 @@ def _look(
                 low = 2.0 + 0.25 * (abs(ev - v0) + abs(sv - v0))
                 if u < margin or v < low or u > width - margin or v > rows_px - low:
                     whole = False
-                if has_picture:
+                if seen[int(y), int(x)] == MASKED:
+                    masked[i, j, k] += 1
+                elif has_picture:
                     grey[i, j, k, a] = _grey_at(picture, u, v)
                 if seen[int(y), int(x)] == VISIBLE:
                     count[i, j, k] += 1

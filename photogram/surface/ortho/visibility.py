@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, Float32Array, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
@@ -27,9 +27,9 @@ from photogram.projection import OrientedCameras, ideal_point, lens_of
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
-VISIBLE, BESIDE, HIDDEN = 0, 1, 2
-"""What a cell is in a photograph: seen; seen, but within RIM_CELLS of what is hidden; hidden. Where the DSM has the
-edge of a roof is rarely where the photograph has it, so what lies beside is taken from another one that sees it."""
+VISIBLE, BESIDE, HIDDEN, MASKED = 0, 1, 2, 3
+"""What a cell is in a photograph: seen; seen, but within RIM_CELLS of what is hidden; hidden; masked. Where the DSM has
+the edge of a roof is rarely where the photograph has it, so what lies beside is taken from another one that sees it."""
 
 START_STEPS = 2
 """What stands so many cells or less in front of a cell hides nothing of it: it is the surface's own roughness."""
@@ -385,8 +385,14 @@ class SeenCells:
     """What photographs see of a terrain, each found when it is asked for; the last used ones are kept, packed, as far
     as HELD_BYTES go. May be asked from several threads at once."""
 
-    def __init__(self, terrain: Terrain, held_bytes: int = HELD_BYTES) -> None:
-        self._terrain, self._room = terrain, held_bytes
+    def __init__(
+        self,
+        terrain: Terrain,
+        held_bytes: int = HELD_BYTES,
+        masked: Callable[[int], BoolArray | None] = lambda _: None,
+    ) -> None:
+        """``masked`` gives which cells of the box of a photograph are masked in it, None for none."""
+        self._terrain, self._room, self._masked = terrain, held_bytes, masked
         self._lock = Lock()
         self._packed: OrderedDict[int, Future[NDArray[np.uint8]]] = OrderedDict()
 
@@ -396,7 +402,8 @@ class SeenCells:
         return np.zeros((0, 0), np.uint8) if box is None else self.part(view, box)
 
     def part(self, view: int, window: Window) -> ByteArray:
-        """Return what the cells of a window are in a photograph; HIDDEN beyond its box."""
+        """Return what the cells of a window are in a photograph: VISIBLE, BESIDE, HIDDEN or MASKED; HIDDEN beyond its
+        box."""
         box = self._terrain.shown[view]
         out = np.full(window.shape, HIDDEN, np.uint8)
         if box is None or not meet(box, window):
@@ -407,11 +414,12 @@ class SeenCells:
         packed = self._planes(view)[:, row - box.row : row_end - box.row, first : -(-(column_end - box.column) // 8)]
         planes = np.unpackbits(packed, axis=2)[..., column - box.column - 8 * first :][..., : column_end - column]
         at = (slice(row - window.row, row_end - window.row), slice(column - window.column, column_end - window.column))
-        out[at] = planes[0] + planes[1]
+        out[at] = planes.sum(axis=0, dtype=np.uint8)
         return out
 
     def _planes(self, view: int) -> NDArray[np.uint8]:
-        """Return whether each cell is more than VISIBLE, and more than BESIDE, as bits (2, rows, columns / 8)."""
+        """Return whether each cell is more than VISIBLE, and more than BESIDE, as bits (2, rows, columns / 8); in a
+        photograph with a mask also whether it is more than HIDDEN (3, …)."""
         with self._lock:
             mine = view not in self._packed
             future = self._packed.setdefault(view, Future())
@@ -419,7 +427,11 @@ class SeenCells:
         if mine:
             try:
                 seen = self._terrain.seen_by(view)
-                future.set_result(np.packbits(np.stack([seen >= BESIDE, seen >= HIDDEN]), axis=2))
+                masked = self._masked(view)
+                if masked is not None:
+                    seen[masked] = MASKED
+                states = (BESIDE, HIDDEN) if masked is None else (BESIDE, HIDDEN, MASKED)
+                future.set_result(np.packbits(np.stack([seen >= state for state in states]), axis=2))
             except BaseException as fault:
                 future.set_exception(fault)
                 raise
