@@ -73,6 +73,7 @@ __all__ = [
     "export_marks",
     "export_solution",
     "find_features",
+    "find_sky",
     "import_solution",
     "init",
     "intersect",
@@ -83,6 +84,7 @@ __all__ = [
     "predict",
     "project_points",
     "read_cloud",
+    "read_mask",
     "read_photograph",
     "read_raster",
     "render_photographs",
@@ -92,6 +94,7 @@ __all__ = [
     "surface_from_points",
     "unproject",
     "view",
+    "write_mask",
     "write_raster",
     "write_survey",
 ]
@@ -122,6 +125,7 @@ _PLACES = {
     # from photographs to starting poses
     "FeatureSettings": "photogram.sfm.tie_points.features:FeatureSettings",
     "find_features": "photogram.sfm.tie_points.features:find_features",
+    "find_sky": "photogram.sfm.sky:find_sky",
     "MatchingSettings": "photogram.sfm.tie_points.matching:MatchingSettings",
     "match_pair": "photogram.sfm.tie_points.matching:match_pair",
     "join_matches": "photogram.sfm.tie_points.tracks:join_matches",
@@ -162,7 +166,9 @@ _PLACES = {
     "FlightPlan": "photogram.simulation.flight_plan:FlightPlan",
     "predict": "photogram.simulation.prediction:predict",
     # files
+    "read_mask": "photogram.files.photographs.masks:read_mask",
     "read_photograph": "photogram.files.photographs.images:read_pixels",
+    "write_mask": "photogram.files.photographs.masks:write_mask",
     "read_cloud": "photogram.files.clouds.points:read_cloud",
     "read_raster": "photogram.files.maps.rasters:read_raster",
     "write_raster": "photogram.files.maps.rasters:write_geotiff",
@@ -209,6 +215,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.files.maps.rasters import read_raster
     from photogram.files.maps.rasters import write_geotiff as write_raster
     from photogram.files.photographs.images import read_pixels as read_photograph
+    from photogram.files.photographs.masks import read_mask, write_mask
     from photogram.frames import LocalFrame
     from photogram.pipeline.input_validation import validate_project_file as check
     from photogram.pipeline.mark_export import export_marks
@@ -228,6 +235,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.results import Adjustment
     from photogram.sfm.orientation import OrientationSettings, orient
     from photogram.sfm.resection import resect
+    from photogram.sfm.sky import find_sky
     from photogram.sfm.tie_points.features import FeatureSettings, find_features
     from photogram.sfm.tie_points.matching import MatchingSettings, match_pair
     from photogram.sfm.tie_points.tracks import join_matches

@@ -32,7 +32,9 @@ def _photographs(summary: StageSummary) -> str:
 
 def _features(summary: StageSummary) -> str:
     counts = summary["key_points"]
-    return f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
+    text = f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
+    masks = summary.get("masks", 0)
+    return f"{text}, {things(masks, 'mask')} of {summary['masked_share']:.0%} on average" if masks else text
 
 
 def _pairs(summary: StageSummary) -> str:
@@ -56,9 +58,11 @@ def _orientation(summary: StageSummary) -> str:
 
 
 def _transfer(summary: StageSummary) -> str:
+    sky = f", sky masked in {things(summary['sky'], 'photograph')}" if "sky" in summary else ""
     if not summary["transferred"]:
-        return f"{things(summary['tie_points'], 'tie point')}, no further observations"
-    return f"{things(summary['transferred'], 'further observation')} of {things(summary['tie_points'], 'tie point')}"
+        return f"{things(summary['tie_points'], 'tie point')}, no further observations{sky}"
+    further = things(summary["transferred"], "further observation")
+    return f"{further} of {things(summary['tie_points'], 'tie point')}{sky}"
 
 
 def _intersection(summary: StageSummary) -> str:

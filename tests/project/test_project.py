@@ -351,7 +351,9 @@ def test_full_example_of_the_documentation(tmp_path: Path) -> None:
     text = (EXAMPLE.parents[2] / "docs" / "project-file.md").read_text()
     (tmp_path / "project.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
     (tmp_path / "images").mkdir()
-    for name in ("images/100_0002_0067.JPG", "images/100_0002_0068.JPG", "m300.mat", "reference.tif"):
+    (tmp_path / "masks").mkdir()
+    photographs = ("images/100_0002_0067.JPG", "images/100_0002_0068.JPG", "masks/100_0002_0067_mask.png")
+    for name in (*photographs, "gear.png", "m300.mat", "reference.tif"):
         (tmp_path / name).touch()
     (tmp_path / "gcp_list.txt").write_text("EPSG:25832\n719970 6191960 70 2000 1000 100_0002_0067.JPG G1\n")
     (tmp_path / "check.csv").write_text("name,lon,lat,height\nK1,12.5114,55.823,70\n")
@@ -369,6 +371,10 @@ def test_full_example_of_the_documentation(tmp_path: Path) -> None:
     project = read_project(tmp_path / "project.yaml", read_matlab_camera=reader)
     assert [camera.name for camera in project.cameras] == ["phantom4", "m300"]
     assert [p.camera for p in project.photographs] == [0, 1]
+    assert [[path.name for path in paths] for paths in project.masks.files] == [
+        ["100_0002_0067_mask.png", "gear.png"],
+        [],
+    ]
     assert [p.name for p in project.control_points] == ["67-1", "C2", "G1", "K1"]
     assert [p.role for p in project.control_points] == ["control", "check", "control", "check"]
 

@@ -11,10 +11,12 @@ from photogram.crs import crs_title
 from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
+from photogram.pipeline.stages.tie_points import MASKED
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
+from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete
 from photogram.report.numbers.numbers import Disbelieved
@@ -23,6 +25,7 @@ from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 from photogram.report.reading import making_of, read_report
 from photogram.report.record.json_schema import report_schema
+from photogram.report.record.photographs import MasksRecord
 from photogram.report.record.report import Report, SurveyNumbers
 from photogram.report.record.verdict import DeliverableRecord, SurveyRecord
 from photogram.report.versions import versions
@@ -55,6 +58,31 @@ def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
     }
     memory = {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages}
     return RunFacts(survey, versions(), memory)
+
+
+def mask_numbers(run: Run) -> MasksRecord | None:
+    """Return how much of the photographs is masked, None where nothing is and nothing was to be."""
+    file = run.workspace.file("features", MASKED) if run.workspace.has("features", MASKED) else None
+    given: dict[str, float] = {} if file is None else read_json(file)
+    automatic = run.automatically_masked
+    if not given and not run.project.masks.auto:
+        return None
+
+    def mean(shares: Sequence[float]) -> float | None:
+        return sum(shares) / len(shares) if shares else None
+
+    return {
+        "given": len(given),
+        "given_share": mean(list(given.values())),
+        "automatic": len(automatic),
+        "automatic_share": mean(list(automatic.values())),
+        "photographs": {
+            name: {"given": given.get(name), "automatic": automatic.get(name)}
+            for name in run.names
+            if name in given or name in automatic
+        },
+        "marks": marks_in_masks(run.project, run.mask),
+    }
 
 
 def disbelieved(run: Run) -> Disbelieved:

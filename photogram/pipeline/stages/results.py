@@ -22,6 +22,7 @@ from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
 from photogram.files.npz_json import read_json, write_record
+from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.stages.mark_pictures import mark_pictures
@@ -32,6 +33,7 @@ from photogram.pipeline.stages.report_files import (
     disbelieved,
     discard_prints,
     found_blunders,
+    mask_numbers,
     run_facts,
     today,
     write_report,
@@ -88,8 +90,10 @@ def publish(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
     folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
-    make_folder_within(results / "pictures")
-    for place in (results, results / "pictures"):
+    masks = [results / "masks"] if run.automatically_masked else []
+    for place in (results / "pictures", *masks):
+        make_folder_within(place)
+    for place in (results, results / "pictures", *masks):
         remove_leftovers(place)
     discard_prints(results)
     with recorded(results):
@@ -106,7 +110,7 @@ def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
     outcome = _Outcome(
         run, whole, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder
     )
-    steps = (_clouds, _tables, _photographs, _pictures, _match_pictures)
+    steps = (_clouds, _tables, _photographs, _masks, _pictures, _match_pictures)
     # rasters and the dense cloud are written by libraries that leave Python alone, while it draws
     ended = Event()
     with ThreadPoolExecutor(1) as beside:
@@ -159,6 +163,17 @@ def _photographs(outcome: _Outcome) -> list[str]:
     points, footprints = outcome.results / "photographs.geojson", outcome.results / "footprints.geojson"
     write_pose_geojson(points, footprints, outcome.result, outcome.run.project.datum.grid)
     return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
+
+
+def _masks(outcome: _Outcome) -> list[str]:
+    """Write the whole mask of every photograph that has one found automatically, to be looked at, edited and given."""
+    run, products = outcome.run, list[str]()
+    for index, name in enumerate(run.names):
+        used = run.mask(index) if name in run.automatically_masked else None
+        if used is not None:
+            products.append(f"masks/{name_of_mask(name)}")
+            write_mask(outcome.results / products[-1], used)
+    return products
 
 
 def _pictures(outcome: _Outcome) -> list[str]:
@@ -254,6 +269,9 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         "processed": today(),
         "deliverables": deliverables(outcome.results, [*products, *surfaces.result(), *surface.pictures]),
     }
+    masks = mask_numbers(run)
+    if masks is not None:
+        numbers["masks"] = masks
     marks = mark_pictures(run, adjusted["control_points"])
     if adjusted["control_points"]:
         numbers["marks"] = {"kinds": mark_kind_numbers(adjusted["control_points"]), "not_shown": marks.not_shown}

@@ -60,6 +60,7 @@ def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRe
         *_geometry(report),
         *_several("surface", [] if dense is None else dense["warnings"]),
         *_several("GNSS", report["gnss"]["warnings"]),
+        *_masks(report),
         *_block(report["block"]),
         *_stated_sigmas(report["variance_components"]),
         *_too_few(asprs),
@@ -85,6 +86,12 @@ def _several(part: str, said: Sequence[str], severity: Severity = "attention", r
     found = [_warning(part, severity, sentence, remedy) for sentence in said[:MOST_NAMED]]
     more = len(said) - MOST_NAMED
     return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
+
+
+def _masks(report: SurveyNumbers) -> list[WarningRecord]:
+    masks = report.get("masks")
+    said = [] if masks is None else [f"the mark of {mark} lies in masked pixels" for mark in masks["marks"]]
+    return _several("marks", said, remedy="check the mark, and whether the mask fits its photograph")
 
 
 def _constraints(report: SurveyNumbers) -> list[WarningRecord]:

@@ -7,7 +7,17 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.record.units import Angles, AxisFigures, AxisMetres, Count, Metres, Pixel, Pixels, Position
+from photogram.report.record.units import (
+    Angles,
+    AxisFigures,
+    AxisMetres,
+    Count,
+    Metres,
+    Pixel,
+    Pixels,
+    Position,
+    Share,
+)
 
 _Row = Annotated[list[Annotated[float, Field(ge=-1.001, le=1.001)]], Field(min_length=3, max_length=3)]
 
@@ -66,6 +76,25 @@ class LeftOutPhotograph(TypedDict):
     reason: str
     tie_points: Count
     gnss_residual_m: None
+
+
+class PhotographMaskRecord(TypedDict):
+    """Which share of one photograph is masked: by masks that were given, and by what was found automatically."""
+
+    given: Share | None
+    automatic: Share | None
+
+
+class MasksRecord(TypedDict):
+    """The masks of photographs: how many have one that was given, or found automatically, the mean share that these
+    leave out of them, the same by photograph, and the marks of ground points in masked pixels."""
+
+    given: Count
+    given_share: Share | None
+    automatic: Count
+    automatic_share: Share | None
+    photographs: dict[str, PhotographMaskRecord]
+    marks: list[str]
 
 
 PhotographRecord = Annotated[OrientedPhotograph | LeftOutPhotograph, Field(discriminator="registered")]
