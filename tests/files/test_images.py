@@ -9,6 +9,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -683,3 +684,16 @@ def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, m
         read_patches(path, boxes, None, "0" * 64)
     with pytest.raises(ImageError, match="but its camera has 81 × 60 px"):
         read_patches(path, boxes, (81, 60))
+
+
+@pytest.mark.parametrize("suffix", ["tif", "png"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_sixteen_bits_are_refused_and_not_cut_off(tmp_path: Path, suffix: str, channels: int) -> None:
+    deep = np.full((48, 64, channels), 4000, np.uint16)
+    path = tmp_path / f"deep.{suffix}"
+    assert cv2.imwrite(str(path), deep)
+    for read in READERS:
+        with pytest.raises(ImageError, match=r"16 bits a channel.*stretch all photographs alike to 8 bits"):
+            read(path)
+    assert cv2.imwrite(str(path), (deep // 256).astype(np.uint8))
+    assert (read_pixels(path) == 15).all()

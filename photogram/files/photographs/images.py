@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from PIL import ExifTags, Image, UnidentifiedImageError
-from PIL.TiffImagePlugin import IFDRational
+from PIL.TiffImagePlugin import IFDRational, TiffImageFile
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import ImageError
@@ -64,6 +64,7 @@ _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _SEQUENTIAL_FRAMES = (0xC0, 0xC1)
 _LEADING_BYTES = 1 << 17  # more than most cameras write before the pixels
+_PNG_DEPTH_AT = 24  # the ninth byte of the first chunk's data (ISO/IEC 15948, 11.2.2)
 _ROWS_TOGETHER = 64  # a multiple of the rows of any decoder's unit: 8 times a sampling factor of 1, 2 or 4
 _NAMESPACES = {
     "drone-dji": "http://www.dji.com/drone-dji/1.0/",
@@ -192,6 +193,13 @@ def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
     return None
 
 
+def _bits(picture: Image.Image, data: bytes) -> int:
+    """Return the bits of a channel: of 16, Pillow keeps the upper 8 of a colour picture without a word."""
+    if isinstance(picture, TiffImageFile):
+        return int(max(picture.tag_v2.get(ExifTags.Base.BitsPerSample, (8,))))
+    return data[_PNG_DEPTH_AT] if picture.format == "PNG" else 8
+
+
 def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
     """Return the photograph, of the wanted size, content and kind, not decoded yet."""
     return _opened(path, _read(path), size_px, sha256)
@@ -207,10 +215,12 @@ def _opened(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: st
     picture = _identify(path, data)
     if size_px is not None:
         _check_pixels(path, picture.size, size_px)
-    if picture.mode not in _MODES:
+    bits = _bits(picture, data)
+    if picture.mode not in _MODES or bits > 8:
+        kind = f"{bits} bits a channel" if bits > 8 else f"pixel type {picture.mode}"
         raise ImageError(
-            f"photograph {path}: pixel type {picture.mode}, photogram reads 8-bit colour or grey: "
-            "export it as an 8-bit JPEG or TIFF"
+            f"photograph {path}: {kind}, photogram reads 8-bit colour or grey: "
+            "stretch all photographs alike to 8 bits, and export them as JPEG or TIFF"
         )
     if picture.format in ("JPEG", "MPO") and not jpeg_is_whole(data):
         raise _damaged(path, "its image data is truncated")
