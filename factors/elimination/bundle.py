@@ -204,17 +204,31 @@ class BundleState(OfCameras):
     converged: bool = False
 
 
-class _CalibrationPrior:
-    """Priors of calibrations alone."""
+class _Priors:
+    """Priors of calibrations and, with ``expected_position`` (N, 3), of all projection centres with one sigma."""
 
-    def __init__(self, layout: Layout, expected: FloatArray, sigma: FloatArray) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        expected: FloatArray,
+        sigma: FloatArray,
+        expected_position: FloatArray | None = None,
+        sigma_position: float = np.inf,
+    ) -> None:
         self._layout = layout
         free = (layout.unit > 0) & np.isfinite(sigma)
         self._weight = np.where(free, 1.0 / np.where(free, sigma, 1.0) ** 2, 0.0)
         self._expected = expected
+        self._position, self._position_weight = expected_position, sigma_position**-2.0
+
+    def _off(self, state: State) -> FloatArray:
+        """Return how far the free photographs (free, 3) are from where they are expected, in the order of the band."""
+        index = self._layout.photograph_at
+        return np.zeros((len(index), 3)) if self._position is None else (self._position - state.position)[index]
 
     def cost(self, state: State) -> float:
-        return 0.5 * float(np.sum(self._weight * (state.parameters - self._expected) ** 2))
+        calibration = np.sum(self._weight * (state.parameters - self._expected) ** 2)
+        return 0.5 * float(calibration + self._position_weight * np.sum(self._off(state) ** 2))
 
     def linearise(self, state: State) -> Terms:
         layout, terms = self._layout, Terms.zero(self._layout, 0)
@@ -222,6 +236,9 @@ class _CalibrationPrior:
         unit, weight = layout.unit[free], self._weight[free]
         terms.border[columns, columns] = weight * unit**2
         terms.border_gradient[columns] = weight * unit * (self._expected - state.parameters)[free]
+        terms.pose[:, [3, 4, 5], [3, 4, 5]] = self._position_weight
+        in_camera = np.einsum("nji,nj->ni", state.rotation[layout.photograph_at], self._off(state))
+        terms.pose_gradient.reshape(-1, 6)[:, 3:] = self._position_weight * in_camera
         return replace(terms, cost=self.cost(state))
 
 
@@ -233,6 +250,8 @@ def adjust_bundle(
     free: NDArray[np.bool_],
     prior_sigma: FloatArray,
     prior_parameters: FloatArray,
+    prior_position: FloatArray | None = None,
+    prior_position_sigma: float = np.inf,
     loss: RobustLoss = "huber",
     threshold: float = 3.0,
     maximum_iterations: int = 20,
@@ -240,12 +259,13 @@ def adjust_bundle(
     watch: Watch = nobody,
     solver: SolverName = "banded",
 ) -> BundleState:
-    """Adjust poses, points and free calibration parameters of a block from image observations alone.
+    """Adjust poses, points and free calibration parameters of a block from image observations and priors alone.
 
     Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 12) are the parameters that move, with
-    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 12), infinite for none. Observations sorted by point, of
-    points with a finite position and two rays at least; points without observations stay. Nothing need fix the gauge:
-    the damping does. A result that could not move has ``converged`` False.
+    priors ``prior_parameters`` of ``prior_sigma`` (cameras, 12), infinite for none; ``prior_position`` (N, 3) of one
+    ``prior_position_sigma`` hold the free projection centres. Observations sorted by point, of points with a finite
+    position and two rays at least; points without observations stay. Nothing need fix the gauge: the damping does. A
+    result that could not move has ``converged`` False.
     """
     index = np.flatnonzero(np.bincount(observations.point, minlength=len(state.point)))
     first = first_observations(np.searchsorted(index, observations.point), len(index))
@@ -260,7 +280,7 @@ def adjust_bundle(
         layout,
         lay_out(observations, index, layout),
         lay_out(none, np.zeros(0, np.int64), layout),
-        _CalibrationPrior(layout, prior_parameters, prior_sigma),
+        _Priors(layout, prior_parameters, prior_sigma, prior_position, prior_position_sigma),
         steering(loss, threshold),
     )
     start = State(cameras, state.point, np.zeros((0, 3)), np.zeros((0, 3)))

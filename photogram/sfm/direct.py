@@ -1,8 +1,9 @@
 """Direct orientation: a block started from measured positions and attitudes, and verified by its tie points.
 
 Each tie point starts where its rays pass nearest to each other, weakly constrained to the ground below the photographs,
-since rays of unadjusted photographs need not meet. Adjusting all photographs freely, with a limit that follows the
-residuals down, then either makes the tie points agree or shows that the measurements were wrong.
+since rays of unadjusted photographs need not meet. Adjusting all photographs, with a limit that follows the residuals
+down, then either makes the tie points agree or shows that the measurements were wrong. The measured positions hold a
+block of several strips, so weakly that neighbours stay free of each other's, and thousands keep it from bending.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import similarity_from_attitudes
 from photogram.survey import Block
 
+HELD = 0.1  # of the height above the ground; standard deviation of the measured positions in the start
 GROUND_WEIGHT = 0.02  # of a ray; weight of the ground constraint of a tie point at the start
 ROUNDS = 8
 AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are accepted
@@ -80,8 +82,9 @@ def _ground_height(structure: Structure, block: Block, chosen: BoolArray, direct
     return float(np.median(points[firm, 2])) if firm.any() else float(lowest) - 50.0
 
 
-def _start_points(structure: Structure, block: Block) -> None:
-    """Give every tie point a first position on or near the ground."""
+def _start_points(structure: Structure, block: Block) -> float:
+    """Give every tie point a first position on or near the ground, and return the photographs' median height above
+    it."""
     tie = structure.tie_points
     chosen = structure.registered[tie.photograph]
     direction = _rays(structure)
@@ -95,6 +98,7 @@ def _start_points(structure: Structure, block: Block) -> None:
     ground = np.stack([np.bincount(tie.point[chosen], foot[:, k], len(tie)) / count for k in range(3)], axis=1)
     structure.point[:] = _nearest_points(structure, chosen, direction, ground)[0]
     structure.good[:] = False
+    return float(np.median(np.maximum(structure.position[structure.registered, 2] - height, 1.0)))
 
 
 def _agreeing(structure: Structure) -> FloatArray:
@@ -121,7 +125,10 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         structure.rotation[i] = photograph.attitude_world_from_camera
         structure.position[i] = photograph.gnss_world_m
     structure.registered[:] = usable
-    _start_points(structure, block)
+    measured_m = structure.position.copy()
+    sigma_m = max(HELD * _start_points(structure, block), _stated_sigma_m(block, usable))
+    if _spread_across_m(measured_m[usable]) < sigma_m:
+        sigma_m = np.inf  # a single strip would roll after the errors of its positions
     limit = np.inf
     for number in range(ROUNDS):
         structure.judge(limit)
@@ -134,7 +141,10 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         if number >= ROUNDS_TO_COME_NEAR and not near:
             return None
         # a calibration would take up what are faults of the measured poses
-        structure.adjust(iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near, loss="cauchy")
+        structure.adjust(
+            iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near, loss="cauchy",
+            position=measured_m, position_sigma=sigma_m,
+        )  # fmt: skip
         last = limit <= settings.threshold_px
         middle = float(np.median(structure.residual_px(structure.good)))
         limit = max(settings.threshold_px, 5.0 * middle)
@@ -156,6 +166,17 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         return None
     turned = np.mean(_turns_rad(structure, block) < LARGEST_TURN_RAD)
     return structure if turned >= ATTITUDE_SHARE and _shift(structure, block) < LARGEST_SHIFT else None
+
+
+def _stated_sigma_m(block: Block, usable: BoolArray) -> float:
+    """Return the median of the largest standard deviations that the positions state, m."""
+    stated = [block.photographs[i].gnss_sigma_m for i in np.flatnonzero(usable).tolist()]
+    return float(np.median([sigma.max() for sigma in stated if sigma is not None]))
+
+
+def _spread_across_m(position: FloatArray) -> float:
+    """Return the standard deviation of positions (N, 3) across their longest direction, m."""
+    return float(np.linalg.svd(position - position.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(position)))
 
 
 def _withdraw_strangers(structure: Structure) -> None:

@@ -223,11 +223,14 @@ class Structure:
         huber_px: float = HUBER,
         calibrate: bool = True,
         loss: RobustLoss = "huber",
+        position: FloatArray | None = None,
+        position_sigma: float = np.inf,
     ) -> None:
         """Adjust the photographs ``active`` (N,), or all, with their tie points; the others stay where they are.
 
         The calibration takes part, unless ``calibrate`` is False, when all are adjusted and there are enough of them;
-        one that leaves what a camera can be is not taken.
+        one that leaves what a camera can be is not taken. Projection centres are held to ``position`` (N, 3), where
+        it is given, by one standard deviation.
         """
         tie, chosen = self.tie_points, self.good.copy()
         if active is not None:
@@ -259,6 +262,8 @@ class Structure:
             free=free,
             prior_sigma=np.where(sigma > 0, sigma, np.inf),
             prior_parameters=np.array([camera.parameters for camera in self.cameras]),
+            prior_position=None if position is None else position[photographs],
+            prior_position_sigma=position_sigma,
             loss=loss,
             threshold=HUBER,
             maximum_iterations=iterations,
@@ -267,7 +272,10 @@ class Structure:
         if free.any() and not all(
             _believable(c, q) for c, q in zip(self.cameras, result.cameras.parameters, strict=True)
         ):
-            self.adjust(iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False, loss=loss)
+            self.adjust(
+                iterations=iterations, tolerance=tolerance, huber_px=huber_px, calibrate=False, loss=loss,
+                position=position, position_sigma=position_sigma,
+            )  # fmt: skip
             return
         self.rotation[photographs], self.position[photographs] = result.cameras.rotation, result.cameras.position
         self.point[points] = result.point

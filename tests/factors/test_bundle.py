@@ -237,6 +237,38 @@ def test_a_free_focal_length_moves_as_far_as_its_prior_lets_it() -> None:
     assert errors[1] < 0.1 < errors[0]
 
 
+def test_expected_positions_fix_what_image_points_leave_open() -> None:
+    """Without noise the least cost is 0: similarity and all are those of the expected positions."""
+    made, observations, state = growing()
+    truth = np.array([p.position_world_m for p in made.truth.poses])
+    for sigma_m in (0.1, 30.0):
+        found = adjust_bundle(
+            observations, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+            prior_position=truth, prior_position_sigma=sigma_m, maximum_iterations=100, relative_tolerance=1e-12,
+            **NOTHING_FREE,
+        )  # fmt: skip
+        assert found.cost < 1e-6
+        np.testing.assert_allclose(found.position, truth, atol=1e-3)
+        np.testing.assert_allclose(found.point, made.tie_point_position_world_m, atol=1e-3)
+
+
+def test_expected_positions_weigh_as_their_standard_deviation() -> None:
+    """Against image points without noise nothing but what a similarity takes is gained from wrong positions."""
+    made, observations, state = growing()
+    truth = np.array([p.position_world_m for p in made.truth.poses])
+    wrong = truth + np.array([0.0, 0.0, 3.0]) * np.array([1, -1, -1, 1, -1, 1])[:, None]
+    costs = [
+        adjust_bundle(
+            observations, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+            prior_position=wrong, prior_position_sigma=sigma_m, maximum_iterations=100, relative_tolerance=1e-12,
+            **NOTHING_FREE,
+        ).cost
+        for sigma_m in (300.0, 600.0)
+    ]  # fmt: skip
+    assert costs[0] == pytest.approx(4.0 * costs[1], rel=0.05)
+    assert 0.3 * 27.0 / 300.0**2 < costs[0] <= 27.0 / 300.0**2
+
+
 def test_the_loss_keeps_mismatches_from_the_block() -> None:
     made, observations, state = growing(0.5)
     pixel = observations.pixel.copy()
