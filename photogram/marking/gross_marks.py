@@ -9,7 +9,8 @@ tested again: nothing is adjusted in between, so that a mark on the far side of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.special import gammaln
@@ -65,7 +66,18 @@ def gross_marks(block: Block, settings: AdjustmentSettings) -> list[Hypothesis] 
     C = predicted.covariance[np.ix_(axis, axis)] + np.diag(spread[axis])
     accepted = _accepted([columns for _, columns in kind], off[~hidden].ravel(), C)
     behind = [_of_mark(block, m) for m in used[hidden].tolist()]
-    return [*behind, *(kind[k][0] for k in accepted)]
+    marks = Counter(points.name[g] for g in points.mark_point[used].tolist())
+    return _whole_where_most([*behind, *(kind[k][0] for k in accepted)], marks)
+
+
+def _whole_where_most(accepted: Sequence[Hypothesis], marks: Mapping[str, int]) -> list[Hypothesis]:
+    """Return the hypotheses with the whole point in place of more than half of its ``marks``: of few marks two are
+    rejected as easily as the coordinates that all of them contradict."""
+    wrong = Counter(a.name for a in accepted if a.kind == "mark")
+    whole = [name for name, count in wrong.items() if 2 * count > marks[name] > 1]
+    known = {a.name for a in accepted if a.kind == "control point"}
+    rest = [a for a in accepted if a.kind != "mark" or a.name not in whole]
+    return [*rest, *(unmeasured("control point", name) for name in whole if name not in known)]
 
 
 def _of_mark(block: Block, mark: int) -> Hypothesis:

@@ -26,6 +26,7 @@ from photogram.quality.gross_errors.data_snooping import (
     Adjuster,
     Hypothesis,
     Search,
+    chance_of_coordinates,
     search,
     simplified,
     whole_points,
@@ -127,8 +128,9 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
     gross = gross_marks(block, settings)
     if gross is not None:
         found = _without_gross(block, gross, believing_tags)
-        wrong = _still_wrong(block, gross, found, settings)
-        return found if len(wrong) == len(gross) else _without_gross(block, wrong, believing_tags)
+        while len(wrong := _still_wrong(block, gross, found, settings)) < len(gross):
+            gross, found = wrong, _without_gross(block, wrong, believing_tags)
+        return found
     return _cheapest(block, settings, believing_tags)
 
 
@@ -143,14 +145,17 @@ def _without_gross(block: Block, gross: Sequence[Hypothesis], adjuster: Adjuster
 def _still_wrong(
     block: Block, gross: Sequence[Hypothesis], found: Search, settings: AdjustmentSettings
 ) -> list[Hypothesis]:
-    """Return the gross contradictions without the marks that the adjustment without any of them predicts."""
-    if not any(a.kind == "mark" for a in gross):
-        return list(gross)
+    """Return the gross contradictions without the marks and the coordinates that the adjustment without any of them
+    predicts: far from its place a point that was exchanged bends the linearisation, and others with it."""
     points, names = block.control_points, {p.name: i for i, p in enumerate(block.photographs)}
+    if not gross:
+        return []
     places = predicted_places(without(block, found.rejected), settings)
     at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
     wrong = []
     for a in gross:
+        if a.kind == "control point" and chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED):
+            continue
         g = points.name.index(a.name)
         i = names.get(str(a.photograph), -1)
         k = at.get((g, i))

@@ -332,7 +332,7 @@ def _with_rivals(significant: Sequence[Hypothesis]) -> Hypothesis:
     return replace(first, rivals=tuple(dict.fromkeys(rivals)))
 
 
-def _chance_of_coordinates(a: Hypothesis, surveyed: ControlPoints, result: Adjustment, scale: float) -> float:
+def chance_of_coordinates(a: Hypothesis, surveyed: ControlPoints, result: Adjustment, scale: float) -> float:
     """Return the log probability that rejected coordinates are this far from their prediction by chance, if control
     points scatter ``scale`` times as much as stated."""
     points, frame = surveyed, result.block.frame
@@ -374,7 +374,7 @@ def _reinstated(rejected: Sequence[Hypothesis], block: Block, result: Adjustment
     for a in rejected:
         if a.kind == "control point":
             own = scatter(result)["control point"]
-            chance = _chance_of_coordinates(a, block.control_points, result, own)
+            chance = chance_of_coordinates(a, block.control_points, result, own)
         else:
             rest = tuple(b for b in rejected if b is not a)
             try:
