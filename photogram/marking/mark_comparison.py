@@ -127,6 +127,7 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
 
     gross = gross_marks(block, settings)
     if gross is not None:
+        gross = simplified(gross)
         found = _without_gross(block, gross, believing_tags)
         while len(wrong := _still_wrong(block, gross, found, settings)) < len(gross):
             gross, found = wrong, _without_gross(block, wrong, believing_tags)
