@@ -11,6 +11,7 @@ import pytest
 from makers import true_centres
 from scipy.spatial.transform import Rotation
 
+from photogram.sfm import direct
 from photogram.sfm.direct import direct_structure, measured
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import fit_similarity, robust_similarity
@@ -106,6 +107,20 @@ def test_a_strip_is_confirmed() -> None:
     truth = np.array([pose.rotation_world_from_camera for pose in block.truth.poses])
     turn = Rotation.from_matrix(np.swapaxes(structure.rotation, 1, 2) @ truth).magnitude()
     assert np.rad2deg(turn).max() < 4.0
+
+
+def test_measured_positions_hold_the_frame_of_a_block_of_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shift changes no image point, so that the held positions must come out where they were measured on average."""
+    block = changed(simulated(1), lambda _, p: p)
+    given = np.array([p.gnss_world_m for p in block.photographs])
+    off_m = []
+    for held in (direct.HELD, np.inf):
+        monkeypatch.setattr(direct, "HELD", held)
+        structure = direct_structure(block, SETTINGS)
+        assert structure is not None
+        assert structure.registered.all()
+        off_m.append(float(np.linalg.norm((structure.position - given).mean(axis=0))))
+    assert off_m[0] < 0.2 * off_m[1]
 
 
 def test_a_common_turn_of_all_attitudes_does_no_harm() -> None:
