@@ -177,7 +177,10 @@ def test_a_parameter_that_no_photograph_can_tell_is_named() -> None:
     problem, state = small_problem()
     unused = replace(problem.block.cameras[0], name="unused", sigmas=np.array([np.inf] + [0.0] * 11))
     two = replace(problem, block=replace(problem.block, cameras=(*problem.block.cameras, unused)))
-    cameras = state.cameras._replace(model=np.zeros(2, np.int64), parameters=np.tile(state.parameters, (2, 1)))
+    cameras = state.cameras._replace(
+        model=np.zeros(2, np.int64), parameters=np.tile(state.parameters, (2, 1)),
+        largest_radius=np.tile(state.cameras.largest_radius, 2), size_px=np.tile(state.cameras.size_px, (2, 1)),
+    )  # fmt: skip
     both_name(two, replace(state, cameras=cameras), (CALIBRATION, 1))
 
 

@@ -209,7 +209,10 @@ def test_observations_use_the_camera_they_are_of() -> None:
     problem, state = small_problem()
     two = np.vstack([state.parameters, state.parameters + np.array([100.0, 5.0, -3.0, 0.01, *[0.0] * 8])])
     camera_of = np.arange(len(state.position)) % 2
-    mixed = state.cameras._replace(camera=camera_of, model=np.zeros(2, np.int64), parameters=two)
+    mixed = state.cameras._replace(
+        camera=camera_of, model=np.zeros(2, np.int64), parameters=two,
+        largest_radius=np.tile(state.cameras.largest_radius, 2), size_px=np.tile(state.cameras.size_px, (2, 1)),
+    )  # fmt: skip
     found = residuals(problem.tie, mixed, state.tie_point)
     for c in (0, 1):
         one = residuals(problem.tie, state.cameras._replace(parameters=two[c : c + 1]), state.tie_point)

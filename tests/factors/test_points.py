@@ -54,6 +54,8 @@ class Case:
             velocity=np.random.default_rng(3).normal(0.0, 5.0, state.position.shape),
             model=np.zeros(2, np.int64),
             parameters=np.vstack([state.parameters, state.parameters + other]),
+            largest_radius=np.tile(state.cameras.largest_radius, 2),
+            size_px=np.tile(state.cameras.size_px, (2, 1)),
         )
         self.points = Points.unknown(state.tie_point)
         self.unit = np.zeros((2, PARAMETERS))
