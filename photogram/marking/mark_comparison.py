@@ -127,10 +127,10 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
 
     gross = gross_marks(block, settings)
     if gross is not None:
-        gross = simplified(gross)
-        found = _without_gross(block, gross, believing_tags)
-        while len(wrong := _still_wrong(block, gross, found, settings)) < len(gross):
-            gross, found = wrong, _without_gross(block, wrong, believing_tags)
+        found = _without_gross(block, simplified(gross), believing_tags)
+        suspected = len(found.rejected)
+        while len(wrong := _still_wrong(block, found, settings)) < suspected:
+            suspected, found = len(wrong), _without_gross(block, wrong, believing_tags)
         return found
     return _cheapest(block, settings, believing_tags)
 
@@ -143,30 +143,29 @@ def _without_gross(block: Block, gross: Sequence[Hypothesis], adjuster: Adjuster
     return Search((*gross, *(a for a in found.rejected if a.what not in grossly)), found.result)
 
 
-def _still_wrong(
-    block: Block, gross: Sequence[Hypothesis], found: Search, settings: AdjustmentSettings
-) -> list[Hypothesis]:
-    """Return the gross contradictions without the marks and the coordinates that the adjustment without any of them
-    predicts: far from its place a point that was exchanged bends the linearisation, and others with it."""
-    points, names = block.control_points, {p.name: i for i, p in enumerate(block.photographs)}
-    if not gross:
+def _still_wrong(block: Block, found: Search, settings: AdjustmentSettings) -> list[Hypothesis]:
+    """Return what was rejected without the marks and the coordinates that the adjustment without all of it predicts:
+    far from its place a point that was exchanged bends the linearisation, and others with it."""
+    if not found.rejected:
         return []
     places = predicted_places(without(block, found.rejected), settings)
-    at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
-    wrong = []
-    for a in gross:
-        if a.kind == "control point" and chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED):
-            continue
-        g = points.name.index(a.name)
-        i = names.get(str(a.photograph), -1)
-        k = at.get((g, i))
-        if a.kind == "mark" and k is not None:
-            (m,) = np.flatnonzero((points.mark_point == g) & (points.mark_photograph == i)).tolist()
-            off, spread = _off(points, places, m, k)
-            if chi2.sf(off @ np.linalg.solve(spread, off), 2) > REINSTATED:
-                continue
-        wrong.append(a)
-    return wrong
+    return [a for a in found.rejected if not _is_predicted(a, block, found, places)]
+
+
+def _is_predicted(a: Hypothesis, block: Block, found: Search, places: PredictedPlaces) -> bool:
+    """Return whether a rejected mark or point lies where the rest puts it."""
+    points = block.control_points
+    if a.kind == "control point":
+        return chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED)
+    if a.kind != "mark":
+        return False
+    g, i = points.name.index(a.name), [p.name for p in block.photographs].index(str(a.photograph))
+    there = np.flatnonzero((places.point == g) & (places.photograph == i)).tolist()
+    if not there:
+        return False
+    (m,) = np.flatnonzero((points.mark_point == g) & (points.mark_photograph == i)).tolist()
+    off, spread = _off(points, places, m, there[0])
+    return bool(chi2.sf(off @ np.linalg.solve(spread, off), 2) > REINSTATED)
 
 
 def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) -> tuple[FloatArray, FloatArray]:

@@ -41,8 +41,9 @@ def with_all_points(block: Block) -> Block:
     points = block.control_points
     surveyed = np.isfinite(points.position_world_m)
     position, sigma = points.position_world_m.copy(), np.where(surveyed, points.sigma_m, OPEN_M)
+    # far from where its marks meet, a point whose coordinates were rejected is no place to start from
+    placed = surveyed.all(axis=1) & np.isfinite(sigma).any(axis=1)
     sigma = np.where(np.isfinite(sigma), sigma, OPEN_M)
-    placed = np.array(surveyed.all(axis=1))
     level_m, relief_m = _ground(block, position[placed])
     met = intersected_marks(block)[0]
     for g in np.flatnonzero(~placed).tolist():
