@@ -33,6 +33,9 @@ LOOK_PX = 75
 """How much of a patch around a rough place, beyond the reach, is looked at."""
 FITS = 4
 """How many starts of each pattern are fitted around one place, at most."""
+CLOSE = (Pattern.FIELDS, Pattern.CORNER, Pattern.OPEN_CORNER, Pattern.CROSS, Pattern.OPEN_CROSS)
+CLOSE_SHARE = 0.4
+"""Patterns whose centre lies near the rough place: nearer than so many of their lengths."""
 LEAST_START = 0.5
 """Share of its squares that a start must explain to be fitted."""
 UNEXPLAINED = 6.0
@@ -79,9 +82,10 @@ def snap(
     own = part.astype(np.float64)
     found = _accepted(own, _starts_near(own, place, reach_px), FITS, is_expected=True)
     nearest = min((_distance(f, place) for f in found if f.pattern in SADDLES), default=np.inf)
-    # of a board's corners the nearest is meant, and none that lies beyond the fields around the rough place
+    # of a board's corners the nearest is meant, and none that lies beyond the fields around the rough place; two
+    # sides of a square, and rows of its fields, pass for an L or a cross whose corner lies far from it
     found = [f for f in found if f.pattern not in SADDLES or _distance(f, place) <= nearest + 1.0]
-    found = [f for f in found if f.pattern != Pattern.FIELDS or _distance(f, place) <= 0.4 * axes_px(f)[0] + 1.0]
+    found = [f for f in found if f.pattern not in CLOSE or _distance(f, place) <= CLOSE_SHARE * axes_px(f)[0] + 1.0]
     measured = [
         (_gain(f) * _nearness(_distance(f, place) / reach_px), _measured(f, low, focal_px))
         for f in found

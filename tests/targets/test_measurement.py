@@ -65,6 +65,14 @@ def test_a_target_beyond_the_reach_is_not_taken() -> None:
     assert snap(shown.grey, shown.centre_px + 6.0) is not None
 
 
+@pytest.mark.parametrize(("shape", "width_px", "seed"), [("aruco", 12.4, 2), ("aruco", 11.8, 57), ("april", 11.9, 6)])
+def test_a_code_too_small_to_be_read_is_no_corner_of_its_frame(shape: str, width_px: float, seed: int) -> None:
+    for turn in range(6):
+        shown = render(np.random.default_rng([16, seed, turn]), shape, width_px, 8.0, 0.6, ground="asphalt")
+        found = snap(shown.grey, shown.centre_px + 1.0)
+        assert found is None or np.hypot(*(found.centre_px - shown.centre_px)) < 1.0
+
+
 def test_what_is_no_patch_or_place_has_no_target() -> None:
     assert snap(np.zeros((4, 4), np.uint8), np.array([2.0, 2.0])) is None
     assert snap(np.zeros((40, 40), np.uint8), np.array([np.nan, 2.0])) is None
