@@ -19,7 +19,7 @@ from photogram.camera import Camera, Pose, Similarity
 from photogram.errors import OrientationError, PhotogramError
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
-from photogram.sfm.incremental import extend, grow, settle
+from photogram.sfm.incremental import extend, grow
 from photogram.sfm.known_poses import KnownPoses, known_structure
 from photogram.sfm.local_frame import Vertical, local_similarity
 from photogram.sfm.mark_scale import other_size, picture_factor
@@ -251,7 +251,6 @@ def _components(
         structure = direct_structure(block, settings)
         if structure is not None:
             extend(structure, everything, progress)
-            settle(structure)
             rest = ~structure.registered
             others = grow(block.tie_points, block.cameras, camera_of, settings, progress, candidates=rest)
             return [structure, *others], "attitude"
